@@ -37,15 +37,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from papers.aim import published
+from papers.aim.aimed import Aimed, aim
+from papers.aim.report import figures
+from papers.aim.task import AimTask, ur5e
+from papers.aim.units import AloneUnit, KeptMap
+from whiptool.comparison import Store
 from whiptool.rollout.threads import cores
 from whiptool.strike_map import StrikeMap
 from whiptool.strike_map.built import built
-from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.aim import published
-from whiptool.studies.reproduction.aim.aimed import Aimed, aim
-from whiptool.studies.reproduction.aim.report import figures
-from whiptool.studies.reproduction.aim.task import AimTask, ur5e
-from whiptool.studies.reproduction.aim.units import AloneUnit, KeptMap
 
 GOALS, REPLAYS, ALONE, TOUCHED = 5000, 100, 50, 100
 QUICK_GOALS, QUICK_REPLAYS, QUICK_ALONE, QUICK_TOUCHED = 5, 1, 2, 2

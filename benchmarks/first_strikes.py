@@ -29,8 +29,8 @@ import numpy as np
 from tqdm import tqdm
 
 import whiptool as wt
+from papers.aim.spaces import targets
 from whiptool.rollout.threads import cores
-from whiptool.studies.reproduction.spaces import targets
 
 ROBOTS = ("ur5e", "panda")
 FIRST, RADIUS = (1.2, 0.3, 0.5), 1e-3  # [m]

@@ -21,6 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
+from papers.aim.spaces import targets
+from whiptool.comparison import Store
+from whiptool.comparison.unit import Unit
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import Model, preset
 from whiptool.models.arm_limits import ArmLimits
@@ -29,9 +32,6 @@ from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.resolution import TOLERANCE
-from whiptool.studies.comparison import Store
-from whiptool.studies.comparison.unit import Unit
-from whiptool.studies.reproduction.spaces import targets
 from whiptool.target import Target
 
 MODELS = ("ur5e", "panda")

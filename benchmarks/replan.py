@@ -21,11 +21,11 @@ from functools import cache, partial
 import numpy as np
 
 import whiptool as wt
+from papers.unknown.rope_swings import IN_SPACE
+from papers.unknown.ropes import MATERIALS, RopeStudy, RopeUnit, WiggleUnit
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.commands.adapt import AdaptOptions, prepare
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.studies.reproduction.rope_swings import IN_SPACE
-from whiptool.studies.reproduction.ropes import MATERIALS, RopeStudy, RopeUnit, WiggleUnit
 
 TARGETS = ((1.1, 0.05), (1.15, 0.0), (1.15, 0.05), (1.2, -0.05))
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])

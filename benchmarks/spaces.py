@@ -18,8 +18,8 @@ import json
 import tempfile
 from pathlib import Path
 
-from whiptool.studies.comparison import Store
-from whiptool.studies.reproduction.spaces import CAP, QUICK_CAP, QUICK_TARGETS, TARGETS, SpaceStudy
+from papers.aim.spaces import CAP, QUICK_CAP, QUICK_TARGETS, TARGETS, SpaceStudy
+from whiptool.comparison import Store
 
 
 def main() -> None:

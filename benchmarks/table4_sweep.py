@@ -15,10 +15,10 @@ import json
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from papers.lemon2024.tracking_errors import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import default_bounds
-from whiptool.studies.tracking_errors import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 
 
 def main() -> None:

@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         long = [item for item in items if item.get_closest_marker("hours") is not None]
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
-    longest = ("tests/commands/", "tests/studies/", "tests/whole/")
+    longest = ("tests/commands/", "tests/papers/", "tests/whole/")
     items.sort(key=lambda item: not item.nodeid.startswith(longest))
 
 

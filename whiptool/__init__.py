@@ -58,7 +58,7 @@ _HOMES = {
     "load_map": "commands.map",
     "load_policy": "commands.train",
     "train": "commands.train",
-    "compare": "studies.comparison.comparing",
+    "compare": "comparison.comparing",
     "WhipEnv": "rl.environment",
 }
 __all__ = list(_HOMES)
@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
     from whiptool.commands.map import load_map
     from whiptool.commands.train import load_policy, train
+    from whiptool.comparison.comparing import compare
     from whiptool.identification import Fit, Plant
     from whiptool.identification.fit import fit
     from whiptool.identification.similarity import similarity
@@ -93,7 +94,6 @@ if TYPE_CHECKING:
     from whiptool.recording import StrikeRecording, read_recording
     from whiptool.rl.environment import WhipEnv
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
-    from whiptool.studies.comparison.comparing import compare
     from whiptool.target import Target
     from whiptool.version import __version__
     from whiptool.viz.animation import animate

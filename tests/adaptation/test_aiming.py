@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from papers.aim.robot import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.aiming import Passes, aim
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
@@ -27,7 +28,6 @@ from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.striker import Striker
-from whiptool.studies.reproduction.aim.robot import CONTROLLER, MODEL
 from whiptool.target import Target
 
 STOCK = stock_of_material("cotton")

@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from papers.aim.robot import CONTROLLER as PRESCRIBED
+from papers.aim.robot import MODEL as ROBOT
 from whiptool.adaptation import posterior
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
@@ -20,8 +22,6 @@ from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.studies.reproduction.aim.robot import CONTROLLER as PRESCRIBED
-from whiptool.studies.reproduction.aim.robot import MODEL as ROBOT
 
 NOISE, COARSE = 0.005, 0.05  # [m]
 STRIKE, REST = Strike((-1.0, 0.5), (2.0, 0.8), 0.8), Strike((-0.9, 1.4), (-0.9, 1.4), 0.5)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from papers.aim.robot import CONTROLLER as PRESCRIBED
+from papers.aim.robot import MODEL as ROBOT
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import BEND, NODES, _strange_whip, _waves, draw_twin
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.rollout import CompiledRollout
-from whiptool.studies.reproduction.aim.robot import CONTROLLER as PRESCRIBED
-from whiptool.studies.reproduction.aim.robot import MODEL as ROBOT
 
 NUMBERS = {
     "length": 0.9, "linear_density": 0.15, "bending_stiffness": 0.02, "bending_damping": 0.003,

@@ -16,16 +16,16 @@ from command_line import called, whiptool
 from processes import HANG
 
 from whiptool.arrival_rule import ArrivalRule
+from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
+from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
+from whiptool.comparison.plan import deterministic
+from whiptool.comparison.policy_trials import trials_within
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
-from whiptool.studies.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
-from whiptool.studies.comparison.learner_unit import Checkpoint, one_torch_thread
-from whiptool.studies.comparison.plan import deterministic
-from whiptool.studies.comparison.policy_trials import trials_within
 from whiptool.target import Target
 from whiptool.zone import Disc
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from fake_rollout import StraightFlight
 
+from whiptool.comparison.scene import Scene
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.studies.comparison.scene import Scene
 from whiptool.zone import Disc
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from whiptool.comparison import Scene
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.studies.comparison import Scene
 from whiptool.zone import Disc
 
 

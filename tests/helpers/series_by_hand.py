@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.studies.comparison.series import Series
+from whiptool.comparison.series import Series
 
 TRIALS = np.array([[1, 4, 600, 2], [3, 5, 7, 600]])
 

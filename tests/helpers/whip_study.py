@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
+from papers.unknown.unknown_whips import Study
+from whiptool.comparison import Scene
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
-from whiptool.studies.comparison import Scene
-from whiptool.studies.reproduction.unknown_whips import Study
 from whiptool.zone import Disc
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))

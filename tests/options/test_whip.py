@@ -61,10 +61,21 @@ def test_mistakes_name_the_option(given, name, said):
 
 @pytest.mark.parametrize(
     "command",
-    ["optimize", "simulate", "train", "compare", "map", "identify_options", "adapt", "rig", "reproduce", "emulator"],
+    [
+        "optimize",
+        "simulate",
+        "train",
+        "compare",
+        "map",
+        "identify_options",
+        "adapt",
+        "rig",
+        "papers.reproduce",
+        "emulator",
+    ],
 )
 def test_every_command_with_a_model_has_them(command):
-    module = import_module(f"whiptool.commands.{command}")
+    module = import_module(command if "." in command else f"whiptool.commands.{command}")
     groups = [x for x in vars(module).values() if isinstance(x, type) and issubclass(x, OptionGroup)]
     of_commands = [x for x in groups if "model" in {f.name for f in fields(x)} and x is not StepOptions]
     assert of_commands

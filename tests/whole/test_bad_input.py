@@ -42,9 +42,9 @@ OPTIONS = {
     "map-build": ("whiptool.commands.map", "BuildOptions"),
     "map-strike": ("whiptool.commands.map", "StrikeOptions"),
     "compare": ("whiptool.commands.compare", "CompareOptions"),
-    "reproduce": ("whiptool.commands.reproduce", "ReproduceOptions"),
+    "reproduce": ("papers.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
-    "human": ("whiptool.commands.human", "HumanOptions"),
+    "human": ("papers.human.command", "HumanOptions"),
     "adapt-next": ("whiptool.commands.adapt", "NextOptions"),
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
@@ -737,7 +737,8 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.map import main
 
         return lambda words: main([command.removeprefix("map-"), *words])
-    return import_module(OPTIONS[command][0]).main
+    home = OPTIONS[command][0]
+    return import_module(home if home.startswith("whiptool.") else f"whiptool.commands.{command}").main
 
 
 def flags(command: str) -> set[str]:

@@ -13,6 +13,8 @@ from whiptool.commands import cli, optimize
 
 def names_of_the_library() -> dict[tuple[str, str], tuple]:
     """Options whose values are names, and what the library calls by them; `None` and `all` are the options' own."""
+    from papers.parts import PARTS
+    from papers.unknown.unknown_whips import METHODS
     from whiptool.adaptation.materials import MATERIALS
     from whiptool.adaptation.prior import WHIPS
     from whiptool.adaptation.twins import FAMILIES
@@ -25,8 +27,6 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.rl.settings import SETTINGS
     from whiptool.rl.task import OBSERVATIONS, REWARDS
     from whiptool.rollout import reference
-    from whiptool.studies.reproduction import PARTS
-    from whiptool.studies.reproduction.unknown_whips import METHODS
 
     return {
         ("optimize.OptimizeOptions", "preset"): (*OIAC_PRESETS, *CONSTANT_PRESETS),
@@ -43,8 +43,8 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
         ("train.TrainOptions", "observation"): OBSERVATIONS,
         ("train.TrainOptions", "reward"): (*REWARDS,),
         ("compare.CompareOptions", "observation"): OBSERVATIONS,
-        ("reproduce.ReproduceOptions", "what"): (*PARTS, "all"),
-        ("reproduce.ReproduceOptions", "rows"): (*METHODS, "chain"),
+        ("papers.reproduce.ReproduceOptions", "what"): (*PARTS, "all"),
+        ("papers.reproduce.ReproduceOptions", "rows"): (*METHODS, "chain"),
         ("dynamixel.ServoOptions", "baud"): (*BAUD_RATES.values(),),
         ("emulator.EmulatorOptions", "baud"): (*BAUD_RATES.values(),),
     }
@@ -53,8 +53,8 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
 def test_choices_are_what_the_library_knows():
     pytest.importorskip("torch")
     for (command, name), known in names_of_the_library().items():
-        module, kind = command.split(".")
-        options = getattr(import_module(f"whiptool.commands.{module}"), kind)
+        module, kind = command.rsplit(".", 1)
+        options = getattr(import_module(module if "." in module else f"whiptool.commands.{module}"), kind)
         choices = cli.choices(get_type_hints(options)[name])
         assert sorted(choices) == sorted(known), f"{command}.{name}"
 

@@ -63,7 +63,16 @@ class Copy:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(root / name, target)
         (folder / "tmp").mkdir()
-        compiling = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash", "whiptool"]
+        compiling = [
+            sys.executable,
+            "-m",
+            "compileall",
+            "-q",
+            "--invalidation-mode",
+            "checked-hash",
+            "whiptool",
+            "papers",
+        ]
         subprocess.run(compiling, cwd=folder / "tree", check=True)
         return cls(root, folder)
 

@@ -34,8 +34,8 @@ from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
 if TYPE_CHECKING:
+    from whiptool.comparison import Comparison, Series
     from whiptool.runs import RunFolder
-    from whiptool.studies.comparison import Comparison, Series
 
 QUICK: dict[str, Any] = {
     "targets": 12,
@@ -128,7 +128,7 @@ class ComparisonOptions(
         Raises:
             InputError: An option breaks its rule.
         """
-        from whiptool.studies.comparison import Comparison, Scene
+        from whiptool.comparison import Comparison, Scene
 
         model, controller = self.build_model(), self.build_controller()
         scene = Scene(
@@ -216,8 +216,8 @@ def _main(args: Sequence[str] | None) -> int:
 def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
     """Work on what is not done yet, write everything, tell people or programs."""
     start = time.monotonic()
-    from whiptool.studies.comparison import Store, collect, difficulty
-    from whiptool.studies.comparison.zones import fast_region, words
+    from whiptool.comparison import Store, collect, difficulty
+    from whiptool.comparison.zones import fast_region, words
 
     scene = comparison.scene
     target = options.build_target(scene.model).position
@@ -264,8 +264,8 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
     """Write tables, under what they are about, and plots; the tables for people."""
-    from whiptool.studies.comparison import tables
-    from whiptool.studies.comparison.plots import save_comparison
+    from whiptool.comparison import tables
+    from whiptool.comparison.plots import save_comparison
 
     parts = [about, tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]
     if len({one.hit_radius for one in series}) > 1:

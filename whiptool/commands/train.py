@@ -235,11 +235,11 @@ def train(
     expect(Rollout, rollout=rollout)
     torch = optional("torch", "training")
 
+    from whiptool.comparison.learner_unit import one_torch_thread
     from whiptool.rl.held_out import held_out_goals
     from whiptool.rl.settings import Plan, settings_for
     from whiptool.rl.task import StrikeTask
     from whiptool.rl.training import Training, make_learner
-    from whiptool.studies.comparison.learner_unit import one_torch_thread
 
     expect(str, method=method)
     method = method_name(method)

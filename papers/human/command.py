@@ -1,0 +1,137 @@
+"""People's whip throws compared with planned strikes: `python -m whiptool.human FOLDER --out RUN`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import tyro
+
+from whiptool.commands import cli
+from whiptool.errors import NOTHING, InputError
+from whiptool.options import ResumableOptions, whole
+from whiptool.whole_files import write_whole
+
+REPORT = "report.html"
+QUICK: dict[str, Any] = {"resamples": 4, "seeds": 1, "trials": 60, "whips": 0, "draws": 100}
+
+
+@dataclass(frozen=True, kw_only=True)
+class HumanOptions(ResumableOptions):
+    """People's whip throws compared with planned strikes, as one HTML file."""
+
+    changeable: ClassVar[tuple[str, ...]] = ("workers",)
+
+    folder: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]] = None
+    """Which holds trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their own names."""
+    resamples: int = 40
+    """People are drawn anew so often for the intervals of the whip's numbers; 0: no intervals."""
+    seeds: int = 4
+    """Seeds of each method that strikes."""
+    trials: int = 600
+    """Strikes at most of each search."""
+    whips: int = 8
+    """Unknown whips that adaptation learns; 0: none."""
+    draws: int = 200
+    """Noisy strikes of each size of noise."""
+    workers: int = 1
+    """Processes on this machine."""
+    quick: bool = False
+    """A taste in a minute, wherever an option is not given."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        super().check()
+        whole("--resamples", self.resamples, low=0, high=10_000)
+        whole("--seeds", self.seeds, high=10_000)
+        whole("--trials", self.trials, low=20, high=1_000_000)
+        whole("--whips", self.whips, low=0, high=10_000)
+        whole("--draws", self.draws, low=10, high=1_000_000)
+        whole("--workers", self.workers, high=64)
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        return ("h5py", "statsmodels", "torch")
+
+
+_EXAMPLE = (
+    "People's whip throws (Krotov et al. 2022) compared with planned strikes. "
+    "Example: python -m whiptool.human whip_humans --quick"
+)
+
+
+def run(args: Sequence[str] | None) -> int:
+    """Do what the command line says, and return the exit status."""
+    options = cli.parse_resumable(HumanOptions, command="human", description=_EXAMPLE, args=args, quick=QUICK)
+    if options.folder is None:
+        raise InputError("FOLDER", NOTHING, "the folder with the data of Krotov et al. 2022", "--help tells more")
+    from papers.human.reading import read_people
+
+    with cli.options_named(options):
+        cli.check_out(options)
+        people = read_people(options.folder)
+        return _tell(options, people)
+
+
+def _tell(options: HumanOptions, people: Any) -> int:
+    """Work on what is not done yet, write everything, tell people or programs."""
+    from papers.human.machine_sections import Effort
+    from papers.human.report import SUBTITLE, TITLE, report
+    from whiptool.comparison.store import Store
+    from whiptool.runs import code_version
+    from whiptool.viz.report import to_html, without_verdicts
+
+    effort = Effort(options.seeds, options.trials, options.whips, options.draws)
+    with cli.open_folder(options, "human", cli.configuration(options, "human")) as folder:
+        result, sections = report(people, options.resamples, effort, Store(folder.path, workers=options.workers))
+        if options.quick:
+            sections = without_verdicts(sections, "the quick form is too short to judge by")
+        result = _finite({**result, "report": str(folder.path / REPORT), "version": code_version()})
+        folder.write_result(result)
+        facts = {"throws": str(len(people.throws)), "version": code_version()}
+        write_whole(folder.path / REPORT, to_html(TITLE, SUBTITLE, facts, sections))
+    if options.json:
+        print(json.dumps(result, allow_nan=False))
+    else:
+        print("\n".join([*_lines(result), f"run folder {folder.path} ({REPORT})"]))
+    return 0
+
+
+def _finite(value: Any) -> Any:
+    """Return plain data with None in place of what is no number, such as the interval of a constant."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _lines(result: dict[str, Any]) -> list[str]:
+    """Return what is said of a run to people."""
+    lines = []
+    for style in ("discrete", "rhythmic"):
+        of = result[style]
+        same = all(result["agrees"][style].values())
+        lines.append(
+            f"{style:9s} {of['throws']} throws: miss {of['min_distance_median']:.3f} m, "
+            f"hits {100 * of['hit_share']:.1f} %, hand {of['peak_hand_speed_median']:.1f} m/s, "
+            f"tip {of['peak_tip_speed_median']:.1f} m/s, "
+            f"{of['duration_mean']:.3f} s; {'as published' if same else 'NOT as published'}"
+        )
+        off = result["whip"][style]["tapered"]
+        peaks, times = (max(map(abs, off[name])) for name in ("peaks_off", "times_off"))
+        how = "fitted" if style == "discrete" else "predicted"
+        lines.append(f"          whip {how}: peaks within {100 * peaks:.1f} %, times within {times:.3f}")
+    for row in result["tolerance"]:
+        low, high = row["equivalent_noise_discrete_interval"]
+        lines.append(
+            f"{row['method']:9s} hits as rarely as people at noise {row['equivalent_noise_discrete']:.3f} "
+            f"({low:.3f} to {high:.3f}) [rad, s]"
+        )
+    for one in result["learning"]:
+        lines.append(f"{one['label']}: {one['median'][0]:.3f} m at first, {one['median'][-1]:.3f} m in the end")
+    return lines

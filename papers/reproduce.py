@@ -1,0 +1,247 @@
+"""The paper's figures and tables as one report: `python -m whiptool.reproduce fig6`."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+
+import tyro
+from tyro.conf import arg
+
+from whiptool.commands import cli
+from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
+from whiptool.errors import InputError
+from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, spell_methods, whole
+from whiptool.progress import note
+from whiptool.whole_files import write_whole
+from whiptool.words import counted
+from whiptool.zone import usual_disc
+
+if TYPE_CHECKING:
+    from whiptool.comparison import Comparison
+    from whiptool.runs import RunFolder
+
+REPORT = "report.html"
+Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
+Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
+OTHERS = {"nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}  # parts with a model of their own, and their home
+_RIG = ("dynamixel_sdk", "cv2")  # servos, and a camera's images
+_LEARNED = ("fig6", "fig7", "table4", "hard", "aim", "spaces")  # parts with learners
+_OF_PARTS = {**dict.fromkeys(_LEARNED, ("torch",)), "sim2real": _RIG}  # modules of extras
+_OF_WAYS = {"sac": ("torch",), "chain": _RIG}  # of adapt
+_OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceOptions(ComparisonOptions):
+    """The paper's figures and tables compared with ours, in one HTML file."""
+
+    first: ClassVar[tuple[str, ...]] = ("what", "space", "quick")
+    may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
+
+    what: tyro.conf.Positional[Part] = "all"
+    """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
+    (hours of its own), nah2023 another paper, of an arm in space (minutes), aim a UR5e that strikes points at arrival
+    angles (an hour or two), spaces joint space compared with hand space (an hour), and all is all but these four."""
+    whips: int = 100
+    """Unknown whips of each family, in adapt."""
+    whip_targets: int = 3
+    """Targets of each of them."""
+    space: bool = False
+    """Of adapt: ropes on a UR5e in space, aimed at points and directions, one strike after one wiggle."""
+    rows: tuple[Row, ...] = ()
+    """Of adapt, the ways to strike that are tried, and chain: through servos, images and tracker; default: all."""
+    further_episodes: int | None = 100
+    """Episodes under observations other than tip, which show what they can much earlier."""
+    further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
+    """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
+    wherever the tip of random strikes is fast (3 m/s)."""
+    further_methods: Methods = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
+    """What is compared there; random is always added."""
+    further_observation: tuple[Observation, ...] = ("goal",)
+    """What learners see there."""
+
+    def __post_init__(self) -> None:
+        spell_methods(self, "further_methods")
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.comparison.zones import check_zone
+        from whiptool.optimizers import find_method
+
+        super().check()
+        whole("--whips", self.whips, high=MANY_TARGETS)
+        whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
+        _check_rows(self.rows)
+        for method in self.further_methods:
+            find_method(method)
+        model = self.build_model()
+        target = self.build_target()
+        target.check_fits(model)
+        reach = model.reach
+        for zone in self.further_zones:
+            try:
+                check_zone(zone, target.position, reach)
+            except InputError as error:
+                raise error.renamed("--further-zones") from None
+        usual = ReproduceOptions(**QUICK) if self.quick else None
+        if self.what in OTHERS:
+            idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
+            refuse_idle(self, dict.fromkeys(sorted(idle), f"nothing with {self.what}, which has its own"), usual)
+        if self.what != "adapt":
+            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows", "space"), "nothing but with adapt"))
+        if self.space:
+            refuse_idle(self, {"rows": "nothing with --space, which has one way to strike"})
+        further = ("further_zones", "further_methods", "further_observation")
+        if self.what not in ("fig6", "all"):
+            refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
+        elif not self.further_zones:
+            refuse_idle(self, dict.fromkeys(further[1:], "nothing without --further-zones"), usual)
+
+    def needs(self) -> tuple[str, ...]:
+        """Return the modules of extras that the command imports with these options."""
+        parts = set(_OF_PARTS) - set(OTHERS) if self.what == "all" else {self.what}
+        needed = [module for part, modules in _OF_PARTS.items() if part in parts for module in modules]
+        if self.what == "adapt" and not self.space:
+            ways = self.rows or get_args(Row)
+            needed += [module for way, modules in _OF_WAYS.items() if way in ways for module in modules]
+        return (*super().needs(), *needed)
+
+
+_EXAMPLE = (
+    "The paper's figures and tables, its numbers next to those measured here, in one HTML file; `all` takes hours, and "
+    "can be killed and resumed. Example: python -m whiptool.reproduce all --quick"
+)
+
+
+def run(args: Sequence[str] | None) -> int:
+    """Do what the command line says, and return the exit status."""
+    options = cli.parse_resumable(ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, quick=QUICK)
+    from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
+
+    with cli.options_named(options):
+        if options.what in OTHERS:
+            comparison = further = _other(options)
+        else:
+            comparison = options.comparison(PAPER_METHODS, OBSERVATIONS)
+            further = options.comparison(options.further_methods, options.further_observation)
+        with open_folder("reproduce", options, comparison) as folder:
+            return _reproduce(options, comparison, further, folder)
+
+
+def _reproduce(options: ReproduceOptions, comparison: Comparison, further: Comparison, folder: RunFolder) -> int:
+    """Work on what is not done yet, write the report, tell people or programs."""
+    from papers.context import Context
+    from papers.parts import ALL, PARTS
+    from whiptool.comparison import Store
+    from whiptool.viz.report import to_html, without_verdicts
+
+    scene = comparison.scene
+    if options.what not in OTHERS:
+        target = options.build_target(scene.model).position
+        options.warn_if_coarse(scene.model, scene.controller, target, scene.t_stay)
+    store = Store(folder.path, workers=options.processes(), cluster=options.cluster)
+    context = Context(
+        comparison,
+        store,
+        options.quick,
+        whips=options.whips,
+        whip_targets=options.whip_targets,
+        space=options.space,
+        rows=tuple(options.rows),
+        further=further,
+        zones=tuple(options.further_zones),
+    )
+    sections, start = [], time.monotonic()
+    for name in ALL if options.what == "all" else [options.what]:
+        note(f"whiptool: {name}")
+        found = PARTS[name](context)
+        sections += without_verdicts(found, _NO_VERDICT) if options.quick else found
+        title, subtitle, facts = _head(options, comparison)
+        text = to_html(title, subtitle + (_QUICK if options.quick else ""), facts, sections)
+        write_whole(folder.path / REPORT, text)  # after each part: a killed run has shown something
+    claims = [asdict(claim) for section in sections for claim in section.claims]
+    summary = {
+        "what": options.what,
+        "report": str(folder.path / REPORT),
+        "claims": claims,
+        "worker_deaths": store.deaths,
+        "wall_time": time.monotonic() - start,
+    }
+    folder.write_result(summary)
+    if options.json:
+        print(json.dumps(summary, allow_nan=False))
+    else:
+        print("\n".join(f"{claim['verdict']}: {claim['claim']}\n    {claim['ours']}" for claim in claims))
+        if options.quick:
+            print(_QUICK.strip())
+        print(f"report {folder.path / REPORT}")
+    return 0
+
+
+def _other(options: ReproduceOptions) -> Comparison:
+    """A comparison that only tells the run folder what model and controller are: no learner is trained."""
+    part = _part(options.what)
+    comparison = options.comparison(("directl",), ())
+    of_part = {"model": part.MODEL, "controller": part.CONTROLLER, "zone": usual_disc(part.MODEL)}
+    return replace(comparison, scene=replace(comparison.scene, **of_part))
+
+
+def _part(what: str) -> ModuleType:
+    """Return the package of a part with a model of its own."""
+    return import_module(f"papers.{OTHERS[what]}")
+
+
+def _head(options: ReproduceOptions, comparison: Comparison) -> tuple[str, str, dict[str, str]]:
+    """Title, subtitle and facts of the report."""
+    if options.what in OTHERS:
+        part = _part(options.what)
+        return part.TITLE, part.SUBTITLE, part.facts()
+    return "A whip, a target, and six ways to learn", _SUBTITLE, _facts(options, comparison)
+
+
+_SUBTITLE = (
+    "The LEMON framework (Wang, Xiong, Tolu and Gorb 2024, doi:10.1007/s42235-024-00534-2), its claims and what was "
+    "measured here. Verdicts are computed from the data."
+)
+_NO_VERDICT = "the quick form is far too short to judge by"
+_QUICK = " Quick form: it shows that all works; it is far too short to judge the paper by."
+
+
+def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
+    """What was run, for the report's head."""
+    from whiptool.models.strike import default_bounds, strike_names
+    from whiptool.runs import code_version
+
+    scene, further = comparison.scene, comparison.further_episodes
+    middle = options.build_target(scene.model).position
+    bounds = default_bounds(scene.model.arm)
+    limits = ", ".join(
+        f"{name} {low:.3f} to {high:.3f} {'s' if name == 'D' else 'rad'}"
+        for name, low, high in zip(strike_names(scene.model.arm), bounds.lower, bounds.upper, strict=True)
+    )
+    return {
+        "code": f"whiptool {code_version()}",
+        "model": f"{scene.model.name}: {scene.model.whip.N} nodes, {options.controller_label()}",
+        "bounds of a strike": f"{limits} (the paper prints none)",
+        "watched after the movement": f"{scene.t_stay:g} s (not printed in the paper)",
+        "targets": f"{scene.targets} in a circle of {options.zone_radius:g} m around {middle} m, seed "
+        f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
+        + ", ".join(f"{radius:g}" for radius in scene.radii)
+        + " m",
+        "training": f"{counted(comparison.episodes, 'episode')} of {counted(comparison.trials, 'strike')}, "
+        f"{comparison.random_episodes} random; {counted(comparison.seeds, 'seed')}"
+        + (f"; observations other than tip {counted(further, 'episode')}" if further is not None else ""),
+    }
+
+
+def _check_rows(rows: Sequence[str]) -> None:
+    from papers.unknown.unknown_whips import LEARNING
+
+    if rows and not set(rows) & set(LEARNING):
+        raise InputError("--rows", " ".join(rows), "one of " + ", ".join(LEARNING) + " among them")

@@ -1,0 +1,62 @@
+"""Trials of a policy at several radii, against sines."""
+
+from __future__ import annotations
+
+import numpy as np
+from fake_rollout import StraightFlight
+from scripted import Scripted
+
+from whiptool.arrival_rule import ArrivalRule
+from whiptool.comparison.policy_trials import misses_of, trials_within
+from whiptool.models.strike import StrikeBounds
+from whiptool.rl.task import StrikeTask
+from whiptool.zone import Disc
+
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
+TARGETS = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
+
+
+def recorded(radius: float) -> StrikeTask:
+    return StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)
+
+
+def test_trials_of_a_policy_at_several_radii():
+    """Targets at 0, 0.5 and 0.9 rad; samples at -0.3, 0.45, 0.8, 0.89 rad: misses are sines of the difference."""
+    angles = [-0.3, 0.45, 0.8, 0.89]
+    radii = (0.2, 0.06, 0.02)
+    task = recorded(0.02)
+    found = trials_within(Scripted(task, angles), task, TARGETS, radii, cap=4, convention="samples")
+    for radius, (trials, hit) in found.items():
+        for i, at in enumerate((0.0, 0.5, 0.9)):
+            misses = [np.sin(abs(at - angle)) for angle in angles]
+            within = [n for n, miss in enumerate(misses, 1) if miss <= radius]
+            assert trials[i] == (within[0] if within else 4)
+            assert hit[i] == bool(within)
+    task = recorded(0.02)
+    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
+    for misses, at in zip(lists, (0.0, 0.5, 0.9), strict=True):
+        np.testing.assert_allclose(misses, [np.sin(abs(at - angle)) for angle in angles], atol=1e-12)
+    task = recorded(0.12)
+    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
+    assert [len(misses) for misses in lists] == [4, 2, 3]
+
+
+def test_trials_at_several_radii_where_a_direction_is_asked_for():
+    """The same flights at the same targets; the second one is to be passed at 0.8 rad, within 0.2 rad."""
+    angles, wanted = [-0.3, 0.45, 0.8, 0.89], np.array([0.0, 0.8, 0.9])
+    radii = (0.4, 0.2, 0.06)
+    rule, zone = ArrivalRule(angle=(-1.0, 1.0), cone=0.2), Disc((0.8, 0.2), 1.0)
+    task = StrikeTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)
+    goals = rule.goals_at(TARGETS, 0.4, wanted)
+    found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")
+    for radius, (trials, hit) in found.items():
+        for i, at in enumerate((0.0, 0.5, 0.9)):
+            hits = [
+                number
+                for number, angle in enumerate(angles, 1)
+                if np.sin(abs(at - angle)) <= radius and abs(angle - wanted[i]) <= 0.2
+            ]
+            assert trials[i] == (hits[0] if hits else 4)
+            assert hit[i] == bool(hits)
+    assert found[0.4][1].tolist() == [False, True, True]
+    assert found[0.06][1].tolist() == [False, False, True]

@@ -1,0 +1,60 @@
+"""Scores of stated probabilities: by hand, and on simulated forecasts that are calibrated or not."""
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional
+
+from papers.unknown.scores import Forecast, Scores, brier_score, log_score
+
+
+def _simulated(rng: np.random.Generator, count: int, *, narrow: float = 1.0) -> list[Forecast]:
+    """Misses |N(0, s)| with s known, predicted with `narrow` times that."""
+    found = []
+    for s in rng.uniform(0.02, 0.08, count):
+        miss = abs(s * rng.standard_normal())
+        sample = np.abs(narrow * s * rng.standard_normal(64))
+        found.append(Forecast(float(np.mean(sample <= 0.06)), sample.tolist(), miss, miss <= 0.06))
+    return found
+
+
+def test_proper_scores_are_those_of_torch() -> None:
+    rng = np.random.default_rng(0)
+    stated, came = rng.uniform(0.01, 0.99, 50), rng.random(50) < 0.6
+    p, y = torch.tensor(stated), torch.tensor(came, dtype=torch.float64)
+    assert brier_score(stated, came) == pytest.approx(functional.mse_loss(p, y).item())
+    assert log_score(stated, came) == pytest.approx(functional.binary_cross_entropy(p, y).item())
+
+
+def test_sure_and_wrong_is_infinitely_bad() -> None:
+    assert log_score(np.array([1.0, 0.5]), np.array([False, True])) == np.inf
+    assert log_score(np.array([1.0, 0.0]), np.array([True, False])) == 0
+
+
+def test_constant_forecast_is_the_share_of_hits() -> None:
+    forecasts = [Forecast(0.9, [0.01], 0.02, True)] * 3 + [Forecast(0.9, [0.01], 0.08, False)]
+    found = Scores.of(forecasts)
+    assert found.hits == 0.75
+    assert found.brier == pytest.approx((3 * 0.01 + 0.81) / 4)
+    assert found.brier_constant == pytest.approx(0.75 * 0.25)
+    assert found.log_constant == pytest.approx(-0.75 * np.log(0.75) - 0.25 * np.log(0.25))
+
+
+def test_calibrated_predictions_are_kept_as_often_as_they_say() -> None:
+    found = Scores.of(_simulated(np.random.default_rng(1), 4000))
+    assert found.within == pytest.approx((0.5, 0.9), abs=0.03)
+    assert found.beyond == pytest.approx(1 / 65, abs=0.006)
+    assert found.brier < found.brier_constant
+
+
+def test_overconfidence_shows() -> None:
+    found = Scores.of(_simulated(np.random.default_rng(2), 2000, narrow=0.5))
+    assert found.within[1] < 0.65
+    assert found.beyond > 0.1
+
+
+def test_strikes_that_diverge_and_samples_that_do() -> None:
+    nothing = Scores.of([Forecast(0.5, [0.01, None], None, False)])
+    assert nothing.within == (1.0, 1.0)  # half of the sample diverges, too: the miss is not beyond it
+    assert nothing.beyond == 0
+    assert Scores.of([Forecast(0.5, [0.01, 0.02], None, False)]).beyond == 1

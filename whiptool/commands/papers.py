@@ -1,0 +1,36 @@
+"""The way to the folder `papers` of the repository, which an installed wheel does not have."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+from whiptool.errors import InputError
+
+CHECKOUT = Path(__file__).resolve().parents[2]  # where the repository is, unless whiptool was installed from a wheel
+
+
+class _NoFolder:
+    """What was given where there is no folder `papers`."""
+
+    def __repr__(self) -> str:
+        return "an installation of whiptool without its repository's folder papers"
+
+
+def of_papers(module: str) -> ModuleType:
+    """Import a module of the folder `papers`, which stands beside whiptool in a checkout, or is importable.
+
+    Raises:
+        InputError: There is no such folder.
+    """
+    if (CHECKOUT / "papers" / "__init__.py").is_file() and str(CHECKOUT) not in sys.path:
+        sys.path.insert(0, str(CHECKOUT))  # which processes of workers are given, too
+    try:
+        return import_module(f"papers.{module}")
+    except ModuleNotFoundError as error:
+        if error.name not in ("papers", f"papers.{module.partition('.')[0]}"):
+            raise
+        fix = "in a clone of the repository of whiptool: pip install --editable ."
+        raise InputError("papers", _NoFolder(), "an editable installation", fix) from None

@@ -1,0 +1,10 @@
+"""Trials to hit, method by method: the units of work, how they are kept, and what they say."""
+
+from whiptool.comparison.learner_unit import LearnerUnit
+from whiptool.comparison.plan import Comparison
+from whiptool.comparison.scene import Scene
+from whiptool.comparison.search_unit import SearchUnit
+from whiptool.comparison.series import Series, collect
+from whiptool.comparison.store import Store
+
+__all__ = ["Comparison", "LearnerUnit", "Scene", "SearchUnit", "Series", "Store", "collect"]

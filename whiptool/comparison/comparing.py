@@ -1,0 +1,74 @@
+"""Methods compared in memory: without a run folder, for a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from whiptool.comparison.plan import Comparison
+from whiptool.comparison.scene import Scene
+from whiptool.comparison.series import Series, collect
+from whiptool.comparison.store import Store
+from whiptool.errors import expect, refuse_call
+from whiptool.models.numbers import texts, whole
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.target import HIT_RADIUS
+from whiptool.zone import Zone, usual_disc
+
+
+def compare(
+    rollout: CompiledRollout,
+    methods: Sequence[str] = ("directl", "cmaes", "gradient"),
+    *,
+    zone: Zone | None = None,
+    targets: int = 12,
+    target_seed: int = 0,
+    hit_radius: float = HIT_RADIUS,
+    max_trials: int = 600,
+    seeds: int = 1,
+    observations: Sequence[str] = ("goal",),
+    **training: Any,
+) -> list[Series]:
+    """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
+
+    `random` is always added. Learners are trained first, for as long as `training` says.
+
+    Args:
+        rollout: What strikes.
+        methods: Of `METHODS`. Capital letters, hyphens and underscores make no difference.
+        zone: Where the targets lie; None: the paper's disc, in space a ball around the usual target.
+        targets: Their number, the same for all methods.
+        target_seed: They are drawn with it.
+        hit_radius: [m]
+        max_trials: At most, at each target.
+        seeds: Number of seeds of what is random in a method.
+        observations: What learners see.
+        training: `episodes`, `trials`, `random_episodes`, `hindsight`, see `Comparison`.
+
+    Returns:
+        One series for each method and, of a learner, for each way to strike with its policy.
+
+    Raises:
+        InputError: There is no such method, or a number breaks its rule.
+    """
+    expect(CompiledRollout, rollout=rollout)
+    scene = Scene(
+        model=rollout.model,
+        controller=rollout.controller,
+        zone=zone or usual_disc(rollout.model),
+        targets=whole("targets", targets),
+        target_seed=target_seed,
+        radii=(hit_radius,),
+        cap=whole("max_trials", max_trials),
+        tolerance=rollout.tolerance,
+        timestep=rollout.timestep if rollout.tolerance is None else None,
+    )
+    methods, observations = texts("methods", methods), texts("observations", observations)
+    plan: dict[str, Any] = {"scene": scene, "methods": methods, "observations": observations, "seeds": seeds} | training
+    refuse_call("compare", Comparison, **plan)
+    comparison = Comparison(**plan)
+    with TemporaryDirectory() as folder:
+        units = comparison.units()
+        return collect(units, Store(Path(folder)).results(units, desc="compare"))

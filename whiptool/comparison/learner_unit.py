@@ -1,0 +1,195 @@
+"""The work unit of a learner: trained once, with checkpoints, then tried at every target."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from whiptool.comparison.scene import Scene
+from whiptool.comparison.unit import Unit
+from whiptool.extras import optional
+from whiptool.given_files import read_json
+from whiptool.whole_files import write_whole
+from whiptool.words import counted
+
+CHECKPOINT_EVERY = 10  # episodes
+MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnerUnit(Unit):
+    """A learner, trained once over the zone, that then strikes at every target with its policy.
+
+    Args:
+        scene: See there.
+        method: sac, td3, ddpg or ppo.
+        observation: What it sees.
+        seed: Of its training.
+        episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.Plan`.
+        reward: See `whiptool.rl.task.StrikeTask`.
+        settings: Hyperparameters other than the usual ones, by name.
+    """
+
+    scene: Scene
+    method: str
+    observation: str
+    seed: int
+    episodes: int = 500
+    trials: int = 100
+    random_episodes: int = 50
+    hindsight: int = 0
+    reward: str = "paper"
+    settings: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def series(self) -> str:
+        """What it is called in a table."""
+        return self.method
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Train, from the last checkpoint if there is one, and strike."""
+        from whiptool.comparison.policy_trials import trials_within
+        from whiptool.rl.policy import CONVENTIONS, first_strikes
+
+        scene = self.scene
+        with one_torch_thread():
+            training, history, note = self.trained(folder, threads)
+            task, goals = self._task(scene.radii[0], threads), scene.goals()
+            strikes = first_strikes(training.learner, task, goals)
+            first_misses = task.judge(strikes, goals).distance
+            outcomes = []
+            for convention in CONVENTIONS:
+                # a policy that misses again and again takes long: tighter radii under the first convention only
+                radii = scene.radii if convention == MAIN_CONVENTION else scene.radii[:1]
+                training.learner.generator.manual_seed(self.seed)  # whatever was drawn before
+                found = trials_within(
+                    training.learner,
+                    self._task(min(radii), threads),
+                    goals,
+                    radii,
+                    cap=scene.cap,
+                    convention=convention,
+                )
+                outcomes += [
+                    {"convention": convention, "hit_radius": radius, "trials": trials.tolist(), "hit": hit.tolist()}
+                    for radius, (trials, hit) in found.items()
+                ]
+        return {
+            "outcomes": outcomes,
+            "training_trials": training.done * self.trials,
+            "n_diverged": training.task.n_diverged,
+            "wall_time": history["seconds"],
+            "note": note,
+            "rewards": history["rewards"],
+            "first_strikes": strikes.tolist(),
+            "first_misses": first_misses.tolist(),
+        }
+
+    def _task(self, radius: float, threads: int | None):
+        from whiptool.rl.task import StrikeTask
+
+        scene = self.scene
+        return StrikeTask(
+            scene.rollout(threads),
+            scene.zone,
+            arrival=scene.arrival,
+            observation=self.observation,
+            reward=self.reward,
+            hit_radius=radius,
+            t_stay=scene.t_stay,
+        )
+
+    def _fresh(self, threads: int | None):
+        """A learner that knows nothing, and its training."""
+        torch = optional("torch", self.method)
+
+        from whiptool.rl.learner import OffPolicyLearner
+        from whiptool.rl.settings import settings_for
+        from whiptool.rl.training import Plan, Training, make_learner
+
+        task = self._task(self.scene.radii[0], threads)
+        generator = torch.Generator().manual_seed(self.seed)
+        learner = make_learner(self.method, settings_for(self.method, **dict(self.settings)), task, generator)
+        relabels = isinstance(learner, OffPolicyLearner) and self.observation == "goal"
+        plan = Plan(self.episodes, self.trials, self.random_episodes, self.hindsight if relabels else 0)
+        return Training(learner, task, plan)
+
+    def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
+        """The training at its end, its mean rewards and seconds, and what there is to say about it."""
+        from whiptool.rl.learner import Diverged
+
+        with Checkpoint.within(folder, self.key) as checkpoint:
+            training, note = self._fresh(threads), ""
+            history = checkpoint.load(training)
+            try:
+                while training.done < training.plan.episodes:
+                    start = time.monotonic()
+                    history["rewards"] += [e.mean_reward for e in training.run(episodes=CHECKPOINT_EVERY)]
+                    history["seconds"] += time.monotonic() - start
+                    checkpoint.save(training, history)
+            except Diverged as error:  # strike with what it knew before
+                training = self._fresh(threads)
+                history = checkpoint.load(training)
+                note = f"training ended after {counted(training.done, 'episode')}: {error}"
+            return training, history, note
+
+
+class Checkpoint:
+    """A training and its history, in two files.
+
+    Args:
+        path: Of the training.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.history = path, path.with_suffix(".history.json")
+
+    @classmethod
+    @contextmanager
+    def within(cls, folder: Path | None, name: str) -> Iterator[Checkpoint]:
+        """In a folder; where there is none, in one that is gone afterwards."""
+        if folder is not None and folder.is_dir():
+            yield cls(folder / f"{name}.pt")
+            return
+        with TemporaryDirectory() as temporary:
+            yield cls(Path(temporary) / f"{name}.pt")
+
+    def load(self, training) -> dict[str, Any]:
+        """Set a training to where it was; mean reward of every episode so far, and seconds."""
+        from whiptool.rl.training import load_checkpoint
+
+        if self.path.exists() and self.history.exists():
+            history = read_json(self.history)
+            if len(history["rewards"]) >= int(load_checkpoint(self.path)["done"]):
+                training.load(self.path)
+                return {**history, "rewards": history["rewards"][: training.done]}
+        return {"rewards": [], "seconds": 0.0}
+
+    def save(self, training, history: dict[str, Any]) -> None:
+        """The history first: what it holds beyond the training is made again."""
+        write_whole(self.history, json.dumps(history))
+        training.save(self.path)
+
+    def remove(self) -> None:
+        """Remove the checkpoint and its record."""
+        self.path.unlink(missing_ok=True)
+        self.history.unlink(missing_ok=True)
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Sums come out differently in their last digits with another number of threads."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,93 @@
+"""Where the targets of a comparison are drawn: a disc, or wherever the tip can be fast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.comparison.scene import Scene
+from whiptool.comparison.store import Store
+from whiptool.comparison.unit import Unit
+from whiptool.errors import InputError
+from whiptool.models.numbers import LARGEST
+from whiptool.models.strike import default_bounds
+from whiptool.target import TARGET
+from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
+
+FAST = "fast"
+SPEED = 3.0  # [m/s] at least, of the tip in the fast region
+STRIKES, QUICK_STRIKES = 1_000_000, 2_048  # random ones that find the fast region
+CELL = 0.02  # [m]
+STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE = 100_000, 2_048  # a strike costs ten times more there,
+CELL_IN_SPACE = 0.1  # [m], and cells are more
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionUnit(Unit):
+    """Where the tip of random strikes passes with a speed.
+
+    Args:
+        scene: Its zone and targets do not matter.
+        strikes: Random ones.
+        cell: Width of the cells that it is made of [m].
+    """
+
+    scene: Scene
+    strikes: int
+    cell: float = CELL
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Strike at random, and return the region that fast tips reach."""
+        bounds = default_bounds(self.scene.model.arm)
+        region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes, cell=self.cell)
+        return {"corners": region.corners.tolist(), "cell": region.cell}
+
+
+def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
+    """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
+    in_space = scene.model.dimension == 3
+    usual, few = (STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE) if in_space else (STRIKES, QUICK_STRIKES)
+    strikes = few if quick else usual
+    unit = RegionUnit(scene=scene, strikes=strikes, cell=CELL_IN_SPACE if in_space else CELL)
+    known = store.results([unit], desc="region")[unit.key]
+    return Region(np.array(known["corners"]), known["cell"])
+
+
+def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
+    """Refuse a zone's name but `fast` and the radius [m] of a disc around a centre of which the reach leaves a part.
+
+    Raises:
+        InputError: It is neither of them.
+    """
+    if name == FAST:
+        return
+    try:
+        disc = Disc(centre, float(name))
+    except ValueError:
+        raise InputError("zone", name, f"radii > 0 in m, or {FAST}") from None
+    try:
+        disc_within_reach(disc, reach)
+    except InputError as error:
+        raise InputError("zone", name, error.allowed) from None
+
+
+def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:
+    """The fast region, or what is within reach of the disc of a radius [m] around the middle of a scene's zone."""
+    if name == FAST:
+        return fast_region(scene, store, quick=quick)
+    around = scene.zone.disc if isinstance(scene.zone, ReachableDisc) else scene.zone
+    centre = tuple(np.mean(around.box, axis=0).tolist())
+    return disc_within_reach(Disc(centre, float(name)), scene.model.reach)
+
+
+def words(zone: Zone) -> str:
+    """A zone, for people."""
+    if isinstance(zone, Disc):
+        centre = ", ".join(f"{x:g}" for x in zone.centre)
+        return f"{round_name(zone)} of radius {zone.radius:g} m around ({centre}) m"
+    if isinstance(zone, ReachableDisc):
+        return f"what is within reach ({zone.reach:.3f} m) of {words(zone.disc)}"
+    return f"wherever the tip can pass with {SPEED:g} m/s, {zone.size:.2f} m^{zone.dimension}"

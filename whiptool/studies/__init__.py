@@ -1,1 +1,0 @@
-"""Studies: methods compared over targets and seeds, and the figures and tables of the paper."""
