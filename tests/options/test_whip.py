@@ -70,8 +70,8 @@ def test_mistakes_name_the_option(given, name, said):
         "identify_options",
         "adapt",
         "rig",
-        "papers.reproduce",
         "emulator",
+        "papers.reproduce",
     ],
 )
 def test_every_command_with_a_model_has_them(command):
