@@ -59,21 +59,10 @@ def test_mistakes_name_the_option(given, name, said):
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "optimize",
-        "simulate",
-        "train",
-        "compare",
-        "map",
-        "identify_options",
-        "adapt",
-        "rig",
-        "emulator",
-        "papers.reproduce",
-    ],
-)
+COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify_options", "adapt", "rig", "emulator")
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "papers.reproduce"])
 def test_every_command_with_a_model_has_them(command):
     module = import_module(command if "." in command else f"whiptool.commands.{command}")
     groups = [x for x in vars(module).values() if isinstance(x, type) and issubclass(x, OptionGroup)]

@@ -63,17 +63,8 @@ class Copy:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(root / name, target)
         (folder / "tmp").mkdir()
-        compiling = [
-            sys.executable,
-            "-m",
-            "compileall",
-            "-q",
-            "--invalidation-mode",
-            "checked-hash",
-            "whiptool",
-            "papers",
-        ]
-        subprocess.run(compiling, cwd=folder / "tree", check=True)
+        compiling = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
+        subprocess.run([*compiling, "whiptool", "papers"], cwd=folder / "tree", check=True)
         return cls(root, folder)
 
     def survives(self, mutant: Mutant, tests: tuple[str, ...]) -> tuple[bool, str, float]:
