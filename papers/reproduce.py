@@ -215,7 +215,8 @@ _QUICK = " Quick form: it shows that all works; it is far too short to judge the
 
 def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
     """What was run, for the report's head."""
-    from whiptool.models.strike import default_bounds, strike_names
+    from whiptool import default_bounds
+    from whiptool.models.strike import strike_names
     from whiptool.runs import code_version
 
     scene, further = comparison.scene, comparison.further_episodes

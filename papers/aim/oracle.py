@@ -10,9 +10,9 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from papers.aim.task import AimTask
+from whiptool import WhipParameters, WhipProfile
 from whiptool.comparison.unit import Unit
 from whiptool.errors import InputError
-from whiptool.models import WhipParameters, WhipProfile
 from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
 

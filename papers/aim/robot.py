@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from whiptool.impedance import default_controller
-from whiptool.models import preset
+from whiptool import default_controller, preset
 
 MODEL = preset("ur5e")
 CONTROLLER = default_controller(MODEL)

@@ -17,16 +17,12 @@ import numpy as np
 
 from papers.aim.robot import CONTROLLER, MODEL
 from papers.context import Context
+from whiptool import CompiledRollout, Controller, Objective, Target, preset, search
 from whiptool.comparison import Store
 from whiptool.comparison.unit import Unit
-from whiptool.impedance import Controller, HandControl, PositionControl
-from whiptool.models import preset
+from whiptool.impedance import HandControl, PositionControl
 from whiptool.models.arm_limits import ArmLimits
-from whiptool.objective import Objective
-from whiptool.optimizers import search
-from whiptool.rollout import CompiledRollout
 from whiptool.rollout.resolution import TOLERANCE
-from whiptool.target import Target
 from whiptool.viz.report import Section, Table, Text
 from whiptool.words import counted
 

@@ -8,16 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from papers.aim.robot import CONTROLLER, MODEL
+from whiptool import CompiledRollout, Controller, Model
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison import Scene
 from whiptool.goals import Goals
-from whiptool.impedance import Controller
 from whiptool.limits import Limits
-from whiptool.models import Model
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
 from whiptool.models.strike import T_STAY
-from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker

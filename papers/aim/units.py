@@ -11,19 +11,16 @@ from zlib import crc32
 import numpy as np
 
 from papers.aim.task import AimTask
+from whiptool import Objective, ReferenceRollout, Target, search
 from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.unit import Unit
 from whiptool.goals import Goals
 from whiptool.models.clearance import Clearance
-from whiptool.objective import Objective
-from whiptool.optimizers import search
-from whiptool.rollout.reference import ReferenceRollout
 from whiptool.strike_map.built import opened
 from whiptool.strike_map.candidates import SHORTLIST
 from whiptool.strike_map.refinement import refine
 from whiptool.strike_map.strike_map import TRIED, StrikeMap
 from whiptool.strike_map.striker import Landings, Striker
-from whiptool.target import Target
 
 SEARCHES = {"gradient": 3000, "cmaes": 10_000}  # what goals are given to that refinement missed, with its rollouts
 _TOGETHER = 8  # candidates that are struck at once

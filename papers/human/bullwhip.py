@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from papers.human.throw_path import MeanHand, ThrowPath, thrown
+from whiptool import WhipProfile
 from whiptool.dynamics.swing import SwingStructure
-from whiptool.models.profile import WhipProfile, lump
+from whiptool.models.profile import lump
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
 

@@ -9,15 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from whiptool import CompiledRollout, Controller, Objective, Target, default_bounds, preset, search
 from whiptool.comparison.unit import Unit
 from whiptool.criteria import find_criterion
-from whiptool.impedance import Controller
-from whiptool.models.presets import preset
-from whiptool.models.strike import default_bounds
-from whiptool.objective import Objective
-from whiptool.optimizers import search
-from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 METHODS = {
     "DIRECT-L": "directl",

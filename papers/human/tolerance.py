@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool import Target
 from whiptool.rollout.interface import Rollout
-from whiptool.target import Target
 
 DRAWS = 200
 SIZES = np.geomspace(0.01, 1.3, 16)  # [rad, s] of noise that are tried

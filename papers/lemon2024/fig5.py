@@ -9,15 +9,12 @@ from matplotlib.patches import Circle
 
 from papers.context import Context
 from papers.lemon2024.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, compared
+from whiptool import Disc, Objective, Target, Trajectory, search
 from whiptool.comparison import Scene
-from whiptool.objective import Objective
-from whiptool.optimizers import search
-from whiptool.rollout.trajectory import Trajectory, joint_points
-from whiptool.target import Target
+from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted
-from whiptool.zone import Disc
 
 _PATH_COLORS = [COLORS[name] for name in ("blue", "vermilion", "green", "pink", "black")]
 

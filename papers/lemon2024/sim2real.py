@@ -30,16 +30,13 @@ from papers.lemon2024.twin_strikes import (
     recording,
     true_model,
 )
+from whiptool import CompiledRollout, Plant, Strike, StrikeRecording, Trajectory, fit, similarity
 from whiptool.comparison import Scene
 from whiptool.errors import WhiptoolError
 from whiptool.identification.classes import Parameter
-from whiptool.identification.fit import Options, RecordingFit, fit, predict
-from whiptool.identification.plant import Plant
-from whiptool.identification.similarity import Similarity, similarity
-from whiptool.models.strike import Strike
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.identification.fit import Options, RecordingFit, predict
+from whiptool.identification.similarity import Similarity
 from whiptool.rig.emulator.motor import HARDWARE
-from whiptool.rollout import CompiledRollout, Trajectory
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import counted, rounded

@@ -18,9 +18,7 @@ from papers.lemon2024.tracking_errors import (
     errors_over_time,
     tracking_errors,
 )
-from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
-from whiptool.models.strike import Strike
-from whiptool.rollout import CompiledRollout
+from whiptool import OIAC, CompiledRollout, ConstantImpedance, Controller, Strike, oiac_preset
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import counted

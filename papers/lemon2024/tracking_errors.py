@@ -6,11 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.impedance import Controller
-from whiptool.models import Model
+from whiptool import CompiledRollout, Controller, Model, Trajectory
 from whiptool.models.strike import T_STAY
-from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import Trajectory
 
 NAMES = ("position shoulder", "position elbow", "velocity shoulder", "velocity elbow")
 TABLE4_CONSTANT = np.array([0.161, 0.038, 1.038, 0.229])  # Table 4, in NAMES' order: [rad], [rad], [rad/s], [rad/s]

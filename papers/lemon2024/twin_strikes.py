@@ -9,14 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from whiptool import CompiledRollout, Controller, Model, Strike, StrikeRecording, default_bounds, oiac_preset
 from whiptool.comparison import Scene
 from whiptool.comparison.unit import Unit
 from whiptool.errors import WhiptoolError
-from whiptool.impedance import Controller, oiac_preset
-from whiptool.models import Model
-from whiptool.models.strike import Strike, default_bounds
-from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout import CompiledRollout
 
 TARGETS = ((1.2, 0.1), (1.1, -0.1), (1.25, -0.05))  # [m]; three, as in Fig. 9; the paper prints no coordinates
 SLOW = 0.9  # [s], the shortest D

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool import Trajectory
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.rollout.trajectory import Trajectory
 
 RATE = 60.0  # [1/s] at which the authors sample a movement
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from whiptool import CompiledRollout, Trajectory
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.strike import T_STAY
-from whiptool.rollout import CompiledRollout, Trajectory
 from whiptool.rollout.interface import Rollout, Strikes
 from whiptool.rollout.points import Points
 from whiptool.rollout.trajectory import Approach

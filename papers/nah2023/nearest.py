@@ -20,10 +20,8 @@ from papers.nah2023.units import (
     by_merit,
     simulator,
 )
+from whiptool import CompiledRollout, Strike, StrikeBounds, Target
 from whiptool.comparison.unit import Unit
-from whiptool.models.strike import Strike, StrikeBounds
-from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on
 BESIDE = (0.2, 0.04)  # widths of the boxes around a strike, of the whole box
@@ -96,8 +94,7 @@ class EvolutionUnit(Unit):
 
 def cmaes(rollout: CompiledRollout, target: int, bounds: StrikeBounds, cap: int, seed: int) -> tuple[np.ndarray, float]:
     """Return the nearest strike that CMA-ES finds within bounds, and its miss [m]."""
-    from whiptool.objective import Objective
-    from whiptool.optimizers import search
+    from whiptool import Objective, search
 
     sought = Target(published.TARGETS[target], published.HIT_RADIUS)
     objective = Objective(rollout, sought, t_stay=STAY, bounds=bounds, max_trials=cap)

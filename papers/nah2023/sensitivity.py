@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from whiptool import CompiledRollout
 from whiptool.models.strike import strike_names
-from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import Approach
 
 _INTERVAL = 1e-3  # [s] at which derivatives are taken; in between they change linearly

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from papers.nah2023.sensitivity import LinksThen, links_at
-from whiptool.models.strike import StrikeBounds
-from whiptool.rollout import CompiledRollout
+from whiptool import CompiledRollout, StrikeBounds
 
 _DAMPINGS = np.array([0.1, 1.0, 10.0])  # tried at each step, times the last that helped
 _FIRST, _LEAST, _MOST = 1e-2, 1e-10, 1e6

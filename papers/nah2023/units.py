@@ -14,13 +14,11 @@ from papers.nah2023.hand import measure
 from papers.nah2023.last_nodes import LastNodes
 from papers.nah2023.sensitivity import path_sensitivity
 from papers.nah2023.solutions import descend, distinct
+from whiptool import CompiledRollout, Controller, Target, default_bounds
 from whiptool.comparison.unit import Unit
-from whiptool.impedance import Controller, constant_preset
+from whiptool.impedance import constant_preset
 from whiptool.models.robots import NAH2023
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.strike import default_bounds
-from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 TIMESTEP = 5e-4  # [s], equal steps: distances are right to 0.1 mm, and all nodes are seen at each of them
 COARSE = 1e-3  # [s], of descents before their last steps: within half a millimetre of the finer
@@ -74,8 +72,7 @@ class GradientUnit(Unit):
 
 
 def _search(rollout, which: int, radius: float, method: str, cap: int) -> dict[str, Any]:
-    from whiptool.objective import Objective
-    from whiptool.optimizers import search
+    from whiptool import Objective, search
 
     start, target = time.monotonic(), Target(published.TARGETS[which], radius)
     objective = Objective(rollout, target, t_stay=STAY, bounds=BOUNDS, max_trials=cap, stop_at_hit=True)

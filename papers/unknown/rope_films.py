@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from papers.unknown.rope_swings import IN_SPACE, UnknownRope
-from whiptool.models.strike import Strike
+from whiptool import Strike, StrikeRecording
 from whiptool.recording.space_camera import SpaceCamera, looking_at
-from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.space_view import SpaceView, track_view
 from whiptool.vision.strike_in_space import strike_in_space
 

@@ -15,17 +15,13 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from papers.aim.robot import CONTROLLER, MODEL
+from whiptool import CompiledRollout, Model, Strike, StrikeRecording, Target, Trajectory, WhipProfile, draw_twin
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.twins import FAMILIES, draw_twin
+from whiptool.adaptation.twins import FAMILIES
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models import Model, WhipProfile
-from whiptool.models.strike import T_STAY, Strike
-from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout import CompiledRollout
+from whiptool.models.strike import T_STAY
 from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, TipPaths, hand_path
-from whiptool.rollout.trajectory import Trajectory
-from whiptool.target import Target
 
 ROPE = "rope"
 IN_SPACE = (*FAMILIES, ROPE)

@@ -17,21 +17,20 @@ import numpy as np
 from papers.aim.robot import CONTROLLER, MODEL
 from papers.unknown.rope_films import filmed
 from papers.unknown.rope_swings import Passed, Swing, UnknownRope
+from whiptool import Strike, Target, default_prior
 from whiptool.adaptation.aiming import FIRST, NEXT, RETRIES, aim
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import Effort, Plan, surest
 from whiptool.adaptation.posterior import Learned, update
-from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.prior import Belief
 from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.unit import Unit
 from whiptool.goals import Goals
 from whiptool.limits import Limits
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
-from whiptool.models.strike import Strike
 from whiptool.strike_map.goal_region import GoalRegion
-from whiptool.target import Target
 from whiptool.zone import Sector
 
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed

@@ -13,23 +13,19 @@ from typing import Any
 
 import numpy as np
 
+from whiptool import Adaptation, CompiledRollout, Model, Strike, Target, TipPort, default_prior, draw_twin
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
-from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.materials import USUAL, stock_of_material
 from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
-from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned, update
-from whiptool.adaptation.prior import Belief, default_prior, knowing
+from whiptool.adaptation.prior import Belief, knowing
 from whiptool.adaptation.steps import Step, Steps
-from whiptool.adaptation.twins import FAMILIES, Twin, draw_twin
+from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.comparison import LearnerUnit, Scene
 from whiptool.comparison.unit import Unit
-from whiptool.models.parameters import Model
-from whiptool.models.strike import Strike
-from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import HIT_RADIUS, Target
+from whiptool.target import HIT_RADIUS
 
 METHODS = {
     "nominal": "the model's own best strike, repeated",

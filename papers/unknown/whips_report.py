@@ -28,12 +28,12 @@ from papers.unknown.unknown_whips import (
     WhipUnit,
 )
 from papers.unknown.whole_chain import ReachUnit, RigTransferUnit, RigUnit
+from whiptool import Disc
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted, fixed, rounded
-from whiptool.zone import Disc
 
 ZONE = Disc((1.15, 0.0), 0.1)
 POOL = 60  # targets

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from papers.unknown.unknown_whips import FINEST, Study, padded, predictions, times
-from whiptool.adaptation.loop import Adaptation
+from whiptool import Adaptation, Plant, draw_twin
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import Demands, plan
 from whiptool.adaptation.prior import Belief, driven
 from whiptool.adaptation.steps import Step
-from whiptool.adaptation.twins import draw_twin
 from whiptool.comparison.unit import Unit
-from whiptool.identification.plant import Plant
 from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.rig.stops import StrikeStopped
 
