@@ -30,12 +30,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 from papers.aim import published
 from papers.aim.aimed import Aimed, aim

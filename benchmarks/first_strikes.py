@@ -22,11 +22,15 @@ import argparse
 import cProfile
 import json
 import pstats
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 import whiptool as wt
 from papers.aim.spaces import targets

@@ -17,8 +17,11 @@ import sys
 import time
 from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 import whiptool as wt
 from papers.unknown.rope_swings import IN_SPACE

@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 from papers.aim.spaces import CAP, QUICK_CAP, QUICK_TARGETS, TARGETS, SpaceStudy
 from whiptool.comparison import Store

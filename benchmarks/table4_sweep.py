@@ -11,9 +11,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize_scalar
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 from papers.lemon2024.tracking_errors import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
