@@ -172,7 +172,7 @@ def test_what_refinement_missed_is_given_to_other_searches(monkeypatch):
     for place, radius, hit in (((1.3, 0.0), 0.05, True), ((1.2, 0.5), 1e-9, False)):
         goals = Goals(np.array([place]), radius)
         task: Any = SimpleNamespace(name="toy", goals=lambda goals=goals: goals)
-        unit = MissedUnit(task=task, folder=Path("map"), label="one", goal=0, brief=True)
+        unit = MissedUnit(task=task, kept=KeptMap(Path("map"), "one"), goal=0, brief=True)
         found = json.loads(json.dumps(unit.run(None, None), allow_nan=False))["found"]
         assert found[0]["search"] == "candidates"
         assert found[-1]["hit"] == hit
