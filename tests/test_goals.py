@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals, arrival_angles, arrival_directions
+from whiptool.goals import (
+    PACE,
+    Goals,
+    angle_probability,
+    arrival_angles,
+    arrival_directions,
+    direction_error,
+    probability_within,
+)
 from whiptool.rollout.trajectory import Approach
 
 RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
@@ -209,3 +217,65 @@ def test_a_hit_is_near_and_as_asked_and_did_not_diverge():
     for diverged in (False, True):
         near = Approach(distance[:1], *np.zeros((1, 1)), velocity[:1], *[nothing] * 3, np.array([diverged]))
         assert bool(goals.hit_by(near)[0]) == (not diverged)
+
+
+def test_a_hit_is_what_exceeds_no_part_of_its_goal():
+    """The parts beyond a goal, by their definitions, and nothing else decide."""
+    goals, rng = random_goals(3, sight=True), np.random.default_rng(3)
+    directions, sights = goals.directions, goals.sights
+    assert directions is not None
+    assert sights is not None
+    velocity = 8.0 * directions + 2.0 * rng.normal(size=(200, 3)) + 3.0 * sights
+    distance = rng.uniform(0, 2 * RADIUS, 200)
+    seen = velocity - (velocity * sights).sum(axis=1, keepdims=True) * sights
+    along = (velocity * directions).sum(axis=1)
+    angle = np.arccos(np.clip(along / np.linalg.norm(seen, axis=1), -1, 1))
+    excess = goals.excess(distance, velocity)
+    expected = {"point": distance - RADIUS, "direction": angle - CONE, "speed": SPEED - along}
+    for name, by in expected.items():
+        np.testing.assert_allclose(excess.pop(name), by, atol=1e-7)
+    assert not excess
+    hit = np.logical_and.reduce([by <= 0 for by in expected.values()])
+    assert 20 < hit.sum() < 150
+    np.testing.assert_array_equal(goals.hit(distance, velocity), hit)
+    assert list(Goals(np.zeros((1, 2)), RADIUS).excess(distance, velocity)) == ["point"]
+
+
+def test_of_an_unknown_velocity_only_points_are_hit():
+    near, point = np.array([[0.01, 0.06]]), Goals(np.zeros((1, 2)), RADIUS)
+    for goal, hit in ((point, True), (Goals(np.zeros((1, 2)), RADIUS, speed=1.0), False)):
+        assert goal.hit(near).tolist() == [[hit, False]]
+        assert goal.hit(near, None, np.array([1e-3, 1e-3])).tolist() == [[hit, False]]
+        assert goal.hit_probability(near, None, 1e-3)[0].tolist() == pytest.approx([1.0 if hit else 0.5, 0.0])
+
+
+def test_the_probability_of_a_hit_is_that_of_its_parts():
+    """By the point, the direction, which errs as the place does over what the tip moves on, and the speed."""
+    goal = Goals(np.zeros((1, 2)), RADIUS, np.array([[1.0, 0.0]]), CONE, SPEED)
+    angle, speed = np.deg2rad([[0, 8], [8, 0]]), np.array([[6.5, 7.0], [8.0, 5.9]])
+    velocity = speed[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    distance, error = np.array([[0.0, 0.03], [0.045, 0.0]]), np.array([[0.01, 0.02], [0.01, 0.01]])
+    turned = np.arctan(error / (PACE * speed))
+    parts = probability_within(RADIUS, distance, error) * angle_probability(angle, CONE, turned)
+    parts[1, 1] = 0.0  # too slow
+    np.testing.assert_allclose(goal.hit_probability(distance, velocity, error), parts, atol=1e-12)
+    claimed = goal.hit(distance[0], velocity[0], error[0])
+    np.testing.assert_array_equal(claimed, parts[0] >= 0.9)
+
+
+@pytest.mark.parametrize(("angle", "cone", "error"), [(0.0, 0.17, 0.1), (0.15, 0.17, 0.05), (0.4, 0.17, 0.2)])
+def test_the_probability_of_a_cone_is_that_of_draws(angle, cone, error):
+    draws = angle + error * np.random.default_rng(0).standard_normal(1_000_000)
+    found = angle_probability(np.array([angle]), cone, np.array([error]))[0]
+    assert found == pytest.approx((np.abs(draws) <= cone).mean(), abs=2e-3)
+
+
+def test_a_direction_errs_by_what_the_path_is_off_over_what_the_tip_moves_on():
+    """A path that is off by a sine of the pace's size turns the velocity by about as much; a fast tip by less."""
+    speed, off = 5.0, 0.004
+    t = np.linspace(0, PACE, 2001)
+    across = off * np.sin(t / PACE)  # its slope at first is off / PACE
+    turned = np.arctan2(np.gradient(across, t), speed)[0]
+    assert direction_error(off, np.array([speed]))[0] == pytest.approx(turned, rel=1e-3)
+    assert direction_error(off, np.array([10 * speed]))[0] == pytest.approx(turned / 10, rel=1e-3)
+    assert direction_error(off, np.array([0.0]))[0] < np.pi / 2

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 CONE = math.radians(10.0)  # half-angle, as in "Point It, Strike It" (2026)
+PACE = 0.05  # [s] in which the distance between the true and the expected path changes by its own size
+_STILL = 1e-3  # [m/s], below which a tip has no direction
 _ALONG = 1e-6  # sine of the angle from the vertical below which a line of sight has no upward direction across it
 
 
@@ -38,6 +40,29 @@ def probability_within(
     low, high = (-radius - miss) / scale, (radius - miss) / scale
     within = ndtr(high) - ndtr(low) if freedom == np.inf else stdtr(freedom, high) - stdtr(freedom, low)
     return np.clip(within, 0.0, 1.0)  # stdtr errs in the last digits
+
+
+def direction_error(error: np.ndarray | float, speed: np.ndarray) -> np.ndarray:
+    """Return the standard error of a direction [rad]: that of the place over what the tip moves on in `PACE`.
+
+    Args:
+        error: Standard error of the place [m], one number or like `speed`.
+        speed: Of the tip [m/s], any shape.
+    """
+    return np.arctan(error / (np.maximum(speed, _STILL) * PACE))
+
+
+def angle_probability(angle: np.ndarray, cone: float, error: np.ndarray) -> np.ndarray:
+    """Return the probability that a direction lies within a cone.
+
+    Args:
+        angle: Expected angle from the middle of the cone [rad], any shape.
+        cone: [rad]
+        error: Standard error of the angle [rad], like `angle`, positive.
+    """
+    from scipy.special import ndtr
+
+    return ndtr((cone - angle) / error) - ndtr((-cone - angle) / error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,26 +139,74 @@ class Goals(NoArray, instead="its positions"):
     def arrives(self, velocity: np.ndarray) -> np.ndarray:
         """Return whether velocities (B, d) [m/s] at the closest approach are as asked, (B,)."""
         arrives = np.ones(len(velocity), bool)
-        if self.directions is not None:
-            arrives &= self.angle(velocity) <= self.cone
-        if self.speed is not None:
-            arrives &= self.arrival_speed(velocity) >= self.speed
+        for excess in self._arrival_excess(velocity).values():
+            arrives &= excess <= 0
         return arrives
 
-    def hit(self, distance: np.ndarray, velocity: np.ndarray, error: np.ndarray | None = None) -> np.ndarray:
-        """Return which strikes hit, (B,): by point, direction and speed. Whoever tells or counts hits asks this.
+    def excess(self, distance: np.ndarray, velocity: np.ndarray) -> dict[str, np.ndarray]:
+        """Return by how much strikes exceed each part of the goal, (B,) each; zero or less where a part is met.
+
+        The parts are `point` [m] and, where they are asked for, `direction` [rad] and `speed` [m/s].
+
+        Args:
+            distance, velocity: As of `hit`.
+        """
+        return {"point": distance - self.hit_radius, **self._arrival_excess(velocity)}
+
+    def _arrival_excess(self, velocity: np.ndarray) -> dict[str, np.ndarray]:
+        excess = {}
+        if self.directions is not None:
+            excess["direction"] = self.angle(velocity) - self.cone
+        if self.speed is not None:
+            excess["speed"] = self.speed - self.arrival_speed(velocity)
+        return excess
+
+    def hit(
+        self, distance: np.ndarray, velocity: np.ndarray | None = None, error: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return which strikes hit, (B,): by point, direction and speed.
+
+        This is the one place where hits are decided: whatever shows, counts or rewards them asks it.
 
         Args:
             distance: Of the tip from the target at the closest approach [m], (B,); NaN or infinite where there is none.
-            velocity: Of the tip then [m/s], (B, d).
-            error: Standard error of the distance where it was measured [m], (B,): a point is claimed as hit with a
-                probability of `CLAIMED`. None: the distance was computed.
+            velocity: Of the tip then [m/s], (B, d); None: not known, and only goals that are points can be hit.
+            error: Standard error of the distance where it was measured [m], (B,): a hit is claimed from a probability
+                of `CLAIMED`. None: the distance was computed.
         """
-        if error is None:
-            near = distance <= self.hit_radius
-        else:
-            near = probability_within(self.hit_radius, distance, error) >= CLAIMED
-        return near & self.arrives(velocity)
+        if error is not None:
+            return self.hit_probability(distance, velocity, error) >= CLAIMED
+        near = distance <= self.hit_radius
+        if self.only_points:
+            return near
+        return near & (velocity is not None and self.arrives(velocity))
+
+    def hit_probability(
+        self, distance: np.ndarray, velocity: np.ndarray | None, error: np.ndarray | float, freedom: float = np.inf
+    ) -> np.ndarray:
+        """Return the probability of hits of strikes whose place has an error; of the shape of `distance`.
+
+        The direction errs as the place does, see `direction_error`; the speed is taken as it is.
+
+        Args:
+            distance: Expected distance of the tip from the target at the closest approach [m], any shape.
+            velocity: Of the tip then [m/s], one more axis, (..., d); None: not known, and of a goal that is more than a
+                point the probability is one half at most.
+            error: Scale of the place's error [m], one number or like `distance`; positive.
+            freedom: Degrees of freedom of the place's error, see `probability_within`.
+        """
+        within = probability_within(self.hit_radius, distance, error, freedom)
+        if self.only_points:
+            return within
+        if velocity is None:
+            return np.minimum(within, 0.5)
+        flat = velocity.reshape(-1, velocity.shape[-1])
+        if self.directions is not None:
+            off = direction_error(np.broadcast_to(error, distance.shape).ravel(), np.linalg.norm(flat, axis=1))
+            within = within * angle_probability(self.angle(flat), self.cone, off).reshape(distance.shape)
+        if self.speed is not None:
+            within = within * (self._arrival_excess(flat)["speed"] <= 0).reshape(distance.shape)
+        return within
 
     def hit_by(self, near: Approach) -> np.ndarray:
         """Return which of the strikes with these closest approaches hit, (B,): see `hit`.

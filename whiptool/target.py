@@ -164,22 +164,17 @@ class Target(Vector):
         """Return the time of a strike's closest approach (B = 1) if that is a hit [s], see `Goals.hit`; else None."""
         return float(near.time[0]) if self.goals.hit_by(near)[0] else None
 
-    def missed_by(self, distance: float, angle: float | None = None, speed: float | None = None) -> dict[str, float]:
+    def missed_by(self, distance: float, velocity: Sequence[float] | np.ndarray) -> dict[str, float]:
         """Return by how much a strike misses what is asked for: `point` [m], `direction` [rad], `speed` [m/s].
 
-        What is kept, or not asked for, is left out.
+        What is met, or not asked for, is left out.
 
         Args:
             distance: Of the tip at the closest approach [m].
-            angle: Between the tip's velocity and the direction then [rad].
-            speed: Of the tip then, along the direction where there is one [m/s].
+            velocity: Of the tip then [m/s], (2,) or (3,).
         """
-        excess = {"point": distance - self.hit_radius}
-        if self.direction is not None and angle is not None:
-            excess["direction"] = angle - self.cone
-        if self.speed is not None and speed is not None:
-            excess["speed"] = self.speed - speed
-        return {name: by for name, by in excess.items() if by > 0}
+        excess = self.goals.excess(np.array([distance]), np.array([velocity]))
+        return {name: float(by[0]) for name, by in excess.items() if by[0] > 0}
 
     def check_fits(self, model: Model) -> None:
         """Refuse a target with too many or too few coordinates for a model, or with a hit radius beyond its reach.
@@ -247,7 +242,12 @@ def check_radius(name: str, radius: float, place: Sequence[float], model: Model)
 
 
 def missed_words(missed: Mapping[str, float]) -> str:
-    """Return what `Target.missed_by` found in words, such as `the direction by 12.3 degrees`; empty for nothing."""
+    """Return what `Target.missed_by` found in words, such as `the direction by 12.3 degrees`.
+
+    A strike that is no hit, though it misses nothing, was not computed or measured well enough.
+    """
+    if not missed:
+        return "by less than the uncertainty"
     units = {"point": (1e3, "mm"), "direction": (math.degrees(1), "degrees"), "speed": (1.0, "m/s")}
     said = (f"the {name} by {by * units[name][0]:.3g} {units[name][1]}" for name, by in missed.items())
     return ", ".join(said)

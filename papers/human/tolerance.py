@@ -104,7 +104,7 @@ def tolerance(rollout: Rollout, target: Target, strikes: np.ndarray, *, draws: i
         apart = np.stack([misses(rollout, target, some) for some in alone])  # (2, m)
         sensitivity.append(np.sqrt((apart**2).mean(axis=0)) / SMALL)
         distance = np.stack([misses(rollout, target, noisy(strike, normal, size)) for size in SIZES])
-        hits.append(distance <= target.hit_radius)
+        hits.append(target.goals.hit(distance))
         miss.append(distance.mean(axis=1))
     return Tolerance(np.array(sensitivity), np.array(hits), np.array(miss))
 

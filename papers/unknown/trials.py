@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.target import Target
+
 _RESAMPLES, _BINS = 2000, 5
 
 
@@ -30,9 +32,13 @@ class Trials:
         miss = [[np.inf if x is None else x for x in row] for _, row in rows]
         return cls(np.array(miss), np.array([w for w, _ in rows]))
 
+    def hits(self, radius: float) -> np.ndarray:
+        """Which strikes hit a point to within a radius [m], (T, strikes)."""
+        return hits(self.miss, radius)
+
     def trials(self, radius: float) -> np.ndarray:
         """To the first hit within a radius, the number of strikes where there was none, (T,)."""
-        hit = self.miss <= radius
+        hit = self.hits(radius)
         return np.where(hit.any(axis=1), hit.argmax(axis=1) + 1, self.miss.shape[1])
 
     def interval(self, values: np.ndarray, statistic=np.mean) -> tuple[float, float]:
@@ -45,6 +51,11 @@ class Trials:
             found.append(statistic(values[drawn]))
         low, high = np.percentile(found, (2.5, 97.5), method="nearest")  # some may be infinite
         return float(low), float(high)
+
+
+def hits(miss: np.ndarray, radius: float) -> np.ndarray:
+    """Which miss distances [m], any shape, hit a point to within a radius [m]."""
+    return Target(hit_radius=radius).goals.hit(miss)
 
 
 def reliability(stated: np.ndarray, observed: np.ndarray) -> tuple[np.ndarray, float]:

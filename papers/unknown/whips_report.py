@@ -16,7 +16,7 @@ from papers.context import Context
 from papers.unknown import ropes_report
 from papers.unknown.calibration import calibration, forecasts, stated
 from papers.unknown.scores import Scores
-from papers.unknown.trials import Trials, reliability
+from papers.unknown.trials import Trials, hits, reliability
 from papers.unknown.unknown_whips import (
     LOOKING,
     METHODS,
@@ -247,7 +247,7 @@ def _hits(table: dict[tuple[str, str], Trials]) -> list[list[str]]:
     header = ["family", "method", "trials", *(f"hit by {i + 1}" for i in range(strikes))]
     rows = [header + [f"miss {i + 1} [cm]" for i in range(strikes)]]
     for (family, method), t in table.items():
-        hit = np.logical_or.accumulate(t.miss <= HIT_RADIUS, axis=1).mean(axis=0)
+        hit = np.logical_or.accumulate(t.hits(HIT_RADIUS), axis=1).mean(axis=0)
         median = np.median(t.miss, axis=0)
         rows.append([family, method, str(len(t.miss)), *(f"{100 * x:.0f} %" for x in hit)])
         rows[-1] += [fixed(100 * x) for x in median]
@@ -261,9 +261,7 @@ def _trials(table: dict[tuple[str, str], Trials]) -> list[list[str]]:
         for r in RADII:
             number = t.trials(r)
             low, high = t.interval(number)
-            cells.append(
-                f"{number.mean():.2f} ({low:.2f} to {high:.2f}), {100 * (t.miss <= r).any(axis=1).mean():.0f} %"
-            )
+            cells.append(f"{number.mean():.2f} ({low:.2f} to {high:.2f}), {100 * t.hits(r).any(axis=1).mean():.0f} %")
         rows.append([family, method, *cells])
     return rows
 
@@ -314,7 +312,7 @@ def _transfer(learned: dict[str, list[dict[str, Any]]], whole: dict[str, list[di
             whips = [r["transferred"] for r in results if r["transferred"]]
             if whips:
                 miss = _misses([x for whip in whips for x in whip])
-                shares = [f"{100 * (miss <= r).mean():.0f} %" for r in RADII[:2]]
+                shares = [f"{100 * hits(miss, r).mean():.0f} %" for r in RADII[:2]]
                 said = [family, through, str(len(whips)), str(len(miss))]
                 rows.append([*said, *shares, fixed(100 * np.median(miss))])
     return rows
@@ -333,8 +331,8 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
     radii, numbers = [f"within {100 * r:g} cm" for r in RADII], [f"miss {i + 1} [cm]" for i in range(strikes)]
     rows = [["family", "method", "whips", "hit by 1", "hit by 2", *radii, *numbers]]
     for (family, method), t in _whole(rigs, chain).items():
-        means = [f"{t.trials(r).mean():.2f} ({100 * (t.miss <= r).any(axis=1).mean():.0f} %)" for r in RADII]
-        hit = np.logical_or.accumulate(t.miss <= HIT_RADIUS, axis=1).mean(axis=0)[:2]
+        means = [f"{t.trials(r).mean():.2f} ({100 * t.hits(r).any(axis=1).mean():.0f} %)" for r in RADII]
+        hit = np.logical_or.accumulate(t.hits(HIT_RADIUS), axis=1).mean(axis=0)[:2]
         said = [family, method, str(len(t.miss)), *(f"{100 * x:.0f} %" for x in hit), *means]
         rows.append([*said, *(fixed(100 * x) for x in np.median(t.miss, axis=0))])
     faults = sum(bool(fault) for result in chain.values() for fault in result["faults"])

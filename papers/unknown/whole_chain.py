@@ -66,7 +66,8 @@ def motors_reach(study: Study, family: str, seed: int, number: int) -> bool:
     effort = replace(usual.later, whips=1, **({} if study.thorough else {"polished": 4, "rounds": 0}))
     rng, target = np.random.default_rng([seed, number]), study.target(number)
     found = plan(known, target, rng=rng, demands=Demands(usual.bounds, usual.limits), effort=effort)
-    return found.usage is not None and found.usage <= 1 and (found.mean_miss or 0.0) <= target.hit_radius
+    hit = found.mean_miss is not None and bool(target.goals.hit(np.array(found.mean_miss)))
+    return hit and found.usage is not None and found.usage <= 1
 
 
 @dataclass(frozen=True, kw_only=True)

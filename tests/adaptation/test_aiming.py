@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import types
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
-from whiptool.adaptation.aiming import Passes, aim
+from whiptool.adaptation.aiming import Passes, _Aimed, aim
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
@@ -20,7 +22,7 @@ from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.errors import InputError
-from whiptool.identification.arrival_error import PACE
+from whiptool.goals import PACE
 from whiptool.identification.plant import Plant
 from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.clearance import Clearance
@@ -45,17 +47,34 @@ def test_the_probability_is_that_of_draws():
     rng, error = np.random.default_rng(0), ModelError(0.02, 4.0)
     goal = Target.arriving((1.6, 0.2, 0.3), 0.5, hit_radius=0.05, speed=1.0).goals
     miss, angle, speed = 0.03, math.radians(6), 3.0
-    column = {"distance": miss, "angle": angle, "shortfall": 0.0, "speed": speed}
-    found = Passes(**{name: np.array([[x]]) for name, x in column.items()}).probability(goal, error)
+    assert goal.directions is not None
+    assert goal.sights is not None
+    along, across = goal.directions[0], np.cross(goal.sights[0], goal.directions[0])
+    velocity = speed * (math.cos(angle) * along + math.sin(angle) * across)
+    found = Passes(np.array([[miss]]), velocity[None, None]).probability(goal, error)
     passed = np.abs(miss + error.scale * rng.standard_t(error.freedom, 400_000)) <= goal.hit_radius
     turned = np.abs(angle + error.scale / (speed * PACE) * rng.standard_normal(400_000)) <= goal.cone
     assert found[0] == pytest.approx((passed & turned).mean(), abs=0.01)
-    slow = Passes(**{name: np.array([[x]]) for name, x in {**column, "shortfall": 0.1}.items()})
+    slow = Passes(np.array([[miss]]), 0.3 * velocity[None, None])
     assert slow.probability(goal, error)[0] == 0.0
-    lost = Passes(**{name: np.array([[miss, x]]) for name, x in {**column, "distance": np.inf}.items()})
-    lost = dataclasses.replace(lost, distance=np.array([[miss, np.inf]]), angle=np.array([[angle, np.nan]]))
-    both = dataclasses.replace(lost, shortfall=np.zeros((1, 2)), speed=np.array([[speed, 0.0]]))
-    assert both.probability(goal, error)[0] == pytest.approx(found[0] / 2)
+    lost = Passes(np.array([[miss, np.inf]]), np.array([[velocity, np.zeros(3)]]))
+    assert lost.probability(goal, error)[0] == pytest.approx(found[0] / 2)
+
+
+def test_a_strike_that_passes_every_whip_by_a_quarter_of_what_is_allowed_is_good_enough():
+    for target in (
+        Target.arriving((1.6, 0.2, 0.3), 0.5, hit_radius=0.06, cone=0.4),
+        Target((1.6, 0.2, 0.3), 0.06, direction=(0, 0, 1), cone=0.4, speed=20.0),
+        Target((1.6, 0.2, 0.3), 0.06),
+    ):
+        search = types.SimpleNamespace(goal=target.goals, error=ModelError())
+        within = norm.cdf((0.06 - 0.015) / 0.005) - norm.cdf((-0.06 - 0.015) / 0.005)
+        enough = within - 0.2 * 0.015
+        if target.direction is not None:
+            turned = np.arctan(0.005 / (max(10.0, 2 * (target.speed or 0)) * PACE))
+            enough = within * (norm.cdf(0.3 / turned) - norm.cdf(-0.5 / turned)) - 0.2 * 0.015 - 0.2 * 0.1 / np.pi
+        assert _Aimed.sure(search, enough + 1e-9)
+        assert not _Aimed.sure(search, enough - 1e-9)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -7,39 +7,42 @@ from scipy import stats
 from whiptool.adaptation.model_error import ModelError
 from whiptool.errors import InputError
 from whiptool.goals import probability_within
+from whiptool.target import Target
+
+GOAL = Target(hit_radius=0.06).goals
 
 
 @pytest.mark.parametrize(("scale", "freedom"), [(0.01, 1.5), (0.03, 4.0), (0.02, np.inf)])
 def test_hit_probability_is_the_share_of_draws_that_hit(scale: float, freedom: float) -> None:
-    error, radius = ModelError(scale, freedom), 0.06
+    error, radius = ModelError(scale, freedom), GOAL.hit_radius
     predicted = np.array([0.0, 0.02, 0.055, 0.065, 0.2])
     draws = error.drawn(np.repeat(predicted[:, None], 200_000, axis=1), np.random.default_rng(0))
     shares = (draws <= radius).mean(axis=1)
-    np.testing.assert_allclose(error.hit_probability(predicted, radius), shares, atol=0.004)
+    np.testing.assert_allclose(error.hit_probability(GOAL, predicted, None), shares, atol=0.004)
 
 
 def test_each_path_may_have_an_error_of_its_own() -> None:
     at, errors = np.array([0.05, 0.07]), np.array([0.01, 0.03])
-    each = [ModelError(x).hit_probability(at, 0.06)[i] for i, x in enumerate(errors)]
+    each = [ModelError(x).hit_probability(GOAL, at, None)[i] for i, x in enumerate(errors)]
     np.testing.assert_allclose(probability_within(0.06, at, errors), each)
 
 
 def test_no_error_is_certain() -> None:
-    assert ModelError().hit_probability(np.array([0.05, 0.07]), 0.06).tolist() == [1.0, 0.0]
+    assert ModelError().hit_probability(GOAL, np.array([0.05, 0.07]), None).tolist() == [1.0, 0.0]
     assert ModelError(0.0, 2.0).drawn(np.array([0.05]), np.random.default_rng(0)).tolist() == [0.05]
 
 
 def test_a_strike_that_diverges_never_hits() -> None:
     error = ModelError(0.01, 3.0)
-    assert error.hit_probability(np.array([np.inf]), 0.06)[0] == 0
+    assert error.hit_probability(GOAL, np.array([np.inf]), None)[0] == 0
     assert np.isinf(error.drawn(np.array([np.inf]), np.random.default_rng(0)))[0]
 
 
 def test_blur_widens() -> None:
     sharp, at = ModelError(0.001), np.array([0.05])
-    assert sharp.hit_probability(at, 0.06)[0] == pytest.approx(1)
+    assert sharp.hit_probability(GOAL, at, None)[0] == pytest.approx(1)
     expected = stats.norm.cdf(0.01, scale=0.02) - stats.norm.cdf(-0.11, scale=0.02)
-    assert sharp.hit_probability(at, 0.06, blur=np.sqrt(0.02**2 - 0.001**2))[0] == pytest.approx(expected)
+    assert sharp.hit_probability(GOAL, at, None, blur=np.sqrt(0.02**2 - 0.001**2))[0] == pytest.approx(expected)
 
 
 def test_update_is_bayes_rule() -> None:

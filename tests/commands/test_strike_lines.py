@@ -61,11 +61,21 @@ def test_torques_of_an_arm_of_unknown_inertia_are_not_told():
 def test_a_miss_says_what_was_missed_and_by_how_much(miss, angle, speed, words, numbers):
     """Asked for are 0.06 m, 10 degrees and 4.5 m/s."""
     asked = dataclasses.replace(Target((1.0, 0.0, 0.0)), direction=(1.0, 0.0, 0.0), speed=4.5)
-    came = {"hit": False, "lost": False, "miss_distance": miss, "arrival": Arrival(angle, speed, 0.05)}
+    velocity = (speed, abs(speed * math.tan(angle)), 0.0)
+    came = {"hit": False, "lost": False, "miss_distance": miss, "tip_velocity": velocity}
+    came |= {"arrival": Arrival(angle, speed, 0.05)}
     outcome = types.SimpleNamespace(**vars(OUTCOME) | came)
     assert f"m, missed {words}: closest {miss:.4f} m" in outcome_lines(outcome, asked, ARM)[0]
     missed = missed_by(outcome, asked)
     assert missed == dict(zip(("point", "direction", "speed"), map(pytest.approx, numbers), strict=True))
+
+
+def test_what_misses_nothing_and_is_no_hit_is_not_known_well_enough():
+    asked = dataclasses.replace(Target((1.0, 0.0, 0.0)), direction=(1.0, 0.0, 0.0))
+    came = {"hit": False, "lost": False, "miss_distance": 0.0599, "tip_velocity": (5.0, 0.0, 0.0)}
+    outcome = types.SimpleNamespace(**vars(OUTCOME) | came | {"arrival": Arrival(0.0, 5.0, 0.0599)})
+    assert "m, missed by less than the uncertainty: closest 0.0599 m" in outcome_lines(outcome, asked, ARM)[0]
+    assert missed_by(outcome, asked) == {"point": None, "direction": None, "speed": None}
 
 
 def test_a_hit_and_a_strike_that_was_lost_miss_nothing():

@@ -60,3 +60,22 @@ def test_trials_at_several_radii_where_a_direction_is_asked_for():
             assert hit[i] == bool(hits)
     assert found[0.4][1].tolist() == [False, True, True]
     assert found[0.06][1].tolist() == [False, False, True]
+
+
+class Low:
+    """The first angle may be 0.6 at most."""
+
+    judges, by_peaks, command, positions, smooth, of_candidates = "motor", True, None, None, (), False
+
+    def violation_of_peaks(self, near):
+        return near.max_joint_speed[:, 0] - 0.6
+
+
+def test_a_strike_that_the_limits_refuse_is_a_hit_at_no_radius():
+    """Of samples at -0.3, 0.45, 0.8 and 0.89 rad the last two are refused, which alone pass the target at 0.9 rad."""
+    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.02, limits=Low())
+    found = trials_within(
+        Scripted(task, [-0.3, 0.45, 0.8, 0.89]), task, TARGETS, (0.2, 0.02), cap=4, convention="samples"
+    )
+    assert found[0.2][1].tolist() == [False, True, False]
+    assert found[0.02][1].tolist() == [False, False, False]

@@ -29,15 +29,16 @@ def task(**options) -> StrikeTask:
 def test_the_reward_of_eq_17():
     above = math.nextafter
     distances = np.array([0.0, 0.06, above(0.06, 1), 0.1, above(0.1, 1), 1.0])
-    assert reward(distances, 0.06) == pytest.approx([50, 50, -0.3, -0.5, -1.0, -10])
-    assert reward(np.array([0.01, 0.02]), 0.01) == pytest.approx([50, -0.1])
+    assert reward(distances, distances <= 0.06) == pytest.approx([50, 50, -0.3, -0.5, -1.0, -10])
+    assert reward(np.array([0.01, 0.02]), np.array([True, False])) == pytest.approx([50, -0.1])
 
 
 def test_the_logarithmic_reward():
     assert log_reward(np.array([0.06, 0.12, 0.018, 0.001]), 0.06) == pytest.approx(
         [0, -math.log(2), -math.log(0.3), -math.log(0.3)]
     )
-    assert task(reward="log", hit_radius=0.1).reward(np.array([0.2])) == pytest.approx([-math.log(2)])
+    logarithmic = task(reward="log", hit_radius=0.1)
+    assert logarithmic.reward(np.array([0.2]), np.array([False])) == pytest.approx([-math.log(2)])
 
 
 def test_actions_cover_the_box():

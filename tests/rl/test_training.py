@@ -57,12 +57,12 @@ def test_episodes_show_their_strikes_and_keep_their_targets():
         distance = np.where(near.diverged, task.penalty, near.distance)
         hit = distance <= 0.06
         np.testing.assert_allclose(new.obs, task.normalise(obs), rtol=1e-5, atol=1e-6)
-        np.testing.assert_allclose(new.reward, reward(distance, 0.06), rtol=1e-5)
+        np.testing.assert_allclose(new.reward, reward(distance, distance <= 0.06), rtol=1e-5)
         np.testing.assert_array_equal(new.terminated, hit)
         seen = task.look(task.judge(strikes, task.as_goals(targets)), targets)
         np.testing.assert_allclose(new.next_obs, task.normalise(seen), rtol=1e-5, atol=1e-6)
         assert (episode.number, episode.strikes) == (number, 30 * number)
-        assert episode.mean_reward == pytest.approx(reward(distance, 0.06).mean())
+        assert episode.mean_reward == pytest.approx(reward(distance, distance <= 0.06).mean())
         assert episode.share_hit == hit.mean()
         assert episode.diverged == diverged + near.diverged.sum()
         assert episode.losses == {"critic": 1.5}
@@ -123,7 +123,7 @@ def test_relabelled_strikes_are_those_of_the_straight_line():
         targets = np.array(ZONE.centre) + ZONE.radius * new.obs[:, 4:].double().numpy()
         near = StraightFlight().approach(strikes, targets, t_stay=run.task.t_stay)
         distance = np.linalg.norm(near.tip - targets, axis=1)
-        np.testing.assert_allclose(new.reward, reward(distance, 0.06), rtol=1e-3, atol=1e-3)
+        np.testing.assert_allclose(new.reward, reward(distance, distance <= 0.06), rtol=1e-3, atol=1e-3)
         np.testing.assert_array_equal(new.terminated, distance <= 0.06)
         after = np.hstack([near.tip, SPEED * direction, targets])
         np.testing.assert_allclose(new.next_obs, run.task.normalise(after), atol=2e-4)

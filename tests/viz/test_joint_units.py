@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from approaches import approaches
 from matplotlib.figure import Figure
 from random_space import random_arm, random_whip
 from space_swing import swing
@@ -40,7 +41,12 @@ def test_numbers_of_a_strike_have_the_units_of_their_joints():
     assert ends == ["[rad]", "[m]", "[rad]", "[rad]", "[m]", "[rad]", "[s]"]
     assert (axis_label("x_f"), axis_label("turn_x_f")[-5:]) == ("$x_{f}$ [m]", "[rad]")
     landscape = plot_landscape(
-        Figure().subplots(), *np.ones((2, 2)).cumsum(0), np.eye(2), 0.5, names=names[3:5], slides=slides
+        Figure().subplots(),
+        *np.ones((2, 2)).cumsum(0),
+        approaches(np.eye(2)),
+        Target(),
+        names=names[3:5],
+        slides=slides,
     )
     pair = (0.0, 0.0)
     trial = Trial(1, (0.0,) * len(names), Outcome(0.5, False, 0.3, pair, pair, pair, pair, False))

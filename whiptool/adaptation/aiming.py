@@ -20,7 +20,6 @@ from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import JUDGED, SURE, WORTH, Effort, Plan
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals import Goals
-from whiptool.identification.arrival_error import angle_probability, direction_error
 from whiptool.identification.plant import Plant
 from whiptool.limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
@@ -36,6 +35,7 @@ RETRIES = 3  # with the first effort, for a strike that is less than half sure t
 RATE = 100.0  # [1/s] of the paths that are compared
 STEPS = 20  # of a refinement
 STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
+_FAST = 10.0  # [m/s] of a tip that arrives well; where a speed is asked for, at least twice that
 _SPREAD = 0.02  # of the box's widths, of the first steps from the best strike
 
 
@@ -45,31 +45,19 @@ class Passes:
 
     Args:
         distance: Closest approach [m], (B, S); infinite where it is not known.
-        angle: Between velocity and direction there [rad], (B, S); NaN where no direction is asked for.
-        shortfall: Share of the least speed that is missing, (B, S).
-        speed: Of the tip [m/s], (B, S).
+        velocity: Of the tip there [m/s], (B, S, d).
     """
 
     distance: np.ndarray
-    angle: np.ndarray
-    shortfall: np.ndarray
-    speed: np.ndarray
+    velocity: np.ndarray
 
     def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
-        """Return the hit probability of each strike, (B,): by the point and, where the target has one, the direction.
+        """Return the hit probability of each strike, (B,), see `ModelError.hit_probability`."""
+        return error.hit_probability(goal, self.distance, self.velocity, blur=blur).mean(axis=1)
 
-        The direction errs as the path does, see `direction_error`.
-
-        Args:
-            goal: One.
-            error: Of the model.
-            blur: Least scale of its error [m].
-        """
-        hit = error.hit_probability(self.distance, goal.hit_radius, blur=blur)
-        if goal.directions is not None:
-            scale = max(math.hypot(error.scale, blur), 1e-12)
-            hit = hit * angle_probability(self.angle, goal.cone, direction_error(scale, self.speed))
-        return np.where(np.isfinite(self.distance) & (self.shortfall <= 0), hit, 0.0).mean(axis=1)
+    def angle(self, goal: Goals) -> np.ndarray:
+        """Return the angles between velocities and direction [rad], (B, S)."""
+        return goal.angle(self.velocity.reshape(-1, self.velocity.shape[2])).reshape(self.distance.shape)
 
 
 def aim(
@@ -209,12 +197,8 @@ class _Aimed:
             models=[whip.model for whip in order],
             controllers=[whip.controller for whip in order if whip.controller is not None],
         )
-        shape, velocity = (len(strikes), len(whips)), np.nan_to_num(near.velocity)
-        arrival = self.goal.arrival_speed(velocity)
-        short = np.zeros(len(order)) if self.goal.speed is None else np.clip(1 - arrival / self.goal.speed, 0, None)
-        distance = np.where(near.known, near.distance, np.inf)
-        columns = distance, self.goal.angle(velocity), short, np.linalg.norm(velocity, axis=1)
-        return Passes(*(x.reshape(shape) for x in columns))
+        shape, distance = (len(strikes), len(whips)), np.where(near.known, near.distance, np.inf)
+        return Passes(distance.reshape(shape), np.nan_to_num(near.velocity).reshape(*shape, -1))
 
     def worth(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what is beyond the limits is behind all else."""
@@ -222,17 +206,16 @@ class _Aimed:
         worth = passes.probability(self.goal, self.error, blur=WORTH.blur)
         worth = worth - WORTH.pull * np.minimum(passes.distance, WORTH.far).mean(axis=1)
         if self.goal.directions is not None:
-            worth = worth - WORTH.pull * passes.angle.mean(axis=1) / math.pi
+            worth = worth - WORTH.pull * passes.angle(self.goal).mean(axis=1) / math.pi
         beyond = self.striker.land(strikes, self.goals(len(strikes))).beyond
         return worth - np.where(beyond > 0, 10 + np.minimum(beyond, 10), 0)
 
     def sure(self, worth: float) -> bool:
         """Whether a strike scores as much as one that passes the goal of every sampled whip by little."""
-        little, middle = SURE * self.goal.hit_radius, np.zeros((1, 1))
-        angle = middle + SURE * self.goal.cone
-        passes = Passes(middle + little, angle, middle, middle + 10.0)
+        little, turned = SURE * self.goal.hit_radius, SURE * self.goal.cone
+        passes = Passes(np.full((1, 1), little), _arriving(self.goal, turned)[None, None])
         best = float(passes.probability(self.goal, self.error, blur=WORTH.blur)[0]) - WORTH.pull * little
-        return worth >= best - (0 if self.goal.directions is None else WORTH.pull * SURE * self.goal.cone / math.pi)
+        return worth >= best - (0 if self.goal.directions is None else WORTH.pull * turned / math.pi)
 
     def report(
         self,
@@ -253,7 +236,8 @@ class _Aimed:
         expected = float(steady.mean()) if len(steady) else None
         said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
         if self.goal.directions is not None and len(steady):
-            said += f", {math.degrees(float(passes.angle[0][np.isfinite(miss)].mean())):.1f} degrees off the direction"
+            off = float(passes.angle(self.goal)[0][np.isfinite(miss)].mean())
+            said += f", {math.degrees(off):.1f} degrees off the direction"
         reason = (
             f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
             f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
@@ -265,3 +249,15 @@ class _Aimed:
         vector = tuple(map(float, Strike.from_vector(strike).vector))
         nearest, contact = float(landed.distance[0]), float(near.time[0])
         return Plan(vector, probability, expected, nearest, None, reason, spent, allowed, misses, contact)
+
+
+def _arriving(goal: Goals, angle: float) -> np.ndarray:
+    """Return a velocity (d,) [m/s] that is fast enough for a goal, and an angle [rad] off its direction."""
+    d = goal.positions.shape[1]
+    along = np.eye(d)[0] if goal.directions is None else goal.directions[0]
+    aside = np.eye(d)[np.abs(along).argmin()]
+    across = aside - (aside @ along) * along
+    if goal.sights is not None:
+        across = np.cross(along, goal.sights[0])
+    fast = max(_FAST, 2 * (goal.speed or 0.0))
+    return fast * (math.cos(angle) * along + math.sin(angle) * across / np.linalg.norm(across))

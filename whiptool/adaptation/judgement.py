@@ -12,7 +12,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
-from whiptool.goals import probability_within
 from whiptool.identification.judgement import RATE, Judgement, frames_of, judge_frames, weigh
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
@@ -24,12 +23,11 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """From a miss distance alone [m], as a port without a recording returns it.
+    """Return the judgement of a miss distance alone [m], as a port without a recording returns it.
 
     It says nothing of the tip's velocity: of a target that asks for a direction or a speed no hit is claimed.
     """
-    within = float(probability_within(target.hit_radius, np.array(miss), error))
-    return Judgement(miss, error, within if target.goals.only_points else min(within, 0.5))
+    return Judgement(miss, error, float(target.goals.hit_probability(np.array(miss), None, error)))
 
 
 def judge(

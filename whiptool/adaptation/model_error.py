@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.goals import probability_within
+from whiptool.goals import Goals
 from whiptool.models.parameters import number
 
 
@@ -53,19 +53,22 @@ class ModelError:
         prior, seen = self.freedom * self.scale**2, readings * variance
         return ModelError(float(np.sqrt((prior + seen) / (self.freedom + readings))), self.freedom + strikes)
 
-    def hit_probability(self, miss: np.ndarray, radius: float, *, blur: float = 0.0) -> np.ndarray:
-        """Return the probability that a strike of a predicted miss distance passes within a radius.
+    def hit_probability(
+        self, goal: Goals, miss: np.ndarray, velocity: np.ndarray | None, *, blur: float = 0.0
+    ) -> np.ndarray:
+        """Return the probability that strikes of predicted miss distances hit.
 
         Args:
+            goal: One.
             miss: Predicted miss distances [m], any shape.
-            radius: [m]
+            velocity: Of the tip then [m/s], (..., d); None: see `Goals.hit_probability`.
             blur: Least scale [m], which a search needs: without it what hits surely is all of one height.
 
         Returns:
             Like `miss`.
         """
         scale = max(float(np.hypot(self.scale, blur)), 1e-12)
-        return probability_within(radius, miss, scale, self.freedom)
+        return goal.hit_probability(miss, velocity, scale, self.freedom)
 
     def drawn(self, miss: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return miss distances [m] with an error drawn for each, like `miss`."""

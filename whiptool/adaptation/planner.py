@@ -345,7 +345,7 @@ class _Search:
 
     def probability(self, miss: np.ndarray) -> np.ndarray:
         """Of a hit, per strike, from (strikes, whips) miss distances; smoothed for the search."""
-        return self.error.hit_probability(miss, self.target.hit_radius, blur=WORTH.blur).mean(axis=1)
+        return self.error.hit_probability(self.target.goals, miss, None, blur=WORTH.blur).mean(axis=1)
 
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Probability of a hit less a little of the expected miss; what the motors cannot do is behind all else."""
@@ -373,7 +373,7 @@ class _Search:
     ) -> Plan:
         """The choice in words and numbers."""
         miss, near = self.each(strike[None], whips)[0], self.mean(strike[None])
-        probability = float(self.error.hit_probability(miss, self.target.hit_radius).mean())
+        probability = float(self.error.hit_probability(self.target.goals, miss, None).mean())
         steady = miss[np.isfinite(miss)]
         expected = float(steady.mean()) if len(steady) else None
         said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"

@@ -458,11 +458,6 @@ def _joint_lines(outcome, arm) -> list[str]:
     return lines
 
 
-def _missed_by(outcome, target) -> dict[str, float]:
-    came = outcome.arrival
-    return target.missed_by(outcome.miss_distance, came and came.angle, came and came.speed)
-
-
 def missed_by(outcome, target) -> dict[str, float | None] | None:
     """By how much a strike misses point [m], direction [rad] and speed [m/s], for JSON; of what it keeps None.
 
@@ -470,7 +465,8 @@ def missed_by(outcome, target) -> dict[str, float | None] | None:
     """
     if outcome.hit or outcome.lost:
         return None
-    return {"point": None, "direction": None, "speed": None} | _missed_by(outcome, target)
+    missed = target.missed_by(outcome.miss_distance, outcome.tip_velocity)
+    return {"point": None, "direction": None, "speed": None} | missed
 
 
 def outcome_lines(outcome, target, arm) -> list[str]:
@@ -483,7 +479,7 @@ def outcome_lines(outcome, target, arm) -> list[str]:
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"
     if not outcome.hit and outcome.arrival is not None:
-        said = f"missed {missed_words(_missed_by(outcome, target))}"
+        said = f"missed {missed_words(target.missed_by(outcome.miss_distance, outcome.tip_velocity))}"
     return [
         f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
         f"hit radius {target.hit_radius:.3f} m",

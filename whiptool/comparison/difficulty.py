@@ -79,11 +79,10 @@ def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> 
             if not inside.any():
                 found.append(0)
                 continue
-            distance = cdist(path[inside], targets)
-            hit = distance.min(axis=0) <= radius
+            distance, velocity = cdist(path[inside], targets), None
             if not goals.only_points:
-                hit &= goals.arrives(velocities_at(path, np.flatnonzero(inside)[distance.argmin(axis=0)], targets))
-            found.append(int(hit.sum()))
+                velocity = velocities_at(path, np.flatnonzero(inside)[distance.argmin(axis=0)], targets)
+            found.append(int(goals.hit(distance.min(axis=0), velocity).sum()))
     return np.array(found)
 
 

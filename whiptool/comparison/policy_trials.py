@@ -40,7 +40,7 @@ def trials_within(
         made[lanes] += 1
         for radius, (trials, hit) in found.items():
             within = replace(goals.rows(lanes), hit_radius=radius)
-            new = lanes[within.hit_by(judged.approach) & ~hit[lanes]]
+            new = lanes[within.hit_by(judged.approach) & ~judged.lost & ~hit[lanes]]
             trials[new], hit[new] = made[new], True
 
     trials_to_hit(learner, task, goals, cap=cap, convention=convention, on_strikes=on_strikes)

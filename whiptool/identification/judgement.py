@@ -14,8 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
-from whiptool.goals import CLAIMED, probability_within
-from whiptool.identification.arrival_error import angle_probability, direction_error
+from whiptool.goals import CLAIMED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.target import Target
@@ -156,12 +155,8 @@ def weigh(
     miss, error = np.array(distances), np.array(errors)
     mean = float((weight * miss).sum())
     spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
-    within = probability_within(target.hit_radius, miss, error)
-    if not target.goals.only_points:
-        within = within * _arrival(
-            target, np.array([(end - start) / np.diff(t)[0] for *_, start, end in segments]), error
-        )
-    hit = float((weight * within).sum())
+    velocity = np.array([(end - start) / np.diff(t)[0] for *_, start, end in segments])  # (cells, S, d)
+    hit = float((weight * target.goals.hit_probability(miss, velocity, error)).sum())
     cell, sample = np.unravel_index(weight.argmax(), weight.shape)
     when, share, start, end = (x[sample] for x in segments[cell])
     return Judgement(mean, spread, min(hit, 1.0), _nearest(t, when, share, start, end))
@@ -172,24 +167,6 @@ def _nearest(t: np.ndarray, i: int, share: float, start: np.ndarray, end: np.nda
     step, dt = end - start, t[i + 1] - t[i]
     place, velocity = start + share * step, step / dt
     return Nearest(float(t[i] + share * dt), tuple(place.tolist()), tuple(velocity.tolist()))
-
-
-def _arrival(target: Target, velocity: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """The probability that tips arrive as asked, (C, S).
-
-    Args:
-        target: Which direction and speed.
-        velocity: Of the tips where they come nearest [m/s], (C, S, d).
-        error: Standard error of their places there [m], (C, S).
-    """
-    goal, flat = target.goals, velocity.reshape(-1, velocity.shape[-1])
-    arrives = np.ones(len(flat))
-    if goal.directions is not None:
-        turned = direction_error(error.ravel(), np.linalg.norm(flat, axis=1))
-        arrives = arrives * angle_probability(goal.angle(flat), goal.cone, turned)
-    if goal.speed is not None:
-        arrives = arrives * (goal.arrival_speed(flat) >= goal.speed)
-    return arrives.reshape(error.shape)
 
 
 def _matern(lag: np.ndarray, pace: float) -> np.ndarray:

@@ -12,6 +12,7 @@ from whiptool.interception.tracks import Track
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
 from whiptool.rollout.closest import closest_on_segments
+from whiptool.target import Target
 
 FINE = 1000.0  # [1/s] of the paths that plans are judged on
 
@@ -114,7 +115,7 @@ class Aim:
         camera: Camera | None,
     ) -> None:
         self.track, self.library, self.earliest, self.latest = track, library, earliest, latest
-        self.hit_radius, self.now, self.camera = hit_radius, now, camera
+        self.goal, self.now, self.camera = Target((0.0, 0.0), hit_radius).goals, now, camera  # seen from the target
         self._seen: dict[int, Track] = {}
 
     def at_start(self, start: float) -> Track:
@@ -218,7 +219,7 @@ class Aim:
         """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
         miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance
-        hit, expected = np.mean(miss[1:] <= self.hit_radius), np.minimum(miss[1:], _AIMING.far).mean()
+        hit, expected = self.goal.hit(miss[1:]).mean(), np.minimum(miss[1:], _AIMING.far).mean()
         return _Outlook(float(hit), float(expected), float(miss[0]))
 
 

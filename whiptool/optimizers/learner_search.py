@@ -12,14 +12,11 @@ RANDOM_BATCHES = 2  # before the policy strikes
 UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an update
 
 
-def gain(costs: np.ndarray, hit_radius: float, hits: np.ndarray | None = None) -> np.ndarray:
-    """Return the rewards of costs [m], any shape: Eq. 17, times how good a hit is that is judged by a criterion.
-
-    Hits are given where more than a point is asked for.
-    """
+def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
+    """Return the rewards of costs [m], any shape, and of hits: Eq. 17, times the merit of a hit that has one."""
     from whiptool.rl.task import reward
 
-    return reward(np.maximum(costs, 0), hit_radius, hits) * np.where(costs < 0, -costs, 1.0)
+    return reward(np.maximum(costs, 0), hits) * np.where(costs < 0, -costs, 1.0)
 
 
 def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
@@ -51,8 +48,7 @@ def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
         box = (np.clip(actions.numpy().astype(float), -1, 1) + 1) / 2
         outcomes = objective.batch(objective.admissible(lower + box * (upper - lower)))
         costs = np.array([outcome.cost for outcome in outcomes])
-        hits = None if objective.goals.only_points else np.array([outcome.hit for outcome in outcomes])
-        gained = gain(costs, objective.target.hit_radius, hits)
+        gained = gain(costs, np.array([outcome.hit for outcome in outcomes]))
         new = Transitions(obs, actions, torch.as_tensor(gained, dtype=torch.float32), obs, over)
         try:
             policy.learn(new, update=not explore)

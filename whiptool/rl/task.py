@@ -31,26 +31,24 @@ OBSERVATIONS = ("tip", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
 
 
-def reward(cost: np.ndarray, hit_radius: float, hit: np.ndarray | None = None) -> np.ndarray:
+def reward(cost: np.ndarray, hit: np.ndarray) -> np.ndarray:
     """Eq. 17: 50 for a hit, else -5 d within 0.1 m, -10 d farther away; any shape.
 
     A hit radius other than the paper's 0.06 m moves the first threshold only.
 
     Args:
         cost: d [m], the miss distance; where a direction or a speed is asked for, `Goals.cost` in its place.
-        hit_radius: [m]
-        hit: Which are hits; None: those whose cost is within the hit radius, where only points are asked for.
+        hit: Which are hits, see `Goals.hit`.
     """
-    hit = cost <= hit_radius if hit is None else hit
     return np.where(hit, 50.0, np.where(cost <= 0.1, -5.0, -10.0) * cost)  # Eq. 17
 
 
-def log_reward(cost: np.ndarray, hit_radius: float, hit: np.ndarray | None = None) -> np.ndarray:
+def log_reward(cost: np.ndarray, hit_radius: float) -> np.ndarray:
     """-log of the cost in hit radii, no better than a third of one: says how near a near miss was; see `reward`."""
     return -np.log(np.maximum(cost / hit_radius, 0.3))
 
 
-REWARDS = {"paper": reward, "log": log_reward}
+REWARDS = ("paper", "log")
 
 
 def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
@@ -159,7 +157,7 @@ class StrikeTask:
             raise InputError("observation", observation, ", ".join(OBSERVATIONS), f"it is called {now}" if now else "")
         if reward not in REWARDS:
             raise InputError("reward", reward, ", ".join(REWARDS))
-        self._reward = REWARDS[reward]
+        self._reward = reward
         d = rollout.model.dimension
         self.rollout, self.zone, self.observation = rollout, zone or usual_disc(rollout.model), observation
         self.hit_radius = check_fits(self.zone, rollout.model, hit_radius)
@@ -261,9 +259,9 @@ class StrikeTask:
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(self.rollout.space.strike(strike), t_stay=self.t_stay)
 
-    def reward(self, cost: np.ndarray, hit: np.ndarray | None = None) -> np.ndarray:
+    def reward(self, cost: np.ndarray, hit: np.ndarray) -> np.ndarray:
         """Return the rewards of costs [m], any shape, and of hits; see the rewards."""
-        return self._reward(cost, self.hit_radius, hit)
+        return reward(cost, hit) if self._reward == "paper" else log_reward(cost, self.hit_radius)
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
         """Return the strike vectors of actions, (B, n_act)."""

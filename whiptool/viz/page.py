@@ -161,8 +161,7 @@ def _verdict(goal: Target, near: Approach) -> str:
         return "Hits"
     if goal.goals.only_points:
         return "Misses"
-    angle, speed = goal.goals.angle(near.velocity)[0], goal.goals.arrival_speed(near.velocity)[0]
-    return f"Misses {missed_words(goal.missed_by(near.distance[0], angle, speed))}:"
+    return f"Misses {missed_words(goal.missed_by(near.distance[0], near.velocity[0]))}:"
 
 
 def _arrival(goal: Target, near: Approach) -> list[str]:

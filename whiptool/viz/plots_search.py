@@ -14,6 +14,8 @@ from matplotlib.colors import LogNorm
 
 from whiptool.errors import InputError
 from whiptool.objective import Trial
+from whiptool.rollout.trajectory import Approach
+from whiptool.target import Target, as_target
 from whiptool.viz.plots import COLORS
 
 _COLORMAP = "cividis"  # made for readers with and without a colour vision deficiency; dark is near
@@ -38,40 +40,45 @@ def plot_landscape(
     ax: Axes,
     x: np.ndarray,
     y: np.ndarray,
-    miss_distance: np.ndarray,
-    hit_radius: float,
+    near: Approach,
+    target: Target | Sequence[float],
     *,
     names: Sequence[str],
     slides: Sequence[str] = (),
 ) -> Axes:
-    """Miss distance over two strike parameters, all others held, with a line around what hits.
+    """Draw the miss distance over two strike parameters, all others held, with a line around what hits.
 
     Args:
         ax: Where to; a colour bar is set next to it.
         x: First parameter, (X,), in its own unit.
         y: Second parameter, (Y,).
-        miss_distance: [m], (Y, X); NaN or infinite where a strike diverged, which is drawn grey.
-        hit_radius: The tip hits within this distance [m].
+        near: Closest approaches of the Y X strikes, those of the first `y` first; what diverged is drawn grey.
+        target: What was to be hit, or its place [m].
         names: Of the two parameters, as `whiptool.models.strike.strike_names` has them.
         slides: See `axis_label`.
 
     Raises:
-        InputError: The shapes do not fit, or no strike came to its end.
+        InputError: There are more or fewer strikes, or none came to its end.
     """
-    x, y, miss = np.asarray(x, float), np.asarray(y, float), np.asarray(miss_distance, float)
-    if miss.shape != (len(y), len(x)):
-        raise InputError("miss distance", f"shape {miss.shape}", f"shape ({len(y)}, {len(x)})")
-    miss = np.where(np.isfinite(miss), miss, np.nan)
-    if np.isnan(miss).all():
+    x, y, goal = np.asarray(x, float), np.asarray(y, float), as_target(target)
+    if near.distance.shape != (len(y) * len(x),):
+        raise InputError("strikes", len(near.distance), f"{len(y)} times {len(x)}, one for each pair of parameters")
+    known = ~near.diverged & np.isfinite(near.distance)
+    if not known.any():
         raise InputError("miss distance", "no finite value", "at least one strike that did not diverge")
+    miss, hit = np.where(known, near.distance, np.nan).reshape(len(y), len(x)), goal.goals.hit_by(near)
     # what is far closer than a hit needs no more shades
-    nearest, farthest = max(float(np.nanmin(miss)), hit_radius / 10), max(float(np.nanmax(miss)), hit_radius)
+    nearest = max(float(np.nanmin(miss)), goal.hit_radius / 10)
+    farthest = max(float(np.nanmax(miss)), goal.hit_radius)
     norm = LogNorm(nearest, farthest)
     ax.set_facecolor(_LOST)
     ax.pcolormesh(x, y, np.maximum(miss, nearest), cmap=_COLORMAP, norm=norm, shading="nearest", rasterized=True)
-    if np.nanmin(miss) <= hit_radius < np.nanmax(miss):
-        ax.contour(x, y, miss, levels=[hit_radius], colors=_HIT, linewidths=1.6)
-        ax.plot([], [], color=_HIT, linewidth=1.6, label=f"hit radius {hit_radius:g} m")
+    if hit.any() and not hit[known].all():
+        around, level, label = miss, goal.hit_radius, f"hit radius {goal.hit_radius:g} m"
+        if not goal.goals.only_points:
+            around, level, label = hit.reshape(miss.shape).astype(float), 0.5, "edge of the hits"
+        ax.contour(x, y, around, levels=[level], colors=_HIT, linewidths=1.6)
+        ax.plot([], [], color=_HIT, linewidth=1.6, label=label)
     ax.set(xlabel=axis_label(names[0], slides), ylabel=axis_label(names[1], slides))
     ax.grid(visible=False)
     figure = ax.get_figure()
