@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool.adaptation.correction import closest, correct
+from whiptool.adaptation.correction import correct
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.recording.strike_recording import StrikeRecording
@@ -140,15 +140,10 @@ def test_the_step_is_that_of_damped_least_squares_wherever_frames_fall(shift):
     np.testing.assert_allclose(strike.vector, expected(off), atol=0.02 * np.abs(expected(off) - U).max())
 
 
-def test_the_closest_point_lies_between_frames():
-    off = np.array([1.0, 2.0]) / np.sqrt(5) * 0.03
-    when, found = closest(filmed(off, shift=0.007), TARGET)
-    assert when == pytest.approx(0.6, abs=1e-3)
-    assert np.linalg.norm(found) == pytest.approx(0.03, abs=2e-3)
-    recording = filmed(off, shift=0.007)
-    nearest = np.linalg.norm(recording.points[:, 0] - TARGET, axis=1).min()
-    assert nearest > 0.1  # what a correction by frames would mend
-    points = recording.points.copy()
-    points[30:33] = np.nan
-    gap = StrikeRecording(recording.t, points, ("tip",), strike=recording.strike, target=TARGET)
-    assert np.linalg.norm(closest(gap, TARGET)[1]) == pytest.approx(0.03, abs=2e-3)
+def test_frames_that_are_missing_where_the_tip_is_nearest_are_joined():
+    off, recording = np.array([1.0, 2.0]) / np.sqrt(5) * 0.03, filmed(np.array([1.0, 2.0]) / np.sqrt(5) * 0.03)
+    lost = recording.without(np.abs(recording.t - 0.6) < 0.04)
+    strike = correct(Strike.from_vector(U), lost, Linear(), TARGET, bounds=BOUNDS)
+    np.testing.assert_allclose(strike.vector, expected(off), atol=0.02 * np.abs(expected(off) - U).max())
+    few = recording.without(recording.t > 0.04)  # three frames
+    assert correct(Strike.from_vector(U), few, Linear(), TARGET, bounds=BOUNDS) == Strike.from_vector(U)

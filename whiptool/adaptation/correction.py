@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.recording.filmed_approach import approach_of_path, tip_seen
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.compiled import CompiledRollout
 
 STEP = 0.1  # largest change of a number of the strike, in parts of its range
 _DIFFERENCE = 1e-3  # of the range, for the Jacobian
 _DAMPING = 0.05  # [m per range], below which a direction of the Jacobian is not trusted
 RATE = 1000.0  # [1/s] of the model's path
-_BETWEEN = 20  # points of the recorded path from frame to frame
 
 
 def correct(
@@ -28,10 +26,10 @@ def correct(
 ) -> Strike:
     """The next strike: `u - J^+ e`, with e from the recorded strike and J from the model.
 
-    e is where the recorded tip passed nearest to the target, less the target, its frames joined smoothly as they are
-    for the miss that a camera sees: between frames a fast tip moves on by more than it misses. J is how the model's
-    tip, at that time, moves with the numbers of the strike in units of their ranges; J^+ is damped, and the step is
-    cut.
+    e is where the recorded tip passed nearest to the target, less the target, its frames joined smoothly, also where
+    some are missing: between frames a fast tip moves on by more than it misses. J is how the model's tip, at that time,
+    moves with the numbers of the strike in units of their ranges; J^+ is damped, and the step is cut. Where too few
+    frames show the tip, or the model's tip is lost, the strike stays.
 
     Args:
         strike: What was struck.
@@ -43,30 +41,17 @@ def correct(
     """
     lower, upper = (bounds or default_bounds(rollout.model.arm)).box
     width, u = upper - lower, np.array(strike.vector)
-    when, off = closest(recording, target)
+    near = approach_of_path(*tip_seen(recording, len(target)), target)
+    if near is None:
+        return strike
     moved = np.concatenate([u + sign * _DIFFERENCE * np.diag(width) for sign in (1, -1)])
     moved[:, -1] = np.maximum(moved[:, -1], 1e-3)
     t, paths, _ = rollout.tip_path(moved, t_stay=t_stay, rate=RATE)
-    frame = int(np.clip(round(when * RATE), 0, len(t) - 1))
+    frame = int(np.clip(round(near.time * RATE), 0, len(t) - 1))
     tips = paths[:, frame]
     if not np.isfinite(tips).all():
         return strike
     J = (tips[: len(u)] - tips[len(u) :]).T / (2 * _DIFFERENCE)  # (2, 2 a + 1)
-    step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(2), off)
+    step = -J.T @ np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(2), near.place - np.array(target))
     step *= min(1.0, STEP / max(float(np.abs(step).max()), 1e-12))
     return Strike.from_vector(np.clip(u + step * width, lower, upper))
-
-
-def closest(recording: StrikeRecording, target: tuple[float, ...]) -> tuple[float, np.ndarray]:
-    """When the recorded tip came nearest to a target [s], and where it was from there [m], (2,).
-
-    Frames are joined by a monotone cubic interpolant (Fritsch and Carlson 1980); those without the tip are left out.
-    """
-    tip, at = recording.points[:, recording.markers.index("tip")], np.array(target)
-    seen = np.isfinite(tip).all(axis=1)
-    t = recording.t[seen]
-    if len(t) == 1:
-        return float(t[0]), tip[seen][0] - at
-    path = PchipInterpolator(t, tip[seen])
-    when = closest_on_curve(path, at, samples=_BETWEEN * len(t))
-    return when, path(when) - at

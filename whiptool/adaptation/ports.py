@@ -9,20 +9,18 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.filmed_approach import approach_seen
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target, as_target
 
-_JOINED = 4  # frames that a path is joined from, at least
-_GAP = 2.5  # frames
 _SAME = 1e-6  # [rad], [s]: two strikes are one
 
 
@@ -55,7 +53,7 @@ def seen_of(
 ) -> Seen:
     """Return what a port returns after a filmed strike: the recording, and the miss distance that its frames show.
 
-    Between frames the tip's path is a monotone cubic interpolant; gaps of more than two frames are left out.
+    Between frames the tip's path is smooth; gaps of more than two frames are left out, see `approach_seen`.
 
     Args:
         recording: Path of the tip; its time 0 is the start of the command.
@@ -67,18 +65,9 @@ def seen_of(
         InputError: The recording has no marker `tip`, is in pixels, or in a plane where the target is in space.
     """
     _refuse_pixels(recording)
-    d = len(target)
-    recording.check_coordinates(d)
-    points = recording.marker("tip")[:, :d]
-    seen = np.isfinite(points).all(axis=1)
-    if seen.sum() < _JOINED or fault:
-        return Seen(recording, None, true_miss, fault)
-    t, points = recording.t_points[seen, recording.markers.index("tip")], points[seen]
-    fine = np.linspace(t[0], t[-1], 20 * len(t))
-    distance = np.linalg.norm(PchipInterpolator(t, points)(fine) - np.array(target), axis=1)
-    before = np.clip(np.searchsorted(t, fine) - 1, 0, len(t) - 2)
-    shown = t[before + 1] - t[before] <= _GAP * np.median(np.diff(recording.t))
-    return Seen(recording, float(distance[shown].min()), true_miss, fault)
+    recording.check_coordinates(len(target))
+    near = approach_seen(recording, target)
+    return Seen(recording, None if near is None or fault else near.distance, true_miss, fault)
 
 
 class Port(Protocol):

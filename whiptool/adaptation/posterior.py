@@ -17,6 +17,7 @@ from whiptool.identification.fit import Fit, Options, fit
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.recording.filmed_approach import nearest_frame
 from whiptool.recording.labels import check_labels
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -189,14 +190,13 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     if lost := tip_mislabelled(recording):
         return None, lost
     i = recording.markers.index("tip")
-    seen, t, points = recording.seen[:, i], recording.t, recording.points[:, i]
+    seen, t = recording.seen[:, i], recording.t
     end = recording.strike.D + recording.t_stay
-    within = t <= end
-    if recording.target is not None and not _at_rest(recording) and (seen & within).any():
-        d = len(recording.target)
-        away = np.linalg.norm(points[:, :d] - np.array(recording.target), axis=1)
-        distance = np.where(seen & within, away, np.inf)
-        within &= t <= max(t[int(distance.argmin())], -math.inf if contact is None else contact) + AFTER
+    within, nearest = t <= end, None
+    if recording.target is not None and not _at_rest(recording):
+        nearest = nearest_frame(recording, recording.target, end=end)
+    if nearest is not None:
+        within &= t <= max(nearest, -math.inf if contact is None else contact) + AFTER
     lost = 1 - float(np.mean(seen[recording.t <= end])) if (recording.t <= end).any() else 1.0
     if lost > 1 - SHARE_SEEN or (seen & within).sum() < _LEAST:
         return None, f"the tip was lost in {lost:.0%} of the frames"

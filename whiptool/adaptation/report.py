@@ -19,7 +19,7 @@ from whiptool.adaptation.steps import Step, percent
 from whiptool.goals import CLAIMED
 from whiptool.identification.units import with_unit
 from whiptool.models.strike import T_STAY
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.filmed_approach import approach_seen
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
@@ -210,21 +210,9 @@ class _Path:
         if _used(step) and not near.diverged[0]:
             speed = f"{near.speed[0]:.1f}"
         elif recording is not None:
-            speed = _filmed_speed(recording, target)
+            seen = approach_seen(recording, target.position) if "tip" in recording.markers else None
+            speed = _NONE if seen is None else f"about {seen.speed:.1f}"
         return cls(t, points[0], float(near.time[0]), speed)
-
-
-def _filmed_speed(recording: StrikeRecording, target: Target) -> str:
-    """Of the tip between the frames on both sides of its closest approach [m/s]."""
-    if "tip" not in recording.markers:
-        return _NONE
-    points = recording.marker("tip")[:, : len(target.position)]
-    seen = np.flatnonzero(np.isfinite(points).all(axis=1))
-    if len(seen) < 3:
-        return _NONE
-    k = int(np.clip(np.linalg.norm(points[seen] - target.position, axis=1).argmin(), 1, len(seen) - 2))
-    a, b = seen[k - 1], seen[k + 1]
-    return f"about {np.linalg.norm(points[b] - points[a]) / (recording.t[b] - recording.t[a]):.1f}"
 
 
 def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Section:
@@ -246,7 +234,7 @@ def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> S
         f"recording was used, else by the camera; a hit is claimed from a probability of {CLAIMED:.0%}, a miss up to "
         f"{1 - CLAIMED:.0%}. "
         "Truth: known to a twin only, and not used. Tip speed: of the learned whip at its closest approach; “about”: "
-        "between the frames around it. Model error: how far the tip may be from where the learned whip has it."
+        "of a smooth path through the frames. Model error: how far the tip may be from where the learned whip has it."
     )
     place, r = ", ".join(f"{x:g}" for x in target.position), target.hit_radius
     said = f"Target at ({place}) m, hit radius {100 * r:g} cm. "

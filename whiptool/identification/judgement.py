@@ -15,14 +15,13 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import logsumexp
 
 from whiptool.goals import CLAIMED
+from whiptool.recording.filmed_approach import GAP, LEAST, nearest_frame
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.target import Target
 
 RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
 _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected
-_GAP = 2.5  # usual distances of frames in time, beyond which some are missing
-_SEEN = 4  # frames that a path is joined from, at least
 
 
 @dataclass(frozen=True)
@@ -95,10 +94,9 @@ def frames_of(recording: StrikeRecording, target: Target, until: float | None = 
     i = recording.markers.index("tip")
     seen = recording.seen[:, i]
     d = len(target.position)
-    nearest = np.linalg.norm(recording.points[:, i, :d] - target.position, axis=1)
-    end = math.inf if until is None or not seen.any() else max(until, float(recording.t[np.nanargmin(nearest)]))
-    seen &= recording.t <= end
-    if seen.sum() < _SEEN:
+    nearest = nearest_frame(recording, target.position)
+    seen &= recording.t <= (math.inf if until is None or nearest is None else max(until, nearest))
+    if seen.sum() < LEAST:
         return None
     return Frames(recording.t_points[seen, i], recording.points[seen, i, :d], recording.sigma[seen, i])
 
@@ -109,7 +107,7 @@ def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
     if not 0 < after < len(frames.t):
         return None
     before, behind = float(frames.t[after - 1]), float(frames.t[after])
-    return (before, behind) if behind - before > _GAP * np.median(np.diff(frames.t)) else None
+    return (before, behind) if behind - before > GAP * np.median(np.diff(frames.t)) else None
 
 
 def judge_frames(frames: Frames, target: Target) -> Judgement:

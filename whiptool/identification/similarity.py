@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from whiptool.errors import InputError
-from whiptool.rollout.closest import closest_on_curve
+from whiptool.recording.filmed_approach import FilmedApproach, approach_of_path
 
 _LAGS = 0.1  # [s] within which the delay is sought
 _RATE = 1000.0  # [1/s] of the comparison of delays
@@ -72,7 +72,7 @@ def similarity(
     distance = np.linalg.norm(P - S, axis=1)
     rmse = float(np.sqrt(np.mean(distance**2)))
     size = float(np.linalg.norm(np.ptp(P, axis=0)))
-    hits = None if target is None else [_closest(t, path, np.asarray(target, float)) for path in (P, S)]
+    near = [None if target is None else approach_of_path(t, path, target) for path in (P, S)]
     return Similarity(
         rho=tuple(map(float, rho)),
         rho_mean=float(rho.mean()),
@@ -82,17 +82,19 @@ def similarity(
         largest=float(distance.max()),
         delay=_delay(t, P, S),
         frechet=frechet(P, S),
-        hit_point=None if hits is None else float(np.linalg.norm(hits[1][0] - hits[0][0])),
-        hit_time=None if hits is None else hits[1][1] - hits[0][1],
-        hit_speed=None if hits is None else hits[1][2] - hits[0][2],
+        **_apart(*near),
     )
 
 
-def _closest(t: np.ndarray, path: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Point, time and speed of the closest approach of a cubic through the path."""
-    curve = CubicSpline(t, path)
-    when = closest_on_curve(curve, target, samples=20 * len(t))
-    return curve(when), when, float(np.linalg.norm(curve(when, 1)))
+def _apart(measured: FilmedApproach | None, simulated: FilmedApproach | None) -> dict[str, float | None]:
+    """Return the numbers of a `Similarity` that say how two closest approaches differ."""
+    if measured is None or simulated is None:
+        return dict.fromkeys(("hit_point", "hit_time", "hit_speed"))
+    return {
+        "hit_point": float(np.linalg.norm(simulated.place - measured.place)),
+        "hit_time": simulated.time - measured.time,
+        "hit_speed": simulated.speed - measured.speed,
+    }
 
 
 def _delay(t: np.ndarray, P: np.ndarray, S: np.ndarray) -> float:

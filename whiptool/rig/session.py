@@ -17,6 +17,7 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.filmed_approach import approach_seen, tip_seen
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
@@ -52,32 +53,18 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Return the closest approach of the filmed tip (B = 1), marked as diverged where the tip was not seen.
-
-        Between frames the tip is taken to move as the cubic through its neighbours does.
-        """
-        none = nothing_seen(self.run.cycles.q.shape[1])
-        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
-            return none
-        t, points = self.tip_seen()
-        if len(t) < 4:
-            return none
-        from scipy.interpolate import PchipInterpolator
-
-        path = PchipInterpolator(t, points)
-        fine = np.linspace(t[0], t[-1], 20 * len(t))
-        at = path(fine)
-        # a gap of more than two frames holds no tip: who knows where it was
-        gap = 2.5 * np.median(np.diff(self.recording.t))
-        i = np.clip(np.searchsorted(t, fine) - 1, 0, len(t) - 2)
-        distance = np.where(t[i + 1] - t[i] <= gap, np.hypot(*(at - target).T), np.inf)
-        nearest = int(distance.argmin())
+        """Return the closest approach of the filmed tip (B = 1), marked as diverged where the tip was not seen."""
+        seen = None
+        if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
+            seen = approach_seen(self.recording, target)
+        if seen is None:
+            return nothing_seen(self.run.cycles.q.shape[1])
         cycles = self.run.cycles.during(Phase.STRIKE)
         return Approach(
-            distance=distance[[nearest]],
-            time=fine[[nearest]],
-            tip=at[[nearest]],
-            velocity=path.derivative()(fine[[nearest]]),
+            distance=np.array([seen.distance]),
+            time=np.array([seen.time]),
+            tip=seen.place[None],
+            velocity=seen.velocity[None],
             max_joint_speed=np.nanmax(np.abs(cycles.v), axis=0)[None],
             max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
             diverged=np.zeros(1, bool),
@@ -87,9 +74,7 @@ class Struck:
         """Return times (F,) [s] and positions (F, 2) [m] of the tip in the frames that show it; F may be 0."""
         if self.recording is None or "tip" not in self.recording.markers:
             return np.zeros(0), np.zeros((0, 2))
-        i = self.recording.markers.index("tip")
-        seen = np.isfinite(self.recording.points[:, i, :2]).all(axis=1)
-        return self.recording.t_points[seen, i], self.recording.points[seen, i, :2]
+        return tip_seen(self.recording, 2)
 
     def judged(self, target: Target) -> Judgement | None:
         """The miss as the camera's frames tell it, and how surely; None: they do not show the tip.

@@ -1,0 +1,100 @@
+"""The closest approach of a filmed tip: its frames joined by a smooth path, with or without what no frame shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.closest import closest_on_curve
+
+GAP = 2.5  # usual distances of frames in time, beyond which some are missing
+LEAST = 4  # frames that a path is joined from, at least
+_BETWEEN = 20  # instants that are looked at from frame to frame
+
+
+@dataclass(frozen=True, eq=False)
+class FilmedApproach:
+    """Where a filmed tip came nearest to a target.
+
+    Args:
+        distance: Of the tip from the target [m].
+        time: When [s].
+        place: Where, (d,) [m].
+        velocity: Of the tip then, (d,) [m/s].
+    """
+
+    distance: float
+    time: float
+    place: np.ndarray
+    velocity: np.ndarray
+
+    @property
+    def speed(self) -> float:
+        """Of the tip then [m/s]."""
+        return float(np.linalg.norm(self.velocity))
+
+
+def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (F,) [s] and places (F, d) [m] of the tip in the frames that show it; F may be 0.
+
+    Raises:
+        InputError: The recording has no marker `tip`.
+    """
+    points = recording.marker("tip")[:, :dimension]
+    seen = np.isfinite(points).all(axis=1)
+    return recording.t_points[seen, recording.markers.index("tip")], points[seen]
+
+
+def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarray) -> FilmedApproach | None:
+    """Return where the tip of a recording came nearest to a target (d,) [m], as far as frames show it.
+
+    Where more than two frames in a row are missing, nobody knows where the tip was. None: too few frames show it.
+
+    Raises:
+        InputError: The recording has no marker `tip`.
+    """
+    gap = GAP * float(np.median(np.diff(recording.t)))
+    return approach_of_path(*tip_seen(recording, len(target)), target, gap=gap)
+
+
+def approach_of_path(
+    t: np.ndarray, points: np.ndarray, target: Sequence[float] | np.ndarray, *, gap: float = math.inf
+) -> FilmedApproach | None:
+    """Return where a path through places comes nearest to a target; None if there are fewer than `LEAST` places.
+
+    Between places it is a monotone cubic interpolant (Fritsch and Carlson 1980).
+
+    Args:
+        t: Times of the places [s], (F,), increasing.
+        points: Places [m], (F, d).
+        target: [m], (d,)
+        gap: Longest time between two places that the path is taken to join [s].
+    """
+    if len(t) < LEAST:
+        return None
+    from scipy.interpolate import PchipInterpolator, PPoly  # a third of what a command imports
+
+    place, path, nearest = np.asarray(target, float), PchipInterpolator(t, points), None
+    for piece in np.split(np.arange(len(t)), np.flatnonzero(np.diff(t) > gap) + 1):
+        first, last = piece[0], piece[-1]
+        when = float(t[first])
+        if last > first:
+            curve = PPoly(path.c[:, first:last], path.x[first : last + 1])
+            when = closest_on_curve(curve, place, samples=_BETWEEN * len(piece))
+        distance = float(np.linalg.norm(path(when) - place))
+        if nearest is None or distance < nearest.distance:
+            nearest = FilmedApproach(distance, when, path(when), path(when, 1))
+    return nearest
+
+
+def nearest_frame(recording: StrikeRecording, target: Sequence[float], *, end: float = math.inf) -> float | None:
+    """Return the time of the frame until `end` [s] that shows the tip nearest to a target [s]; None: none shows it."""
+    i, d = recording.markers.index("tip"), len(target)
+    away = np.linalg.norm(recording.points[:, i, :d] - np.asarray(target), axis=1)
+    distance = np.where(recording.seen[:, i] & (recording.t <= end), away, np.inf)
+    frame = int(distance.argmin())
+    return float(recording.t[frame]) if np.isfinite(distance[frame]) else None
