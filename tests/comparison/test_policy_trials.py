@@ -70,6 +70,9 @@ class Low:
     def violation_of_peaks(self, near):
         return near.max_joint_speed[:, 0] - 0.6
 
+    def violation(self, trajectory):
+        raise NotImplementedError("peaks decide")
+
 
 def test_a_strike_that_the_limits_refuse_is_a_hit_at_no_radius():
     """Of samples at -0.3, 0.45, 0.8 and 0.89 rad the last two are refused, which alone pass the target at 0.9 rad."""

@@ -12,4 +12,4 @@ def approaches(distance: np.ndarray, velocity: np.ndarray | None = None) -> Appr
     flat = np.asarray(distance, float).ravel()
     moving = np.zeros((len(flat), 2)) if velocity is None else np.asarray(velocity, float).reshape(len(flat), -1)
     nothing = np.zeros((len(flat), 2))
-    return Approach(flat, 0 * flat, moving, nothing, nothing, nothing, ~np.isfinite(flat))
+    return Approach(flat, np.zeros(len(flat)), moving, nothing, nothing, nothing, ~np.isfinite(flat))
