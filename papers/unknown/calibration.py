@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from papers.unknown.scores import Forecast, Scores
-from papers.unknown.trials import reliability
+from papers.unknown.trials import hits, reliability
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
@@ -22,7 +22,7 @@ from whiptool.words import counted
 def forecasts(results: Sequence[dict[str, Any]], *, first: bool = False) -> list[Forecast]:
     """What was stated of all strikes that were struck, or of first ones, and what came."""
     struck = [x for r in results for x in _strikes(r, first=first)]
-    return [Forecast(p, misses, x, x is not None and x <= HIT_RADIUS) for p, misses, x in struck]
+    return [Forecast(p, misses, x, x is not None and bool(hits(np.array(x), HIT_RADIUS))) for p, misses, x in struck]
 
 
 def _strikes(result: dict[str, Any], *, first: bool) -> list[tuple[float, Sequence[float | None], float | None]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.target import Target
+from whiptool import Target
 
 _RESAMPLES, _BINS = 2000, 5
 

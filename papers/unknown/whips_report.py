@@ -402,7 +402,7 @@ def _goals(
         firsts, alls = ([Scores.of(forecasts(r, first=one)) if r else None for r in both] for one in (True, False))
         add_scores(family, firsts, alls)
         again = [[x for r in results for x in r["transferred"]] for results in both]
-        shares = [float((_misses(x) <= HIT_RADIUS).mean()) if x else None for x in again]
+        shares = [float(hits(_misses(x), HIT_RADIUS).mean()) if x else None for x in again]
         if any(again):
             add(f"{family}: first hits at other targets", TRANSFER_GOAL, *shares, least=True)
     seconds = [x for r in learned.values() for one in r for t in one["trials"] for x in t["seconds"][1:]]

@@ -95,9 +95,10 @@ class ComparisonOptions(
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
+        widest = self.hit_radius
         for radius in self.tighter:
-            if not 0 < radius < self.hit_radius or self.tighter.count(radius) > 1:
-                allowed = f"different hit radii between 0 and --hit-radius, {self.hit_radius:g} m"
+            if not 0 < radius < widest or self.tighter.count(radius) > 1:
+                allowed = f"different hit radii between 0 and --hit-radius, {widest:g} m"
                 raise InputError("--tighter", radius, allowed)
         whole("--targets", self.targets, high=MANY_TARGETS)
         whole("--target-seed", self.target_seed, low=0)
