@@ -1,4 +1,4 @@
-"""The command lines as users meet them: mistakes, help, the README's examples."""
+"""The command lines as users meet them: mistakes, help, the examples of README and docs/python.md."""
 
 from __future__ import annotations
 
@@ -47,12 +47,13 @@ def test_the_installed_command(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_readme_examples_run(tmp_path, monkeypatch):
+def test_the_examples_of_readme_and_python_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    readme = (ROOT / "README.md").read_text()
     names: dict = {}
-    for example in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):  # as in one interpreter
-        exec(example, names)
+    for page in ("README.md", "docs/python.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        for example in re.findall(r"```python\n(.*?)```", text, re.DOTALL):  # as in one interpreter
+            exec(example, names)
     assert names["result"].outcome.hit
     assert names["path"].approach((1.2, 0.1)).distance[0] == pytest.approx(
         names["result"].outcome.miss_distance, abs=1e-4

@@ -252,7 +252,6 @@ def pendulums_swings(folder: Path) -> None:
 
 Make: TypeAlias = Callable[[Path], object]
 MADE: dict[str, tuple[Make, ...]] = {
-    "README": (people,),
     "commands": (people,),
     "how-to": (prior,),
     "human": (people,),
@@ -260,7 +259,6 @@ MADE: dict[str, tuple[Make, ...]] = {
 }
 # What is made before a command that holds these words
 RECORDED: dict[str, dict[str, Make]] = {
-    "README": {"strike2.mkv": of_strikes},
     "commands": {
         "--resume runs/directl-": a_killed_search,
         "strike2.mkv": of_strikes,

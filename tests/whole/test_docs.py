@@ -118,6 +118,12 @@ def test_options_without_a_command_belong_to_some_command(page):
             assert word in known, f"{page.name}: {span}"
 
 
+def test_the_readme_is_one_page():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= 100
+    assert [line for line in lines if len(line) > 100] == []
+
+
 def value_in_code(expression: str) -> object:
     """What an expression of the tables says: `arm` is the paper's, `settings` SAC's, `default` an argument's."""
     from whiptool.rl.settings import SACSettings

@@ -1,7 +1,7 @@
 """What is not installed is asked for before any work, and each page names its extras before its first command.
 
-On the core installation, whose extras' modules are kept from being imported here, every module and every command of
-README is there, but for those that take an extra.
+On the core installation, whose extras' modules are kept from being imported here, every module can be imported and every
+command of the overview in `docs/commands.md` starts, except those that need an extra.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from page_commands import OURS, PAGES, SERVES, Command, commands_of, lines_of, parts_of
+from page_commands import OURS, PAGES, SERVES, Command, lines_of, parts_of
 from page_files import provide
 from processes import HANG
 from repository import ROOT
@@ -20,7 +20,7 @@ from repository import ROOT
 from whiptool.commands import cli
 from whiptool.extras import EXTRAS
 
-README = ROOT / "README.md"
+OVERVIEW = ROOT / "docs/commands.md"
 FILMS = (".mkv", ".mp4")
 INSTALL = re.compile(r"pip install 'whiptool\[([\w,]+)\]'")
 
@@ -62,13 +62,18 @@ def test_a_page_names_extras_before_the_commands_that_take_them(page, tmp_path):
                 assert extras_of(Command(page, line), tmp_path) <= named, f"{page.name}: {line}"
 
 
-def test_the_table_of_commands_names_the_extras_of_each(tmp_path):
-    provide(README, tmp_path)
-    text = README.read_text(encoding="utf-8")
+def overview() -> list[tuple[Command, set[str]]]:
+    """The commands of the overview, and the extras that it names for each."""
+    text = OVERVIEW.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(python -m whiptool[^`]*)` \|([^|]*)\| ", text, re.MULTILINE)
-    assert len(rows) >= 12
-    for line, extras in rows:
-        assert extras_of(Command(README, line), tmp_path) == set(re.findall(r"`(\w+)`", extras)), line
+    return [(Command(OVERVIEW, line), set(re.findall(r"`(\w+)`", extras))) for line, extras in rows]
+
+
+def test_the_table_of_commands_names_the_extras_of_each(tmp_path):
+    provide(OVERVIEW, tmp_path)
+    assert len(overview()) >= 12
+    for command, extras in overview():
+        assert extras_of(command, tmp_path) == extras, command
 
 
 CORE = ROOT / "tests/helpers/core_installation.py"
@@ -76,9 +81,9 @@ CORE = ROOT / "tests/helpers/core_installation.py"
 
 @pytest.mark.heavy
 def test_on_the_core_installation(tmp_path):
-    provide(README, tmp_path)
+    provide(OVERVIEW, tmp_path)
     (tmp_path / "strike2.mkv").write_bytes(b"a film")
-    commands = [c for c in commands_of(README) if "doctor" not in c.line and "view" not in c.line]
+    commands = [command for command, _ in overview()]
     words = [[name.removeprefix("whiptool."), *rest] for name, *rest in (c.words for c in commands)]
     blocked = [module for modules in EXTRAS.values() for module in modules]
     done = subprocess.run(
