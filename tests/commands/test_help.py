@@ -49,12 +49,12 @@ def test_what_is_used_most_comes_first_in_groups(capsys):
 def test_types_and_defaults_are_told_as_people_read_them():
     said = " ".join(help_text(OptimizeOptions, prog="x", description="", whole=True).split())
     for part in (
-        "--target X ... Target position",
-        "Default: 1.3 0; in space by the model's reach, 1.2 0.3 0.5 of ur5e and panda.",
-        "--max-trials N No more trials than these. [default: 600]",
-        "--space joint|hand|pose What",
+        "--target X ... Target position x y, in space x y z [m].",
+        "Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda.",
+        "--max-trials N Largest number of trials. [default: 600]",
+        "--space joint|hand|pose Coordinates",
         "--video, --no-video Render the strike as a video. [default: --video]",
-        "--torque-limit X Largest joint torque [N m].",
+        "--torque-limit X Limit every joint torque to this value [N m].",
     ):
         assert part in said
     assert "None" not in said

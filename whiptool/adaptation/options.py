@@ -36,44 +36,44 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     in_space: ClassVar[bool] = True
 
     port: str = "twin"
-    """Serial device such as /dev/ttyUSB0; twin: the emulator behind the same protocol; robot: a lab's own
-    position-controlled robot, which takes each strike as a trajectory from the run folder, and whose recording, put
-    there as recorded.csv, is read with --resume."""
+    """Serial device, twin, or robot. The device is such as /dev/ttyUSB0; twin is the emulated servos behind the same
+    protocol; robot is a position-controlled robot of yours. A robot takes each strike as a trajectory from the run
+    folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and tracked
-    images), d435-color (the same in colour), tip (60 frames a second, 5 mm noise, no servos); with a real arm:
-    realsense or a RealSense recording."""
+    """Camera. With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and
+    tracked images), d435-color (the same in colour), or tip (60 frames a second, 5 mm noise, no servos). With a real
+    arm: realsense, or a RealSense recording."""
     family: Literal["kin", "strange", "stranger"] = "strange"
-    """Of the twin's whip: uniform; tapered, with a bead, a soft joint and more; twice that."""
+    """Family from which the twin's whip is drawn. kin: uniform; strange: tapered, with a bead, a soft joint and more;
+    stranger: the same deviations, doubled."""
     material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain", "polypropylene", "manila"] | None = None
-    """What the whip is made of. The prior mean is then that of the material, else that of --model; the prior
-    covariance is that of materials."""
+    """Material of the whip. The prior mean is then that of the material, otherwise that of --model; the prior
+    covariance is that of materials in general."""
     diameter: float | None = None
-    """Of a whip of --material, measured; of a chain that of its wire [m]."""
+    """Measured diameter of a whip of --material; for a chain that of its wire [m]."""
     length: float | None = None
-    """Of a whip of --material, measured [m]."""
+    """Measured length of a whip of --material [m]."""
     max_strikes: int = 6
     """Largest number of strikes; the look before the first strike does not count."""
     whip: Literal["profile", "uniform"] = "profile"
-    """What is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
+    """Model of the whip that is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
     prior: str | None = None
-    """TOML file of lines such as "profile.length" = {value = 0.9, error = 0.05}, laid over the wide default: what it
-    does not name stays as it is."""
+    """TOML file with lines such as "profile.length" = {value = 0.9, error = 0.05}. They replace the default prior of
+    the parameters that they name."""
     known: tuple[str, ...] = ()
-    """Recordings of earlier strikes with the same whip, with the tip and the strike's command."""
+    """Recordings of earlier strikes with the same whip, with the tip and the commanded strike."""
     limits: Literal["xm430"] | None = None
-    """Plan within a motor's limits; default: xm430, but none for --camera tip, which has no motors."""
+    """Motor whose limits plans have to keep; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
-    """Film the whip as it hangs, before the first strike: how long it is. Not needed with --wiggle or --known."""
+    """Film the hanging whip before the first strike, to measure its length. Not needed with --wiggle or --known."""
     wiggle: bool = False
-    """A short, slow movement first, chosen for its information gain about the whip."""
+    """Begin with a short, slow movement that is chosen for its information gain about the whip."""
     starts: int = 3
-    """Starts of every identification."""
+    """Number of starting points of every identification."""
     least_speed: float | None = None
-    """Least speed of the tip at the closest approach [m/s], along the direction or angle where there is one; as it is
-    predicted."""
+    """Least predicted speed of the tip at the closest approach [m/s], along the required direction if there is one."""
     seed: int = 0
-    """Seed of the twin's whip, and of everything random."""
+    """Seed of the twin's whip and of all other random numbers."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

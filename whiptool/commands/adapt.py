@@ -40,8 +40,8 @@ _ABOUT = (
 
 
 _NEXT = (
-    "Tell what was recorded of a strike, and print the next one; the run was begun with `whiptool adapt --port robot`. "
-    "Example: python -m whiptool.adapt next --run runs/adapt recorded.csv; of cameras in space: "
+    "Read the recording of a strike, and print the next strike, in a run begun with `whiptool adapt --port robot`. "
+    "Example: python -m whiptool.adapt next --run runs/adapt recorded.csv; with cameras in space: "
     "python -m whiptool.adapt next --run runs/adapt left.mp4 right.mp4 --cameras cameras.toml"
 )
 NEXT = "next"
@@ -49,15 +49,15 @@ NEXT = "next"
 
 @dataclass(frozen=True, kw_only=True)
 class NextOptions(OptionGroup):
-    """Tell what was recorded of a strike, and print the next one."""
+    """Options of `whiptool adapt next`, which reads a recording and prints the next strike."""
 
     recordings: Positional[tuple[Path, ...]] = ()
-    """What was recorded of the strike that was printed last, with its sidecar; of cameras in space a film or a table of
-    pixels each, two or more; none: that strike is printed again."""
+    """Recording of the strike that was printed last, with its sidecar. For cameras in space, give one film or one table
+    of pixels per camera, two or more. Without a recording the strike is printed again."""
     run: Path
     """Run folder that `whiptool adapt --port robot` made."""
     cameras: Path | None = None
-    """TOML file of the calibrated cameras in space; default: the one that each sidecar names."""
+    """TOML file with the calibrated cameras in space; default: the file that each sidecar names."""
     json: bool = False
     """Print one JSON object."""
 

@@ -76,21 +76,22 @@ class ComparisonOptions(
     targets: int = 300
     """Number of random targets, the same for all methods."""
     target_seed: int = 0
-    """They are drawn with this seed."""
+    """Seed from which the targets are drawn."""
     seeds: int = 3
-    """Seeds of whatever is random in a method: 0, 1, ..."""
+    """Number of random seeds: 0, 1, ..."""
     max_trials: int = 600
-    """No more trials than these at each target."""
+    """Largest number of trials at each target."""
     tighter: tuple[float, ...] = (0.03, 0.01)
-    """Further, smaller hit radii [m]; learners are trained with --hit-radius."""
+    """Also evaluate these smaller hit radii [m]; learners are trained with --hit-radius."""
     further_episodes: int | None = None
-    """Episodes under observations other than tip; default: as --episodes."""
+    """Training episodes for observations other than tip; default: as --episodes."""
     workers: int | None = None
-    """Processes on this machine; default: one per core, at most 8. The results do not depend on it."""
+    """Number of processes on this machine; default: one per core, at most 8. The results do not depend on it."""
     cluster: str | None = None
-    """Work on a Ray cluster: its address, or auto for the one that this machine belongs to."""
+    """Run on a Ray cluster: its address, or auto for the cluster that this machine belongs to."""
     quick: bool = False
-    """A taste in a minute or two: few targets, one seed, short training, wherever an option is not given."""
+    """Run a small version in a minute or two. It has few targets, one seed and a short training, unless the options are
+    given."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -166,11 +167,13 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     in_space: ClassVar[bool] = True
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
-    """Methods of whiptool.optimize; random is always added. sac, td3, ddpg, ppo are trained once per seed."""
+    """Methods to compare. They are those of whiptool.optimize; random is always added. sac, td3, ddpg and ppo are
+    trained once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
-    """What learners see; they are trained anew for each that is named."""
+    """What learners observe; they are trained separately for each observation."""
     zone: Literal["disc", "fast"] = "disc"
-    """Where targets are drawn: disc (of --zone-radius), or fast: wherever the tip of random strikes is fast (3 m/s)."""
+    """Where targets are drawn. disc: around --target; fast: wherever the tip of random strikes moves at 3 m/s or
+    more."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "methods")
@@ -196,7 +199,7 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
 
 _EXAMPLE = (
-    "Trials to the first hit of many random targets, method by method (Fig. 6). "
+    "Compare how many trials each method needs until it first hits each of many random targets (Fig. 6). "
     "Example: python -m whiptool.compare --quick --methods directl sac"
 )
 

@@ -26,19 +26,20 @@ class ServoOptions(OptionGroup):
     port: str
     """Serial device, such as /dev/ttyUSB0."""
     baud: Baud = 1_000_000
-    """Bits per second that the servos speak now."""
+    """Baud rate at which the servos communicate now."""
     ids: tuple[int, ...] = (1, 2)
-    """Of the servos."""
+    """Ids of the servos."""
     set_baud: Baud | None = None
-    """Have all of them speak this from now on."""
+    """Set all servos to this baud rate."""
     set_return_delay: int | None = None
-    """Return Delay Time of all of them, in 2 us."""
+    """Set the Return Delay Time of all servos, in units of 2 us."""
     set_id: int | None = None
-    """Give the one servo of --ids this id, which no other on the line has."""
+    """Set the id of the single servo in --ids. No other servo on the line may have it."""
     for_strikes: bool = False
-    """Set what changes the meaning of commands (drive mode, homing offset, PWM limit, ..) to what strikes assume."""
+    """Set the registers that change the meaning of commands (drive mode, homing offset, PWM limit, ...) to the values
+    that strikes assume."""
     reboot: int | None = None
-    """Reboot the servo of this id: it clears a shutdown."""
+    """Reboot the servo with this id, which clears a shutdown."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

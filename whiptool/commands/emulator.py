@@ -16,15 +16,15 @@ class EmulatorOptions(ModelOptions):
     """Emulated servos on a pseudo-terminal."""
 
     baud: Baud = 1_000_000
-    """Bits per second that the servos are set to."""
+    """Baud rate of the emulated servos."""
     friction: bool = True
-    """Friction and inertia as of real servos."""
+    """Emulate the friction and the rotor inertia of real servos."""
     lockstep: bool = False
-    """Time advances with every write of Goal Current, not with the wall clock."""
+    """Advance the time with every write of Goal Current instead of with the wall clock."""
     period: float = 0.002
     """Control period in lock-step [s]."""
     link: str | None = None
-    """A symbolic link to make to the device."""
+    """Make a symbolic link with this name to the device."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

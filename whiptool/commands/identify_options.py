@@ -54,48 +54,54 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     in_space: ClassVar[bool] = True
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
-    """Tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), which are tracked first."""
+    """Recordings: tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), in which the
+    tip is tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
-    """What to fit: names such as k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay."""
+    """Parameters to fit, by name: k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay,
+    ..."""
     drive: Drive = "command"
-    """What drives the whip: command (the strike, controller in the loop), joints (measured), in space robot (the
-    command, followed behind a first-order lag that is fitted) and hand (its measured pose), handle (tracked), passive
-    (nothing: held still and released by hand; the first state is free); free: a pendulum of links by its angles."""
+    """What drives the whip. command: the commanded strike, with the controller simulated. joints: the measured joint
+    angles. robot: in space, the command behind a first-order lag that is fitted. hand: in space, the measured pose of
+    the hand. handle: a tracked marker at the handle. passive: nothing; the whip is released by hand and its first state
+    is fitted. free: no whip but a pendulum, from the angles of its links."""
     clamp: float | None = None
-    """With passive: the whip is clamped, and the clamp points there, 0 straight down [rad]; a first guess if clamp is
-    among --free. Default: a free hinge."""
+    """With --drive passive: the whip is clamped at this angle, 0 being straight down [rad]; a first guess if clamp is
+    in --free. Default: the whip hangs from a free hinge."""
     model: Annotated[str, tyro.conf.arg(metavar=MODELS)] = "lemon2024"
-    """Where the fit starts: a published whip and arm, or those of a file; with free, the pendulum's file."""
+    """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
     controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLERS)] = None
-    """Used only where the recordings do not hold it; default: as that of simulate, by the model."""
+    """Controller for recordings that do not contain theirs; default: the controller of simulate for this model."""
     preset: Preset | None = None
-    """Likewise, parameters of the law; default: table4 of oiac, nah2020 (Eq. 22) of constant."""
+    """Parameters of that controller's law; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
-    """Recordings to predict and not to fit: how many, from the end, or their paths; default: of three or more, one."""
+    """Recordings that are predicted and not fitted: their number, counted from the end, or their paths. Default: one,
+    if there are three or more."""
     per_recording: tuple[Own, ...] = ()
-    """What each recording has its own value of."""
+    """Parameters that each recording has its own value of."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
-    """Numbers of nodes to try; the one with the smallest held-out error is taken."""
+    """Numbers of nodes to try; the one with the smallest held-out error is kept."""
     profile: bool = False
     """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
     knots: float | None = None
-    """With joints, hand or handle: spacing of the knots of the spline through what was measured [s]; default: of
-    joints and hand as foresees left-out samples best, of a handle 1.5 frames."""
+    """With --drive joints, hand or handle: spacing of the knots of the spline through the measured motion [s]. Default:
+    for joints and hand by cross-validation, for a handle 1.5 frames."""
     pieces: tuple[float, ...] = ()
-    """With free: lengths of the pieces that long swings are cut into for a first fit [s], such as 0.3."""
+    """With --drive free: lengths of the pieces into which long swings are cut for a first fit [s], such as 0.3."""
     loss: Literal["huber", "none"] = "huber"
-    """Huber's loss; none: least squares."""
+    """Loss function: Huber's, or least squares (none)."""
     starts: int = 3
-    """From how many places to begin; the first is the model as given."""
+    """Number of starting points of the fit; the first is the model as given."""
     prior: str | None = None
-    """TOML file of what is known beforehand: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
+    """TOML file with prior knowledge: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
     mend_labels: bool = False
-    """Put labels of markers back that were exchanged, and leave out points where one marker swallowed another; without
-    it, such a recording is refused."""
+    """Put exchanged labels of markers back, and leave out points where one marker swallowed another. Without this
+    option such a recording is refused."""
     cameras: str | None = None
-    """TOML file of the cameras in space, for recordings in pixels and for films; default: the file that each names."""
+    """TOML file with the cameras in space, for recordings in pixels and for films; default: the file that each
+    recording names."""
     tip: str | None = None
-    """TOML file of the tip's looks, for videos: radius [m], hue [deg, deg], saturation, or value for infrared."""
+    """TOML file with the appearance of the tip in videos: radius [m], hue [deg, deg], saturation, or value for
+    infrared."""
 
     @property
     def number_of_nodes(self) -> None:

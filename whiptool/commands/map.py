@@ -68,18 +68,18 @@ class BuildOptions(
     in_space: ClassVar[bool] = True
 
     random_strikes: int = 8192
-    """Random strikes, whose passages through the region are the first answers."""
+    """Number of random strikes. Their passages through the region are the first answers of the map."""
     room: int = 2
-    """Answers at first in each cell of the region, two hit radii and two cones wide; each round of practice makes room
-    for one more."""
+    """Number of answers in each cell of the region at first (a cell is two hit radii and two cones wide); each round of
+    practice adds one."""
     rounds: int = 4
-    """Rounds of practice: goals that the map misses are refined, and learned."""
+    """Number of rounds of practice. In each round the goals that the map misses are refined and added to it."""
     goals: int = 1000
-    """Random goals of each round."""
+    """Number of random goals in each round."""
     gate_strikes: int = 20_000
-    """Candidates that are struck to train the gate; 0: there is none."""
+    """Number of candidate strikes on which the ranking network is trained; 0: no network."""
     tests: int = 300
-    """Random goals struck at with the map at the end."""
+    """Number of random goals on which the finished map is tested."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -140,7 +140,7 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     run: Positional[Path]
     """Run folder of `whiptool map build`, or a preset whose map comes with the package: lemon2024, panda, ur5e."""
     refine: bool = True
-    """Refine the map's strike with rollouts; otherwise it is taken as it is, in one shot."""
+    """Refine the strike of the map by rollouts. Without refinement the first guess is the answer."""
     video: bool = True
     """Render the strike as a video."""
 
@@ -150,8 +150,11 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
         refuse_idle(self, {"t_stay": "nothing: that of the map"})
 
 
-_BUILD = "Build a map of strikes. Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
-_STRIKE = "Strike from a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
+_BUILD = (
+    "Build a map, which returns a strike for any goal of a region without a search. "
+    "Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
+)
+_STRIKE = "Look up a strike in a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -64,13 +64,14 @@ class OptimizeOptions(
     in_space: ClassVar[bool] = True
 
     method: Annotated[str | None, arg(metavar=METHODS)] = None
-    """How strikes are searched; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms,
-    such as nlopt:GN_CRS2_LM."""
+    """Search method; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms, such as
+    nlopt:GN_CRS2_LM."""
     max_time: float | None = None
-    """No trial starts after this many seconds. A run resumed under it need not end as an uninterrupted one."""
+    """Start no trial after this many seconds. A resumed run with this limit may end differently from an uninterrupted
+    one."""
     stop_at_hit: bool = True
-    """End with the first hit, or the batch that holds it; otherwise go on to come closer. Where hits are judged by more
-    than the miss, a search goes on in any case."""
+    """End at the first hit, or after the batch that contains it; otherwise continue to reduce the miss. A search that
+    minimises another criterion always continues."""
     video: bool = True
     """Render the strike as a video."""
 

@@ -50,9 +50,10 @@ class RigOptions(ArmOptions):
     """What is struck with, and how, where strikes are given or searched as they are."""
 
     cap: bool = False
-    """Cap stiffness and damping at what the sampled loop can carry, instead of refusing what it cannot."""
+    """Reduce stiffness and damping to what is stable at the sampling rate, instead of refusing an unstable
+    controller."""
     true_model: Annotated[str | None, arg(metavar=MODELS)] = None
-    """Of the twin: what is really there; default: --model."""
+    """Model that the simulated twin really has; default: --model."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -71,7 +72,7 @@ class StrikeOptions(RigOptions):
     first: ClassVar[tuple[str, ...]] = ("strike",)
 
     strike: tuple[float, ...]
-    """q_si q_ei q_sf q_ef [rad] D [s]."""
+    """The strike: q_si q_ei q_sf q_ef [rad] and D [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -94,12 +95,12 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     first: ClassVar[tuple[str, ...]] = ("method",)
 
     method: Annotated[str, arg(metavar="{" + ",".join(WITHOUT_DERIVATIVES) + "}")] = "cmaes"
-    """Any method of whiptool optimize that needs no derivatives."""
+    """Search method; any method of whiptool optimize that needs no derivatives."""
     max_trials: int = 20
-    """No more strikes than these."""
+    """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
-    """With a real arm: realsense or a RealSense recording; with the twin: the others (d435-infrared is twin; points is
-    the tip's position with the error of tracked images, without the images)."""
+    """Camera. With a real arm: realsense, or a RealSense recording. With the twin: twin or d435-infrared (rendered
+    infrared images), d435-color, or points (positions of the tip with the error of tracked images, without images)."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "method")

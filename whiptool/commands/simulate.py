@@ -49,14 +49,14 @@ class SimulateOptions(
     in_space: ClassVar[bool] = True
 
     run: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="[RUN]")]] = None
-    """Run folder of optimize or simulate, whose strike is played again, or of train, or a file of a policy in it, whose
-    policy's strike at --target is played; with its options unless they are given anew."""
+    """Run folder of optimize or simulate, whose strike is played again; or of train, or a policy file in it, whose
+    policy strikes at --target. Options that are not given are those of the run."""
     strike: tuple[float, ...] | None = None
-    """q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i x_f y_f [m]
-    and D, in space x_i y_i z_i x_f y_f z_f."""
+    """The strike: q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i
+    x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
     trajectory: Path | None = None
-    """Instead of --strike: have position servos in MuJoCo follow the joint trajectory in this CSV file, as
-    --export-trajectory wrote it."""
+    """Play the joint trajectory in this CSV file, as --export-trajectory writes it, with position servos in MuJoCo;
+    takes the place of --strike."""
     export: Path | None = None
     """Write the model as MJCF for MuJoCo's own viewer."""
     video: bool = True

@@ -83,21 +83,22 @@ class TrainOptions(
     in_space: ClassVar[bool] = True
 
     method: Learner = "sac"
-    """Which learner."""
+    """Learning algorithm."""
     region: Path | None = None
-    """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
+    """Draw the targets from the region in this file instead of a disc (see whiptool.zone.Region)."""
     observation: Observation = "goal"
-    """What the policy sees."""
+    """What the policy observes."""
     reward: Literal["paper", "log"] = "paper"
-    """Eq. 17, or minus the logarithm of the miss distance in hit radii."""
+    """Reward: Eq. 17, or minus the logarithm of the miss distance in units of the hit radius."""
     strikes: int = 100
-    """Strikes at one target before it is given up."""
+    """Largest number of strikes at one target in an episode."""
     hidden: tuple[int, ...] | None = None
-    """Sizes of the hidden layers; this and the options down to --spread: default by method, see the documentation."""
+    """Sizes of the hidden layers. The defaults of this and the following options down to --spread depend on the method;
+    see the documentation."""
     learning_rate: float | None = None
-    """Of Adam."""
+    """Learning rate of Adam."""
     discount: float | None = None
-    """gamma; default: 0 for observation goal, else 0.99."""
+    """Discount factor gamma; default: 0 for observation goal, else 0.99."""
     alpha: float | None = None
     """Weight of the entropy (sac)."""
     tau: float | None = None
@@ -107,7 +108,7 @@ class TrainOptions(
     updates: int | None = None
     """Updates per strike (sac, td3, ddpg)."""
     noise: float | None = None
-    """Exploring noise (td3, ddpg)."""
+    """Standard deviation of the exploration noise (td3, ddpg)."""
     target_noise: float | None = None
     """sigma of Eq. 15 (td3)."""
     noise_clip: float | None = None
@@ -115,19 +116,19 @@ class TrainOptions(
     delay: int | None = None
     """Critic updates per actor update (td3)."""
     kl_target: float | None = None
-    """Divergence per batch that beta is steered to (ppo)."""
+    """Target KL divergence per batch, towards which beta is adjusted (ppo)."""
     beta: float | None = None
-    """First weight of the KL penalty (ppo)."""
+    """Initial weight of the KL penalty (ppo)."""
     epochs: int | None = None
     """Passes over a batch (ppo)."""
     minibatch: int | None = None
-    """Transitions per step (ppo)."""
+    """Transitions per gradient step (ppo)."""
     spread: float | None = None
-    """First standard deviation of the actions (ppo)."""
+    """Initial standard deviation of the actions (ppo)."""
     checkpoint_every: int = 10
     """Episodes between checkpoints."""
     tests: int = 300
-    """Targets struck at with the trained policy at the end (Eq. 21)."""
+    """Number of targets on which the trained policy is tested (Eq. 21)."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

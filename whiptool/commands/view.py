@@ -36,10 +36,10 @@ class ViewOptions(JsonOptions):
     """Look at a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Run folder: of optimize or simulate (a strike), of train (its policy's strike at one of its targets; or a file
-    of a policy in it), of identify, adapt, reproduce or rig strike (a report)."""
+    """Run folder of optimize or simulate (shows the strike), of train (a strike of its policy; also a policy file in
+    it), or of identify, adapt, reproduce or rig strike (opens the report)."""
     page: bool = False
-    """Write the interactive page anew and open it in the browser, in place of MuJoCo's viewer."""
+    """Write the interactive page again and open it in the browser, instead of MuJoCo's viewer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +61,8 @@ class StrikeRun:
 
 
 _ABOUT = (
-    "Look at a run: its strike in MuJoCo's viewer, in a loop (space pauses), or its report. Without a display: where "
-    "its video and its interactive page are. Example: python -m whiptool.view runs/directl-20260102-030405"
+    "Show a run: play its strike in MuJoCo's viewer, in a loop (space pauses), or open its report. Without a display "
+    "the paths of video and page are printed. Example: python -m whiptool.view runs/directl-20260102-030405"
 )
 
 

@@ -59,7 +59,7 @@ class SeedOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("seed",)
 
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of all random numbers."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -76,9 +76,9 @@ class JsonOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("json", "quiet")
 
     json: bool = False
-    """Print one JSON object on stdout, and nothing else there."""
+    """Print one JSON object on stdout and nothing else there."""
     quiet: bool = False
-    """Show no progress on stderr; warnings and errors are shown all the same."""
+    """Show no progress on stderr; warnings and errors are still shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +89,7 @@ class OutputOptions(JsonOptions):
     first: ClassVar[tuple[str, ...]] = ("out",)
 
     out: Path | None = None
-    """Run folder; default: a new one in runs/, named after the command or method, the date and the time."""
+    """Run folder; default: a new folder in runs/, named after the command or method, the date and the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ class ResumableOptions(OutputOptions):
     first: ClassVar[tuple[str, ...]] = ("resume",)
 
     resume: Path | None = None
-    """Go on with the killed run in this folder; its options need not be given again."""
+    """Resume the interrupted run in this folder; its options need not be given again."""
 
 
 def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:

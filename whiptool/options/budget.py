@@ -55,9 +55,9 @@ class SearchOptions(OptionGroup):
     """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space of
     x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
     upper: tuple[float, ...] | None = None
-    """Upper bounds, likewise."""
+    """Upper bounds, in the same order."""
     max_trials: int = 600
-    """No more trials than these."""
+    """Largest number of trials."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -105,13 +105,13 @@ class TrainingOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("episodes",)
 
     episodes: int = 500
-    """Episodes that learners are trained for."""
+    """Number of training episodes."""
     trials: int = 100
     """Strikes per episode."""
     random_episodes: int = 50
-    """Episodes at the start with random strikes."""
+    """Number of episodes with random strikes at the start."""
     hindsight: int = 0
-    """Relabelled copies of every strike (sac, td3, ddpg under observation goal)."""
+    """Number of relabelled copies of every strike (sac, td3, ddpg with observation goal)."""
 
     def check(self) -> None:
         """Refuse lengths of a training in which nothing is learned, or that no machine holds."""

@@ -33,12 +33,13 @@ class LawOptions(OptionGroup):
     takes_hand: ClassVar[bool] = False  # whether the command takes controllers of the hand
 
     controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
-    """Control law, or a file with a table [controller] (a run has one); position: the joints are exactly on their path,
-    as stiff robots are. Default: position for a robot's arm, constant for nah2023, which has an impedance of its own,
-    else oiac."""
+    """Control law, or a TOML file with one. The file has a table [controller], as config.toml of a run has. With
+    position the joints follow their path exactly, as those of stiff robots do. Default: position for a robot's arm,
+    constant for nah2023, oiac for planar arms."""
     preset: Preset | None = None
-    """OIAC parameters: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default: table4.
-    Constant impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
+    """Parameters of the law. OIAC: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default:
+    table4. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
+    nah2020."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -151,9 +152,9 @@ class ControllerOptions(LawOptions):
     """The law, and what a real motor adds."""
 
     feedforward: bool = False
-    """Add the torque that the bare arm needs to follow the reference."""
+    """Add the torque that the arm without the whip needs to follow the reference."""
     torque_limit: float | None = None
-    """Largest joint torque [N m]."""
+    """Limit every joint torque to this value [N m]."""
 
     def build_controller(self) -> Controller:
         """The controller that the options describe, or that of the file."""
@@ -176,7 +177,7 @@ class SimulatedControllerOptions(ControllerOptions):
     """The controller of a simulated arm; a rig's holds its torque for a cycle in any case."""
 
     control_period: float | None = None
-    """Hold the torque for this long [s], as a rig does."""
+    """Hold the torque constant for this long [s], as a sampled controller does."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

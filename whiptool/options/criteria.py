@@ -23,13 +23,14 @@ class CriteriaOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("minimise",)
 
     minimise: CriterionName = "miss"
-    """Look for the hit with the least of this: the miss distance; the effort, which is the integral of the squared
-    torques; the largest torque; the root mean square miss under noise (robustness). The tip's speed through the target
-    is maximised. Other than for miss, a search goes on after the first hit."""
+    """Criterion to minimise among hits. The criteria are the miss distance; the effort, which is the integral of the
+    squared torques; the largest torque; and the root mean square miss under noise (robustness). The tip's speed at the
+    target is maximised. With any criterion other than miss the search continues after the first hit."""
     pareto: tuple[CriterionName, CriterionName] | None = None
-    """Look for all hits of which none is better by one of these two and not worse by the other, along derivatives."""
+    """Find the Pareto front of these two criteria among the hits, with derivatives."""
     noise: tuple[float, ...] = (0.01,)
-    """Standard deviation of each number of a strike [rad, s] under which robustness is judged, or one for all."""
+    """Standard deviation of the noise on each number of a strike [rad, s] for robustness; one value, or one per
+    number."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

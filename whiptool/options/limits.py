@@ -27,18 +27,17 @@ class LimitOptions(OptionGroup):
     )
 
     limits: Literal["xm430", "arm", "none"] | None = None
-    """Limits that strikes have to keep: this motor's speed-torque line, or those of the arm's joints; none: nothing at
-    all. Default: arm, where its joints have limits. optimize refuses strikes beyond, which count as misses; simulate
-    tells."""
+    """Limits that strikes have to keep. arm: those of the joints; xm430: the speed-torque line of that motor. optimize
+    counts strikes beyond a limit as misses; simulate reports them. Default: arm, if its joints have limits."""
     keep_free: float = 0.0
-    """Share of those limits that is kept free, such as 0.1."""
+    """Fraction of those limits to keep free, such as 0.1."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
-    """Height of the floor [m], above the base (shoulder), below it negative; none: there is none. Default: 0 of a robot
-    that stands on its base, else none."""
+    """Height of the floor above the base [m], or none. The base of a planar arm is its shoulder; a floor below it has a
+    negative height. Default: 0 for a robot that stands on its base, otherwise none."""
     clearance: float = 0.0
-    """Distance that arm, whip and floor have to keep from each other [m]."""
+    """Least distance between arm, whip and floor [m]."""
     ignore_collisions: bool = False
-    """Arm and whip may go through each other, as in the plane, where they do not lie in one."""
+    """Do not check collisions of arm, whip and floor. Planar models never check collisions of arm and whip."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

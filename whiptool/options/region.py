@@ -26,10 +26,11 @@ class RegionOptions(ZoneGoalOptions):
     )
 
     region: Path | None = None
-    """Draw targets from the region in this file instead (see whiptool.zone.Region)."""
+    """Draw the targets from the region in this file instead of a disc (see whiptool.zone.Region)."""
     sector: tuple[float, ...] | None = None
-    """Draw targets in space from this far to this far from the base, from this low to this high above it [m], and up
-    to so many degrees from forward to either side: five numbers."""
+    """Draw the targets in space from part of a shell around the base. The five numbers are the least and the largest
+    distance from the base, the least and the largest height above it [m], and the angle from forward to either side
+    [degrees]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -38,12 +38,12 @@ class TargetOptions(OptionGroup):
     )
 
     target: tuple[float, ...] | None = None
-    """Target position x y [m], from the shoulder, y up; in space x y z, from the base, y to the left, z up. Default:
-    1.3 0; in space by the model's reach, 1.2 0.3 0.5 of ur5e and panda."""
+    """Target position x y, in space x y z [m]. It counts from the shoulder, y up; in space from the base, y to the
+    left, z up. Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda."""
     hit_radius: float = 0.06
-    """The target is hit when the tip comes this close [m]."""
+    """Largest distance between tip and target at a hit [m]."""
     t_stay: float = T_STAY
-    """The strike is watched this long after the movement ended [s]."""
+    """Time after the movement during which the tip is still followed [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -69,14 +69,14 @@ class GoalOptions(TargetOptions):
     first: ClassVar[tuple[str, ...]] = ("direction",)
 
     direction: tuple[float, ...] | None = None
-    """The tip has to arrive along this vector x y, in space x y z, of any length; default: along any."""
+    """Direction in which the tip has to arrive. A vector x y, in space x y z, of any length. Default: any direction."""
     arrival_angle: float | None = None
-    """The tip has to arrive at this angle [degrees]: in the plane it turns from forward to upward; in space, seen from
-    the base, 0 is upward and 90 to the left, and motion along the line of sight does not count."""
+    """Angle at which the tip has to arrive [degrees]. In the plane it turns from forward to upward. In space, seen from
+    the base, 0 is upward and 90 is to the left; motion along the line of sight is ignored."""
     cone: float = 10.0
-    """The tip's velocity may be this far from the direction or angle [degrees]."""
+    """Largest angle between the tip's velocity and the required direction [degrees]."""
     least_speed: float | None = None
-    """The tip has to be at least this fast at the target [m/s], along the direction or angle where there is one."""
+    """Least speed of the tip at the target [m/s], along the required direction if there is one."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -118,7 +118,8 @@ class ZoneOptions(TargetOptions):
     first: ClassVar[tuple[str, ...]] = ("zone_radius",)
 
     zone_radius: float = 0.1
-    """Targets are drawn from what the model can reach of the disc (ball, in space) of this radius around --target."""
+    """Radius of the zone of targets around --target [m]. The zone is a disc, in space a ball; targets out of reach are
+    excluded."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -159,17 +160,19 @@ class ModelOptions(WhipOptions):
     in_space: ClassVar[bool] = False  # whether the command takes models in space
 
     model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"
-    """Published whip and arm (nah2023, ur5e and panda: in space), or those of a file; a robot in URDF or MJCF gets the
-    rope of ur5e."""
+    """Model of arm and whip. A preset (nah2023, ur5e and panda are in space) or a file. A robot in URDF or MJCF gets
+    the rope of ur5e."""
 
     arm: str | None = None
-    """Arm of this model or file instead, such as a robot's URDF; it holds the whip of --model if that is in space."""
+    """Replace the arm by that of this preset or file. The file can be a robot's URDF. The whip is that of --model if it
+    is in space."""
 
     arm_tip: str | None = None
-    """Link, body or site of a robot's file at which the hand is, where the robot branches; default: its only end."""
+    """Link, body or site of the robot's file to which the whip is attached, if the robot branches; default: its only
+    end."""
 
     base: tuple[str, ...] = ("floor",)
-    """How the base of an arm in space is fixed: floor, wall (its z axis points forward), ceiling, or by its roll, pitch
+    """How the base of an arm in space is mounted: floor, wall (its z axis points forward), ceiling, or its roll, pitch
     and yaw [rad]."""
 
     def build_model(self) -> Model:

@@ -28,9 +28,9 @@ class StepOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("tolerance",)
 
     tolerance: float | None = None
-    """Largest error of a distance by integration [m]; default: 0.0001. Steps are as short as that needs."""
+    """Largest integration error of the miss distance [m]; default: 0.0001. The steps are chosen accordingly."""
     timestep: float | None = None
-    """Equal steps of integration [s], whose error is not estimated, instead."""
+    """Use equal integration steps of this length [s], without an estimate of their error."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -78,12 +78,12 @@ class SimulatorOptions(StepOptions):
     """Which simulator, and how finely it steps."""
 
     simulator: Simulator = "compiled"
-    """CasADi's or MuJoCo's."""
+    """Simulator: compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
-    """Equal steps of integration [s]; default: compiled, those that --tolerance needs; reference, at most 0.0001, of
-    rods 0.0004."""
+    """Use equal integration steps of this length [s]. Default: compiled, the steps that --tolerance needs; reference,
+    at most 0.0001, with rods 0.0004."""
     integrator: Integrator | None = None
-    """Of the reference; default: RK4 unless the whip is too stiff for it."""
+    """Integrator of the reference simulator; default: RK4 unless the whip is too stiff for it."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -29,22 +29,23 @@ class SpaceOptions(SimulatedControllerOptions):
     takes_hand: ClassVar[bool] = True
 
     space: Space = "joint"
-    """What describes a strike: where the joints begin and end, or where the hand does; pose: and how it is turned, of
-    an arm with joints for it. In hand space the law is one of the hand's errors [m, m/s; rad, rad/s], and with
-    --controller position the joints follow the hand's path exactly."""
+    """Coordinates of a strike. They are the joints, the position of the hand, or the pose of the hand, which includes
+    its orientation and takes an arm with enough joints. In hand space the impedance acts on the hand's errors [m, m/s;
+    rad, rad/s]; with --controller position the joints follow the hand's path exactly."""
     home: tuple[float, ...] | None = None
-    """Home posture in hand space, near which the arm holds its hand [rad]; default: one in which it moves easily."""
+    """Home posture for hand space [rad]; the arm stays near it. Default: a posture in which the hand moves easily."""
     null_damping: float = 1.0
-    """In hand space, damping of what joints do that does not move the hand [N m s/rad]."""
+    """Damping of joint motions that do not move the hand, in hand space [N m s/rad]."""
     stiffness: float | None = None
-    """Of the hand in all directions, for --controller constant in hand space [N/m]; default: 3 Hz, damped critically,
-    of a pose in all its motions."""
+    """Stiffness of the hand in all directions, for --controller constant in hand space [N/m]; default: a natural
+    frequency of 3 Hz, critically damped."""
     damping: float | None = None
-    """Likewise its damping [N s/m]."""
+    """Damping of the hand in all directions, as --stiffness [N s/m]."""
     turn_stiffness: float | None = None
-    """Of the hand about all axes, with --space pose [N m/rad]; default: likewise."""
+    """Rotational stiffness of the hand about all axes, for --space pose [N m/rad]; default: a natural frequency of 3
+    Hz, critically damped."""
     turn_damping: float | None = None
-    """Likewise its damping [N m s/rad]."""
+    """Rotational damping of the hand about all axes, as --turn-stiffness [N m s/rad]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -29,15 +29,16 @@ class TrajectoryOptions(OptionGroup):
     of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", "trajectory_rate", "posture", "rest")
 
     export_trajectory: Path | None = None
-    """Write the strike's joint positions, velocities and accelerations for a robot: as FILE.csv, or as the goal of a
-    ROS 2 FollowJointTrajectory action, FILE.yaml. Of a strike of the hand also the hand's poses, in further columns, or
-    as FILE-hand.yaml."""
+    """Write the strike as a joint trajectory for a robot. FILE.csv holds positions, velocities and accelerations;
+    FILE.yaml is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the poses of the hand are
+    written too, in further columns or as FILE-hand.yaml."""
     trajectory_rate: float = 500.0
-    """Samples a second of that file."""
+    """Samples per second in that file."""
     posture: tuple[float, ...] | None = None
-    """Present posture of the robot, from which that file leads to the strike's start [rad]; default: it is there."""
+    """Present posture of the robot [rad], from which that file leads to the start of the strike; default: the robot is
+    already there."""
     rest: float = 3.0
-    """Rest before the strike in that file, in which the whip comes to hang still [s]."""
+    """Time for which the robot rests before the strike in that file, so that the whip comes to rest [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -23,18 +23,18 @@ class WhipOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("whip_length", "nodes")
 
     whip_length: float | None = None
-    """Length of the whip [m], of the same material; default: the model's."""
+    """Length of the whip [m], of the same material; default: that of the model."""
     nodes: int | None = None
-    """Nodes that the whip is lumped into; default: the model's."""
+    """Number of nodes of the whip; default: that of the model."""
     taper: float | None = None
-    """Thickness of the whip at its tip over that at its handle; default: the model's."""
+    """Thickness of the whip at its tip divided by that at its handle; default: that of the model."""
     youngs_modulus: float | None = None
-    """Of a round whip of one material in place of the model's: Young's modulus [Pa]. With --diameter and --density; its
-    damping keeps the model's ratio to its stiffness."""
+    """Young's modulus of a round whip of one material that replaces the whip of the model [Pa]; requires --diameter and
+    --density. The ratio of damping to stiffness is kept."""
     diameter: float | None = None
-    """Likewise, its diameter [m]."""
+    """Diameter of that whip [m]."""
     density: float | None = None
-    """Likewise, its mass per volume [kg/m^3]."""
+    """Mass per volume of that whip [kg/m^3]."""
 
     def changed_whip(self, model: Model) -> Model:
         """Return a model with the whip that the options describe.

@@ -23,15 +23,16 @@ class ZoneGoalOptions(ZoneOptions):
     """Where targets are drawn, and how the tip has to arrive there."""
 
     direction: tuple[float, ...] | None = None
-    """The tip has to arrive at every target along this vector x y, in space x y z, of any length; default: any way."""
+    """Direction in which the tip has to arrive at every target: a vector x y, in space x y z, of any length. Default:
+    any direction."""
     arrival_angle: Annotated[tuple[float, ...] | None, arg(metavar="ANGLE|FROM TO")] = None
-    """The tip has to arrive at every target at this angle [degrees]: in the plane it turns from forward to upward; in
-    space, seen from the base, 0 is upward and 90 to the left. Two angles: each target has its own, drawn uniformly
-    from the first to the second; -180 180 is the full turn."""
+    """Angle at which the tip has to arrive at every target [degrees]. In the plane it turns from forward to upward. In
+    space, seen from the base, 0 is upward and 90 is to the left. With two angles each target has its own, drawn
+    uniformly between them; -180 180 is the full turn."""
     cone: float = 10.0
-    """The tip's velocity may be this far from the direction or angle [degrees]."""
+    """Largest angle between the tip's velocity and the required direction [degrees]."""
     least_speed: float | None = None
-    """The tip has to be at least this fast at the target [m/s], along the direction or angle where there is one."""
+    """Least speed of the tip at the target [m/s], along the required direction if there is one."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

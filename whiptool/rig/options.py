@@ -36,23 +36,25 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     usual_preset: ClassVar[Preset] = "printed"
 
     preset: Preset | None = None
-    """OIAC parameters: printed or table4, which is stable only at rates far above 500; default: printed. Constant
-    impedance: nah2020 (Eq. 22) or the others; default: the model's, or nah2020."""
+    """Parameters of the law. OIAC: printed, or table4, which is stable only at rates far above 500; default: printed.
+    Constant impedance: nah2020 (Eq. 22) or the others; default: that of the model, otherwise nah2020."""
     port: str = "twin"
-    """Serial device such as /dev/ttyUSB0, or twin: the emulator behind the same protocol."""
+    """Serial device, or twin. The device is such as /dev/ttyUSB0; twin is the emulated servos behind the same
+    protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """With a real arm: realsense, a RealSense recording, none; with the twin: the others (d435-infrared is twin; points
-    is the tip's position with the error of tracked images, without the images), none."""
+    """Camera, or none. With a real arm: realsense, or a RealSense recording. With the twin: twin or d435-infrared
+    (rendered infrared images), d435-color, or points (positions of the tip with the error of tracked images, without
+    images)."""
     rate: float = 500.0
     """Control cycles per second."""
     approach_speed: float = 0.2
-    """Largest joint speed on the way to the strike's start [rad/s]; slow, for the whip must not swing there."""
+    """Largest joint speed on the way to the start of the strike [rad/s]; it is low so that the whip does not swing."""
     settle: float = 2.0
-    """Wait at the start [s]; the whip's hinge is free, so waiting alone does not end a swing."""
+    """Waiting time at the start of the strike [s]. The whip's hinge is free, so waiting alone does not stop a swing."""
     friction: bool = True
-    """Of the twin: motors with friction and inertia."""
+    """Give the twin's motors friction and inertia."""
     latency: float = 0.001
-    """Of the line, there and back [s]: the twin's, and as rehearsals have it."""
+    """Round-trip latency of the serial line [s], of the twin and in rehearsals."""
     yes: bool = False
     """Do not ask before a real arm moves."""
 
