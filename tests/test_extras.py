@@ -9,8 +9,7 @@ import tomllib
 import pytest
 from repository import ROOT
 
-from whiptool.errors import InputError
-from whiptool.extras import EXTRAS, optional, require
+from whiptool.extras import EXTRAS, MissingPackage, optional, require
 
 
 def test_extras_are_those_of_the_project():
@@ -30,20 +29,20 @@ def test_all_that_is_missing_is_told_at_once(monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     require("nothing", [])
     require("arrays", ["numpy"])
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(MissingPackage) as caught:
         require("reproduce", ["torch", "numpy", "cv2", "dynamixel_sdk", "torch"])
     missing = "torch, opencv-python-headless, dynamixel-sdk"
-    assert str(caught.value) == (
-        f"reproduce: got 'no {missing}'; allowed: {missing} installed; pip install 'whiptool[rl,vision,rig]'"
-    )
+    said = f"reproduce: packages {missing} are not installed; install with: pip install 'whiptool[rl,vision,rig]'"
+    assert str(caught.value) == said
+    assert caught.value.renamed("--rows") is caught.value
 
 
 def test_a_module_is_imported_or_its_extra_named(monkeypatch):
     assert optional("json").dumps([1]) == "[1]"
     monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with pytest.raises(InputError, match=r"C3D files: got 'no ezc3d'; .* pip install 'whiptool\[io\]'"):
+    with pytest.raises(MissingPackage, match=r"C3D files: the package ezc3d is not .*: pip install 'whiptool\[io\]'"):
         optional("ezc3d", "C3D files")
-    with pytest.raises(InputError, match=r"nowhere\.at_all: got .*pip install nowhere\.at_all"):
+    with pytest.raises(MissingPackage, match=r"nowhere\.at_all: .* is not installed; .*: pip install nowhere\.at_all"):
         optional("nowhere.at_all")
 
 
@@ -51,5 +50,5 @@ def test_a_module_that_does_not_load_says_why(monkeypatch, tmp_path):
     (tmp_path / "ray.py").write_text("import no_such_library")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "ray", raising=False)
-    with pytest.raises(InputError, match=r"cluster: got .ray, which does not load .*'no_such_library'"):
+    with pytest.raises(MissingPackage, match=r"cluster: the package ray is installed but cannot .*'no_such_library'"):
         optional("ray", "cluster")

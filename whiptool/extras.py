@@ -21,15 +21,33 @@ EXTRAS = {
 }
 
 
+class MissingPackage(InputError):
+    """A package that is needed is not installed, or cannot be imported.
+
+    Args:
+        purpose: What needs it, such as `whiptool train`.
+        state: A sentence about the package, such as `the package torch is not installed`.
+        fix: What to do about it.
+    """
+
+    def __init__(self, purpose: str, state: str, fix: str) -> None:
+        super().__init__(purpose, state, "installed packages", fix)
+        self.args = (f"{purpose}: {state}; {fix}",)
+
+    def renamed(self, name: str, fix: str = "") -> InputError:
+        """Return the error itself, for its name is that of what needs the package and not that of an option."""
+        return self
+
+
 def require(purpose: str, modules: Iterable[str]) -> None:
-    """Refuse what needs modules that are not installed. Nothing is imported, so that this takes no time.
+    """Check that modules are installed, without importing them.
 
     Args:
         purpose: What needs them, such as `whiptool train`.
         modules: Top-level modules of extras.
 
     Raises:
-        InputError: Some are not installed; it names all of them, and the command that installs them.
+        MissingPackage: Some are not installed; it names all of them, and the command that installs them.
     """
     missing = [module for module in dict.fromkeys(modules) if find_spec(module) is None]
     if missing:
@@ -44,7 +62,7 @@ def optional(module: str, purpose: str = "") -> Any:
         purpose: What needs it; default: the module itself.
 
     Raises:
-        InputError: It is not installed, or does not load.
+        MissingPackage: It is not installed, or cannot be imported.
     """
     try:
         return import_module(module)
@@ -53,13 +71,14 @@ def optional(module: str, purpose: str = "") -> Any:
         if find_spec(package) is None:
             wanted = package if any(package in packages for packages in EXTRAS.values()) else module
             raise _not_installed(purpose or wanted, [wanted]) from None
-        given, fix = f"{module}, which does not load ({error})", f"install it anew: {_command([package])}"
-        raise InputError(purpose or package, given, "one that loads", fix) from error
+        state = f"the package {module} is installed but cannot be imported ({error})"
+        raise MissingPackage(purpose or package, state, f"install it again: {_command([package])}") from error
 
 
-def _not_installed(purpose: str, modules: list[str]) -> InputError:
+def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:
     packages = ", ".join(_package(module) for module in modules)
-    return InputError(purpose, f"no {packages}", f"{packages} installed", _command(modules))
+    state = f"packages {packages} are not installed" if len(modules) > 1 else f"the package {packages} is not installed"
+    return MissingPackage(purpose, state, f"install with: {_command(modules)}")
 
 
 def _package(module: str) -> str:

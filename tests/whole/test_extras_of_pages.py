@@ -1,7 +1,7 @@
 """What is not installed is asked for before any work, and each page names its extras before its first command.
 
-On the core installation, whose extras' modules are kept from being imported here, every module can be imported and every
-command of the overview in `docs/commands.md` starts, except those that need an extra.
+On the core installation, whose extras' modules are kept from being imported here, every module can be imported and
+every command of the overview in `docs/commands.md` starts, except those that need an extra.
 """
 
 from __future__ import annotations

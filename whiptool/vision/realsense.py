@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.extras import optional
+from whiptool.extras import MissingPackage, optional
 from whiptool.vision.camera_model import CameraSettings
 from whiptool.vision.source import Frame
 
@@ -21,14 +21,14 @@ def realsense() -> Any:
     """The module pyrealsense2.
 
     Raises:
-        InputError: It is not installed, or its USB library is not.
+        MissingPackage: It is not installed, or its USB library is not.
     """
     try:
         return optional("pyrealsense2", "a RealSense camera")
-    except InputError as error:
+    except MissingPackage as error:
         if "libusb" not in str(error):
             raise
-        raise InputError(error.name, error.given, error.allowed, "apt-get install libusb-1.0-0") from None
+        raise MissingPackage(error.name, str(error.given), "install libusb: apt-get install libusb-1.0-0") from None
 
 
 class RealSenseCamera:
