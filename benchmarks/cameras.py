@@ -1,4 +1,4 @@
-"""Which whip in space was it? Three strikes, seen by two cameras, and one that is only foreseen.
+"""Which whip in space was it? Three strikes, seen by two cameras, and a fourth is predicted.
 
 The person's arm of Nah et al. 2023 under its impedance strikes with a whip of 1 m that MuJoCo simulates, on universal
 joints (k, b, m are sought) or of rods (EI, bending damping, mass per length). Two cameras see its tip 60 times a

@@ -82,7 +82,7 @@ def measured(model: Model, strikes: np.ndarray, target: np.ndarray) -> dict:
 def over_equal_steps(
     model: Model, strikes: np.ndarray, target: np.ndarray, true: tuple[np.ndarray, np.ndarray], p99: float, speed: float
 ) -> dict | None:
-    """The largest equal step that is as true, and how many times slower it is; None: there is none."""
+    """The largest equal step that is as true, and how many times slower it is; None without such a step."""
     distance, known = true
     for step in EQUAL_STEPS:
         found, _, its = timed(CompiledRollout(model, default_controller(model), timestep=step), strikes, target)

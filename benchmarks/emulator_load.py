@@ -2,10 +2,10 @@
 
 `python benchmarks/emulator_load.py [--quick] [--json] [--busy 8] [--noise 60]`. The stand-alone emulator runs with the
 wall clock. Counted are: the share of a core that it takes while it waits for a client, and with torque on; the time to
-an answer after noise whose replies nobody read. Then, with processes beside it that only compute: scans that find both
-servos, by the maker's SDK (a broadcast ping, for which the SDK waits 0.8 s) and by `python -m whiptool.rig.dynamixel`
-(1 s per servo); single pings of the SDK, which it gives up after 34 ms: on a busy machine the client itself may not
-run for as long; and whether a run in lock-step is the idle machine's, bit by bit.
+an answer after noise whose replies were not read. Then, with processes next to it that only compute: scans that find
+both servos, by the maker's SDK (a broadcast ping, for which the SDK waits 0.8 s) and by `python -m
+whiptool.rig.dynamixel` (1 s per servo); single pings of the SDK, which it gives up after 34 ms: on a busy machine the
+client itself may not run for as long; and whether a run in lock-step is the idle machine's, bit by bit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How soon has somebody who gives no options a strike of a robot? Random targets, to 1 mm, as the presets are.
+"""How soon is a robot's strike found if no options are given? Random targets, to 1 mm, as the presets are.
 
 Each target is searched as these lines do, which are those of `python -m whiptool.optimize --model ur5e --target 1.2 0.3
 0.5 --method gradient --hit-radius 0.001`: position control, a rope of rods, the limits of the joints, arm, whip and the

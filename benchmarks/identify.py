@@ -11,7 +11,7 @@ Each set of recordings comes with its mirror image: the same noise with the othe
 that noise moves both alike, and what sets them apart is where they end without noise: `implicitfast` is of first order
 (RK4 at 0.25 ms diverges), which takes k some 4 % too high. Over a few independent sets the noise can happen to point
 against that error, and the worse simulator then scores better; over sets and their mirror images it cannot. All
-figures are root mean squares over the sets; those of recordings without noise stand beside them.
+figures are root mean squares over the sets; those of recordings without noise are listed next to them.
 
 The second table counts how often 95 % intervals cover the truth, with five kinds of errors.
 Needs `pip install "mujoco[sysid]"`.

@@ -7,7 +7,7 @@ same targets, where both need equally many; the second method has seeds that agr
 deterministic method). Where it lies too low, the first method was wrongly said to need fewer, else the second.
 
 Seeds that differ have a spread (standard deviation of the factor's logarithm) of 0.3 or 0.6; means of three seeds of
-the learners in notebooks/data/comparison.json at 1 cm spread by about that. A spread of 1 is shown beside them: three
+the learners in notebooks/data/comparison.json at 1 cm spread by about that. A spread of 1 is shown next to them: three
 seeds that differ so much seldom show it.
 
     python benchmarks/interval_coverage.py [--quick] [--json] [--studies 1000] [--seeds 3] [--targets 300]

@@ -8,12 +8,12 @@ planner's timestep, against the target's true motion, and counts as a hit if tip
 
 Targets: `straight`, 0.5 m/s in a random direction through a random point of the disc of 0.3 m around (1.2, 0.0) m;
 `ballistic`, thrown from 2.5 to 4 m away, through such a point after 1.1 to 1.6 s of flight; `pendulum`, a bob whose
-lowest point is such a point, strings of 0.5 to 1.5 m, amplitudes of 0.2 to 1 rad, pivot not told to the planner.
-Targets that no strike can meet in time are not asked about: those that none of 4,000 other random strikes, from any
+lowest point is such a point, strings of 0.5 to 1.5 m, amplitudes of 0.2 to 1 rad, pivot unknown to the planner.
+Targets that cannot be met in time are excluded: those that none of 4,000 other random strikes, from any
 posture and started at the best time, comes within 6 cm of. Their number is printed.
 
 Rows: `last seen`: the strike at where the target was last seen; `once`: planned at the decision; `time`: later frames
-shift the start of the same strike; `aim`: later frames move the strike, too; `oracle`: the true motion is told.
+shift the start of the same strike; `aim`: later frames move the strike, too; `oracle`: the true motion is known.
 `any q_i`: the arm is wherever the strike begins; `waiting`: it waits at one posture, and all strikes begin there.
 
     python benchmarks/moving.py [--quick] [--json] [--targets 100] [--seeds 0]

@@ -5,7 +5,7 @@ exact derivatives. Three rivals have ten times its rollouts each, a derivative b
 random strikes; CMA-ES, which minimises the weighted Chebyshev distance from the front's ideal point (Miettinen 1999)
 with weights spread over the front; pymoo's NSGA-II (Deb et al. 2002), hits being its constraint. By how much a
 rival's hit dominates the front is the additive epsilon indicator in parts of the front's range: as far as the front
-would have to be moved in both criteria; beside it stand the share of the hits on a rival's front that a hit on ours
+would have to be moved in both criteria; next to it are the share of the hits on a rival's front that a hit on ours
 dominates, and the share of ours that one of the rival's dominates. NSGA-II is also given the front's own number of
 rollouts. Hypervolumes are parts of the box around all fronts, 1 being all of it.
 

@@ -4,7 +4,7 @@
 tip seen with the error of tracked images, a slow movement first, then three strikes, whether or not they hit; in its
 quick form one whip and two strikes. With `--space` unknown ropes of each family on a UR5e, as in
 `python -m whiptool.reproduce adapt --space`: one wiggle, then a strike at each of three goals; in its quick form one
-rope and one goal, for which strikes are hardly looked for. Beside seconds it prints how many strikes MuJoCo rolls out
+rope and one goal, for which hardly any search is needed. Besides seconds it prints how many strikes MuJoCo rolls out
 in that time, measured in the same run with the paper's arm and whip.
 """
 

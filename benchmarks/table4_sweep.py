@@ -2,7 +2,7 @@
 
 For random strikes of the default bounds, the largest (and the mean) absolute tracking error of shoulder and elbow,
 in position and velocity, under OIAC and under constant impedance (Eq. 22); printed are the ratios of their means over
-the strikes, beside those of Table 4, and the distance of the four ratios from the paper's (RMS of the logarithms).
+the strikes, next to those of Table 4, and the distance of the four ratios from the paper's (RMS of the logarithms).
 
     python benchmarks/table4_sweep.py [--quick] [--json]
 """

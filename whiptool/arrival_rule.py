@@ -127,7 +127,7 @@ class ArrivalRule:
         """Return the goal of a target, if it asks for no more than the rule; one direction of all need not be given.
 
         Raises:
-            InputError: It asks for a direction that is none of the rule's, or for more speed, or leaves open which of
+            InputError: It asks for a direction that the rule does not have, or for more speed, or leaves open which of
                 any directions it is.
         """
         asked = target.goals

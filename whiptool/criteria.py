@@ -123,7 +123,7 @@ class Miss(Criterion):
 
 
 class Effort(Criterion):
-    """The integral of the squared torques of all joints over the strike; its measure is the logarithm of 1 more.
+    """The integral of the squared torques of all joints over the strike; its measure is log(1 + effort).
 
     Efforts of one robot's strikes span four orders of magnitude: as they are, the best of them would all look alike.
     """
@@ -260,7 +260,7 @@ def find_criterion(name: str, bounds: StrikeBounds, *, noise: Sequence[float] = 
         noise: Standard deviations for `robustness` [rad, s]: one of all numbers of a strike, or one each.
 
     Raises:
-        InputError: There is none of that name, or the noise does not fit the bounds.
+        InputError: No criterion has that name, or the noise does not fit the bounds.
     """
     if name == "robustness":
         return _robustness(bounds, tuple(noise))
@@ -278,7 +278,7 @@ def _robustness(bounds: StrikeBounds, noise: tuple[float, ...]) -> Robustness:
     found = Robustness(noise * (count if len(noise) == 1 else 1))
     if found.reach[-1] >= bounds.lower[-1]:
         least = found.noise[-1] * bounds.lower[-1] / found.reach[-1]
-        raise InputError("noise", noise, f"less than {least:.3g} s of D, lest a strike lasts no time")
+        raise InputError("noise", noise, f"less than {least:.3g} s for D, so that noisy durations stay positive")
     return found
 
 

@@ -65,7 +65,7 @@ def _meant(given: object, allowed: str) -> str:
 def alike(given: str, names: Iterable[str]) -> str:
     """Return the name of which another is a misspelling; empty where none is.
 
-    A misspelling begins with the same letter: `zone` is none of `cone`.
+    A misspelling begins with the same letter: `zone` is not taken for `cone`.
     """
     possible = [name for name in names if name[:1] == given[:1]]
     return next(iter(difflib.get_close_matches(given, possible, n=1, cutoff=0.7)), "")

@@ -106,7 +106,7 @@ class Outcome(ArrayLike):
 
     @property
     def known_miss(self) -> float | None:
-        """The miss distance [m]; None where there is none, and `miss_distance` is a penalty."""
+        """The miss distance [m]; None where no strike was measured, and `miss_distance` is a penalty."""
         return None if self.lost else self.miss_distance
 
     @property

@@ -20,7 +20,7 @@ LOCK = ".lock"
 class RunLock:
     """A lock of the operating system on a run folder's `.lock`, held until `release` or the end of the process.
 
-    The file says who holds it. One that a killed process left is held by nobody, and is taken over.
+    The file names its holder. A lock that a killed process left is free, and is taken over.
 
     Args:
         folder: An existing folder.
@@ -52,7 +52,8 @@ class RunLock:
             raise
 
     def release(self) -> None:
-        """Let others have the folder; the file goes while it is still held, lest one that is theirs be removed."""
+        """Let others have the folder; the file is removed while it is still held, so that no other process's file is
+        removed."""
         if self._lock.is_locked:
             self.path.unlink(missing_ok=True)
             self._lock.release()

@@ -146,7 +146,7 @@ class RunFolder:
         if refused and {entry.name for entry in self.path.iterdir()} <= {CONFIG, LOCK}:
             (self.path / CONFIG).unlink()
             self.close()
-            with suppress(OSError):  # it may be where somebody stands
+            with suppress(OSError):  # it may be the working folder of a shell
                 self.path.rmdir()
         self.close()
 

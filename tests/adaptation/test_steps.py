@@ -27,7 +27,7 @@ def test_an_adaptation_tells_strikes_hits_misses_and_probabilities() -> None:
     )
     assert steps.strikes == [UNSEEN, MISSED, HIT]
     assert HIT.strike == Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
-    assert repr(Steps([LOOK])) == "Steps(no strike)"
+    assert repr(Steps([LOOK])) == "Steps(0 strikes)"
 
 
 def test_of_many_strikes_the_last_ones_are_told() -> None:

@@ -51,7 +51,7 @@ def test_joints_that_are_numbered_are_in_the_order_of_their_numbers():
 @pytest.mark.parametrize(
     ("names", "joints", "said"),
     [
-        (("elbow", "shoulder"), ("shoulder", "wrist"), "there is none for wrist"),
+        (("elbow", "shoulder"), ("shoulder", "wrist"), "no column is for wrist"),
         (("left_elbow", "right_elbow"), ("shoulder", "elbow"), "there are several for elbow"),
         (("hip", "knee"), ("shoulder", "elbow"), "none for shoulder, elbow.*joint_columns = {shoulder"),
         ((*(f"q{i}" for i in range(7)),), PANDA[:6], "joint_columns"),

@@ -464,7 +464,7 @@ def filmed(emulator, monkeypatch):
 @pytest.mark.slow
 def test_a_camera_without_frames_is_no_strike(filmed, tmp_path: Path) -> None:
     _, error, armed = filmed(Camera(frames=False), tmp_path)
-    assert "the camera gives no frames (no frame in 0.2 s); no strike was made" in str(error)
+    assert "the camera gives no frames (no frame in 0.2 s); the arm has not moved" in str(error)
     assert armed == 0
 
 

@@ -162,7 +162,7 @@ def test_targets_that_it_was_not_built_for_are_refused(building, parts):
         made.strike(Target.arriving((0.2, 0.1), 0.3))
     with pytest.raises(InputError, match="2 coordinates"):
         made.strike(Target((1.3, 0.0, 0.1)))
-    with pytest.warns(UserWarning, match="no strike of the map hits within the limits"):
+    with pytest.warns(UserWarning, match="none of the map.s strikes hits within the limits"):
         made.strike(Target((1.3, 0.0), speed=300.0))
     strike = made.strike(Target.arriving((1.3, 0.05), 1.0, speed=1.0), refined=False)
     assert building.striker.inside(strike.vector[None]).all()

@@ -352,7 +352,7 @@ optimize --minimise robustness --noise 0 | not all 0
 optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
 optimize --minimise robustness --noise 0.1 0.1 | one number, or 5
 optimize --minimise robustness --noise nan | --noise
-optimize --minimise robustness --noise 0.2 | lest a strike lasts no time
+optimize --minimise robustness --noise 0.2 | so that noisy durations stay positive
 optimize --noise 0.02 | nothing without --minimise robustness
 optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
 optimize --pareto effort | --pareto

@@ -29,7 +29,7 @@ class Result:
 
 
 class Store:
-    """Results in a file of JSON lines, each written at once; a line that a killed run left incomplete is none."""
+    """Results in a file of JSON lines, each written at once; an incomplete line of a killed run is ignored."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

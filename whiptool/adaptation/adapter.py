@@ -115,7 +115,7 @@ class Adapter:
         number: Of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
         belief: About the whip, after all that was reported.
         steps: All that were reported.
-        done: Whether no strike is left, or the last one hit.
+        done: Whether all strikes have been made, or the last one hit.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Adapter:
         return None if self.folder is None else self.folder / f"strike-{self.number:04d}"
 
     def ask(self) -> Strike | None:
-        """Return the strike that is to be struck next, the same until it is reported; None: no strike is left.
+        """Return the strike to be made next, the same until it is reported; None after the last one.
 
         Raises:
             InputError: The folder is damaged.
@@ -165,7 +165,7 @@ class Adapter:
         """The strike that was planned and not reported yet.
 
         Raises:
-            InputError: There is none, or the folder is damaged.
+            InputError: The folder holds no run, or is damaged.
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
@@ -178,7 +178,7 @@ class Adapter:
         Args:
             told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, which says
                 why there was none.
-            must_teach: Whether to refuse, and not to keep, a recording that nothing can be learned from: somebody can
+            must_teach: Whether to refuse, and not to keep, a recording that nothing can be learned from: a person can
                 mend it, or record the strike again.
 
         Raises:

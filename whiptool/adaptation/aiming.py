@@ -243,7 +243,7 @@ class _Aimed:
             f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
         )
         if not allowed:
-            reason += "; no strike was found within the limits"
+            reason += "; no plan within the limits was found"
         drawn = np.sort(self.error.drawn(miss, rng))
         misses = tuple(x if np.isfinite(x) else None for x in drawn.tolist())
         vector = tuple(map(float, Strike.from_vector(strike).vector))

@@ -80,7 +80,7 @@ def choose_wiggle(
 ) -> tuple[Strike, float]:
     """The D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
 
-    In space, of an unevener whip, a linearised prior promises most of movements that are hardly foreseen, and whose
+    In space, of an unevener whip, a linearised prior promises most of movements that are hardly predictable, and whose
     recordings many whips explain; those it leaves out.
 
     Args:

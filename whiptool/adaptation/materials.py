@@ -54,7 +54,7 @@ LONGEST = 20.0  # [m] of a whip that an arm swings
 Range = tuple[float, float]
 
 AIR = 1.2  # [kg/m^3]
-MEASURED = 0.02  # relative half range of a diameter or a length that somebody measured
+MEASURED = 0.02  # relative half range of a diameter or a length that was measured by hand
 CAUSES = ("length", "diameter", "density", "modulus", "relaxation", "friction", "drag_coefficient")
 NUMBERS = ("length", "linear_density", "bending_stiffness", "bending_damping", "drag", "dry_friction")
 _POWERS = np.array([

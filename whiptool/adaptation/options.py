@@ -127,7 +127,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         else:
             idle["family"] = "nothing, unless --port twin is given"
         if self.port == ROBOT:
-            idle |= dict.fromkeys(OF_RIGS, "nothing with --port robot, which somebody else commands and records")
+            idle |= dict.fromkeys(OF_RIGS, "only without --port robot, where your own program commands and records")
         refuse_idle(self, idle)
 
     def build_controller(self) -> Controller:

@@ -390,7 +390,7 @@ class _Search:
             reason += (
                 f", within {usage:.0%} of what the motors give"
                 if usage <= 1
-                else (f"; no strike was found within the motors' limits, this one asks for {usage:.0%} of them")
+                else (f"; no plan within the motors' limits was found, this one requires {usage:.0%} of them")
             )
         vector = tuple(map(float, Strike.from_vector(strike).vector))
         allowed &= bool(self.excess(near)[0] <= 0)

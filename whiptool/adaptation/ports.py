@@ -44,7 +44,7 @@ class Seen:
 
     @property
     def carried_out(self) -> bool:
-        """Whether it was a strike: what was refused or broken off is none, and nothing is learned from it."""
+        """Whether the strike was carried out. Nothing is learned from one that was refused or interrupted."""
         return not (self.fault or self.refused)
 
 
@@ -184,7 +184,7 @@ class RigPort:
     """A rig, hardware or twin.
 
     Args:
-        make: The rig for a strike's number: a twin's noise depends on it, lest a resumed run see another.
+        make: The rig for a strike's number: a twin's noise depends on it, so that a resumed run sees the same noise.
         target: [m]
     """
 

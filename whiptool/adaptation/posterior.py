@@ -174,7 +174,8 @@ def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
     """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
 
-    Their standard errors contain what no model explains, lest a sharp camera drive the fit to odd numbers. At rest that
+    Their standard errors contain what no model explains, so that a precise camera does not drive the fit to odd
+    numbers. At rest that
     is the same in all frames, and one is left of them: their median.
 
     Args:

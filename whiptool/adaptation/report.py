@@ -108,7 +108,7 @@ def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Secti
         target: What was to be hit.
     """
     if not steps:
-        return [Section("Strikes", [Text("There was no strike.")])]
+        return [Section("Strikes", [Text("No strike was made.")])]
     beliefs = [prior]
     for step in steps:
         beliefs.append(beliefs[-1] if step.learned is None else step.learned.belief)

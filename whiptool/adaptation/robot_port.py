@@ -24,7 +24,7 @@ TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as 
 
 
 class AwaitsRecording(WhiptoolError):
-    """A strike is to be struck by somebody else's robot.
+    """The user's robot has to make a strike next.
 
     Args:
         strike: Which.
@@ -39,7 +39,7 @@ class AwaitsRecording(WhiptoolError):
 
 
 class RobotPort:
-    """A position-controlled robot that somebody else commands and records.
+    """A position-controlled robot that the user commands and records.
 
     Args:
         model: Of its arm.

@@ -56,7 +56,7 @@ class Steps(list[Step]):
     def __repr__(self) -> str:
         strikes = self.strikes
         if not strikes:
-            return "Steps(no strike)"
+            return "Steps(0 strikes)"
         count = f"{len(strikes)} strike{'s' * (len(strikes) > 1)}, {sum(bool(s.hit) for s in strikes)} hit"
         of = "" if len(strikes) <= _SHOWN else f" of the last {_SHOWN}"
         misses = ", ".join(_millimetres(step) for step in strikes[-_SHOWN:])

@@ -70,7 +70,7 @@ class NextOptions(OptionGroup):
 
 def main(args: Sequence[str] | None = None) -> int:
     """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 where a
-    robot of somebody else's is to strike next, 130 after a signal."""
+    robot of the user has to strike next, 130 after a signal."""
     words = list(sys.argv[1:] if args is None else args)
     return cli.run(lambda: _next(words[1:]) if words[:1] == [NEXT] else _main(words))
 
@@ -137,7 +137,7 @@ def _recorded(port: RobotPort, strike: Strike, told: NextOptions) -> StrikeRecor
 
 
 def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
-    """Say which strike somebody else's robot is to strike next, and how the run goes on."""
+    """Print which strike the user's robot has to make next, and how to continue the run."""
     strike = waits.strike.vector.tolist()
     if as_json:
         told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}

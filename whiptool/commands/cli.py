@@ -519,7 +519,7 @@ def degrees(radians: float) -> str:
 
 
 def as_plain(options: Any) -> dict:
-    """Options as plain TOML data; what is None is left out."""
+    """Options as plain TOML data without those that are None."""
     plain = {}
     for f in dataclasses.fields(options):
         value = getattr(options, f.name)

@@ -109,7 +109,7 @@ def _documented(group: type) -> dict[str, str]:
 
 
 def _meaning(f: Field, documented: str) -> str:
-    """Return an option's documentation with its default, unless that is none or stands there already."""
+    """Return an option's documentation with its default, unless it has no default, or the documentation names it."""
     default = f.default
     if default is True:
         return f"{documented} [default: {flag(f.name)}]"

@@ -138,7 +138,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         read_marker(self.tip)
 
     def _model(self) -> Model | None:
-        return None if self.drive == "free" else super()._model()  # a pendulum is none of ours
+        return None if self.drive == "free" else super()._model()  # a pendulum has its own files
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

@@ -181,7 +181,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
             package, where there is no folder of that name.
 
     Raises:
-        InputError: There is none of that name, the folder is of another command, or its map is not whole.
+        InputError: There is no preset of that name, the folder is of another command, or its map is not whole.
     """
     expect(str, PathLike, run_folder=run_folder)
     from whiptool.strike_map import Answers, StrikeMap

@@ -72,7 +72,7 @@ class StrikeOptions(RigOptions):
     first: ClassVar[tuple[str, ...]] = ("strike",)
 
     strike: tuple[float, ...]
-    """The strike: q_si q_ei q_sf q_ef [rad] and D [s]."""
+    """Joint angles and duration, q_si q_ei q_sf q_ef [rad] and D [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -326,7 +326,7 @@ def _learn_strikes(options: LearnOptions) -> int:
     rig = _make_rig(options, model, controller, interlock)
 
     def make(number: int) -> Rig:
-        """The rig of a strike's number: a twin's noise is that strike's own, lest a resumed run see another."""
+        """The rig of a strike's number: a twin's noise depends on it, so that a resumed run sees the same noise."""
         if options.port != "twin":
             return rig
         return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller, interlock)

@@ -52,8 +52,8 @@ class SimulateOptions(
     """Run folder of optimize or simulate, whose strike is played again; or of train, or a policy file in it, whose
     policy strikes at --target. Options that are not given are those of the run."""
     strike: tuple[float, ...] | None = None
-    """The strike: q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space x_i y_i
-    x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
+    """Numbers of the strike: q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand
+    space x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
     trajectory: Path | None = None
     """Play the joint trajectory in this CSV file, as --export-trajectory writes it, with position servos in MuJoCo;
     takes the place of --strike."""
@@ -123,7 +123,7 @@ def strike_of(run_folder: Path) -> SimulateOptions:
     """Return the options that play the best strike of a run again, or strikes of a policy.
 
     Raises:
-        InputError: It is no run of optimize, simulate or train, or it has no strike.
+        InputError: It is not a run of optimize, simulate or train, or it has no strike.
     """
     from whiptool.commands.policy_runs import is_policy, usual_for
     from whiptool.given_files import read_json

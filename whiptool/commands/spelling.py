@@ -49,7 +49,7 @@ def choices(kind: Any) -> list[Any]:
 
 
 def _values(word: str, listed: Sequence[str]) -> Iterator[str]:
-    """Yield the values between the commas of a word, all of it where there are none, as they are listed."""
+    """Yield the values between the commas of a word, or the whole word if it has no commas."""
     parts = [part for part in word.split(",") if part] or [word]
     yield from (as_named(part, listed) for part in parts)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 
-SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.01  # [s]; no strike needs less, none is resolved beyond
+SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.01  # [s]; strikes need no smaller steps, and are not resolved by larger ones
 FINEST, COARSEST = 1e-9, 0.1  # [m], tolerances of a distance's error by integration
 MOST_STEPS = 2e6
 FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged

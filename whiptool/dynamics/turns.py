@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-_NONE = 1e-12  # [rad], of a turn so small that it is none
+_NONE = 1e-12  # [rad]; a smaller turn is taken as zero
 _FLAT = 1e-15  # keeps what is left of half a turn finite
 
 

@@ -225,6 +225,6 @@ class _Slip:
 
 
 def _off(measured: np.ndarray, foreseen: np.ndarray, which: np.ndarray | slice) -> float:
-    """Median distance of places (K, d) from those foreseen [m]; infinite where the model left what can be computed."""
+    """Median distance of places (K, d) from the predicted ones [m]; infinite where the model cannot be computed."""
     distance = np.linalg.norm(measured - foreseen, axis=1)[which]
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))

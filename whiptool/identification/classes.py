@@ -30,7 +30,7 @@ class Parameter:
             `withdrawn`: the model does not explain the readings, or their times are wrong, and no standard error holds.
             Every class assumes that the model's form is right.
         error: Standard error of the value, in its unit; NaN if flat or withdrawn.
-        interval: 95 % interval; None where there is none to give (flat, at bound, withdrawn).
+        interval: 95 % interval; None for the classes flat, at bound and withdrawn.
         alone: The same if all other numbers were known; NaN if withdrawn.
         partner, correlation: The number it is most correlated with, and how much.
     """

@@ -21,7 +21,7 @@ _LONGEST_GAP = 100  # frames that count where readings are missing: errors have 
 
 @dataclass(frozen=True)
 class Grid:
-    """Readings of one recording by channel and frame, zero where there is none.
+    """Readings of one recording by channel and frame, zero where a reading is missing.
 
     Args:
         channels: Names of its C channels, (C,).

@@ -544,7 +544,7 @@ def make_drive(
     """The drive of a recording.
 
     Raises:
-        InputError: `kind` is none of `DRIVES`, or the recording or plant does not hold what it needs.
+        InputError: `kind` is not in `DRIVES`, or the recording or plant does not hold what it needs.
     """
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))

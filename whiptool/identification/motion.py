@@ -83,7 +83,7 @@ def _spacing(t: np.ndarray, samples: float) -> float:
 
 
 def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jerk: float, at_rest: bool) -> float:
-    """Spacing of knots that foresees samples best which it was not fitted to [s].
+    """Spacing of knots that predicts left-out samples best [s].
 
     By generalised cross-validation (Craven and Wahba 1979) among some multiples of the samples' spacing: what moves
     abruptly needs a knot a sample, where a smooth motion and noisy samples want fewer.

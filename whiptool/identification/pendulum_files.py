@@ -83,7 +83,7 @@ def read_angles(path: Path | str) -> list[AngleRecording]:
     """All swings of an NPZ or CSV file, named `FILE#0`, `FILE#1`, ... where there are several.
 
     Raises:
-        InputError: The file cannot be read or is none of the two, a key is unknown, or numbers break a rule.
+        InputError: The file cannot be read or has another format, a key is unknown, or numbers break a rule.
     """
     path = whole_file(path)
     if path.suffix.lower() not in (".npz", ".csv"):

@@ -105,7 +105,7 @@ class Problem:
         rows = None if options.prior is None else options.prior.rows(variables)
         self._prior = rows
         self._limit = options.loss
-        self._judged: Sequence[str] = ()  # clocks of the recordings' own that nobody asked for
+        self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
 
     def _make(self, recordings: Sequence[Recording]) -> Predictor:
         o = self.options

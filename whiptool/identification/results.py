@@ -81,7 +81,7 @@ class RecordingFit:
 
     @property
     def pixels(self) -> float | None:
-        """Root mean square of the residuals in a camera's view [pixels]; None: there is none."""
+        """Root mean square of the residuals in a camera's view [pixels]; None without such a view."""
         return None if self.view is None else float(np.sqrt(np.mean(self.residuals[~self.deep] ** 2)))
 
     @property
@@ -224,7 +224,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def misfit(self) -> float:
-        """Root mean square of the fitted recordings' errors over what they state; about 1 where all is right."""
+        """Root mean square of the fitted recordings' residuals in standard errors; about 1 if the model fits."""
         return misfit_of(self.recordings)
 
     @property

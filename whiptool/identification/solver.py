@@ -18,7 +18,7 @@ MAX_ITERATIONS = 300
 _SETTLING = 10  # steps over which shared unknowns have to stay, where recordings have unknowns of their own
 _STILL = 10.0  # times the tolerance: square of the standard errors by which they may move meanwhile, usually 0.01
 _FLAT = 5e4  # times the tolerance: by which the cost may fall per mean squared residual, usually one standard error
-TOLERANCE = 1e-5  # foreseen fall of the cost per mean squared residual: a step of 0.004 standard errors
+TOLERANCE = 1e-5  # predicted decrease of the cost per mean squared residual: a step of 0.004 standard errors
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class _Search:
         return _Point(z, own, blocks, cost, weights, derivatives)
 
     def improved(self, here: _Point) -> _Point | Status:
-        """Return a point of lower cost, or why there is none.
+        """Return a point of lower cost, or the reason why none was found.
 
         A first attempt mostly succeeds: its derivatives are taken at once.
         """
@@ -284,7 +284,7 @@ class _Search:
         return np.where(held, z, self._lower) - z, np.where(held, z, self._upper) - z
 
     def _relax(self, gain: float) -> None:
-        """Lower the damping after a step that gained this share of what was foreseen (Nielsen 1999)."""
+        """Lower the damping after a step that gained this share of the predicted decrease (Nielsen 1999)."""
         self.damping = max(self.damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
         self._growth = 2.0
 

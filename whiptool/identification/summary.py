@@ -32,7 +32,7 @@ def format_value(p: Parameter) -> str:
 
 
 def format_interval(p: Parameter) -> str:
-    """Its 95 % interval, or that there is none."""
+    """Its 95 % interval in words, or the reason why it has none."""
     if p.interval is None:
         return "none"
     return " to ".join(rounded(x, 5) if math.isfinite(x) else "no bound" for x in p.interval)
@@ -164,12 +164,12 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
 
 
 def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
-    """Of all errors of several recordings, per coordinate [m], those of depth left out; None if there are none."""
+    """Of all errors of several recordings, per coordinate [m], those of depth left out; None without such errors."""
     return float(np.sqrt(np.mean(np.concatenate([r.errors[~r.deep] for r in found]) ** 2))) if found else None
 
 
 def root_mean_square_pixels(found: Sequence[RecordingFit]) -> float | None:
-    """Of all residuals in cameras' views, per coordinate [pixels]; None if there are none."""
+    """Of all residuals in cameras' views, per coordinate [pixels]; None without such residuals."""
     seen = [r.residuals[~r.deep] for r in found if r.view is not None]
     return float(np.sqrt(np.mean(np.concatenate(seen) ** 2))) if seen else None
 
@@ -339,5 +339,5 @@ def _plain(x: Any) -> Any:
 
 
 def finite(x: float | None) -> float | None:
-    """The number, None if it is none: JSON has neither NaN nor infinity."""
+    """The number, or None if it is not finite: JSON has neither NaN nor infinity."""
     return None if x is None or not math.isfinite(x) else x if isinstance(x, int) else float(x)

@@ -45,7 +45,7 @@ class Variable:
 
     @property
     def arbitrary_zero(self) -> bool:
-        """Whether it is counted from a place or time that somebody chose."""
+        """Whether its origin is a place or time that was chosen by hand."""
         return self.name in _ARBITRARY_ZERO
 
     def value(self, z: float) -> float:

@@ -53,8 +53,8 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         B: Damping [N m s/rad], likewise.
 
     Raises:
-        InputError: One is none of these, or not of as many joints as the other, or its symmetric part has an eigenvalue
-            below 0: it would push the arm away from its path.
+        InputError: One has another form, or another number of joints than the other, or its symmetric part has an
+            eigenvalue below 0: it would push the arm away from its path.
     """
 
     K: Matrix | float = ((29.5, 14.3), (14.3, 39.3))
@@ -141,7 +141,7 @@ def constant_preset(name: str) -> ConstantImpedance:
     """Return the constant impedance called `name`, which is that of an arm.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No preset has that name; the message lists the presets.
     """
     own = as_named(name, CONSTANT_PRESETS)
     if own not in CONSTANT_PRESETS:

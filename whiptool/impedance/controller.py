@@ -36,13 +36,13 @@ class Controller(NoArray, instead="its parameters()"):
             and viscous terms. Eq. 2 has none; the law's authors use one in later work.
         torque_limit: Largest torque of every joint, or one for each [N m; N where a joint slides]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
-        compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) reckons with;
+        compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) assumes;
             None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
         hand: The law is one of the hand's errors, and strikes are the hand's; None: of the joints.
 
     Raises:
-        InputError: `law` is none, a number is not positive, `feedforward` is neither true nor false, or an option is
-            set that position control has no use for.
+        InputError: `law` is not a law, a number is not positive, `feedforward` is neither true nor false, or an option
+            is set that position control has no use for.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))

@@ -69,7 +69,7 @@ def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool)
 
 
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
-    """Return the stiffness and damping of a hand that nobody has measured [N/m, N s/m].
+    """Return the stiffness and damping of the hand where none are given [N/m, N s/m].
 
     In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically:
     of its place alike in all directions, along that in which they are the heaviest; of a pose in all its motions, by

@@ -78,7 +78,7 @@ def oiac_preset(name: str) -> OIAC:
     """The OIAC preset called `name`.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No preset has that name; the message lists the presets.
     """
     expect(str, name=name)
     own = as_named(name, OIAC_PRESETS)

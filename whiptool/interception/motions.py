@@ -147,7 +147,7 @@ def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity:
     """The motion called `name`.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No motion has that name; the message lists them.
     """
     known: dict[str, Motion] = {
         "still": Polynomial("still", 0),

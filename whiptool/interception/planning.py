@@ -158,8 +158,8 @@ def intercept(
             the frame that it is computed from, and frames that come in the meantime wait.
 
     Yields:
-        The plan, None while there is none, after every frame that it was made or refreshed from; the last is the one
-        to strike.
+        The plan, or None as long as none was made, after every frame that it was made or refreshed from; the last is
+        the one to strike.
 
     Raises:
         InputError: `update` is unknown, or an argument breaks the rule of `plan` or `fit_track`.

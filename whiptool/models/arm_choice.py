@@ -89,7 +89,7 @@ class ArmChoice:
             joints: Names of all joints of the robot.
 
         Raises:
-            InputError: A joint that is named is none of the robot's, or none of the chain's, or no joint moves.
+            InputError: A named joint is not in the robot or not in the chain, or no joint moves.
         """
         for option, names, known in (("moving", self.moving or (), chain), ("locked", self.locked, joints)):
             for name in names:
@@ -98,7 +98,7 @@ class ArmChoice:
         taken = chain if self.moving is None else self.moving
         movers = [name for name in chain if name in taken and name not in self.locked]
         if not movers:
-            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(there are none)"))
+            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(none)"))
         return movers
 
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
@@ -112,7 +112,7 @@ class ArmChoice:
             frames: Names of all that a tip can be.
 
         Raises:
-            InputError: There is none of that name, or none is named, the robot branches, and not just one end is a tool
+            InputError: No part has that name, or no name is given, the robot branches, and not just one end is a tool
                 frame.
         """
         if self.tip:

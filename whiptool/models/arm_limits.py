@@ -113,7 +113,7 @@ class ArmLimits:
         return any(math.isfinite(joint.torque_rate) for joint in self.joints)
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """How much of each limit states use: 1 is at it, more is beyond, 0 where there is none.
+        """Which fraction of each limit states use: above 1 they exceed it, 0 without a limit.
 
         Args:
             q, v, tau: Positions, velocities and torques, (..., a).

@@ -43,7 +43,7 @@ class Clearance:
 
     Args:
         model: Arm and whip.
-        floor: Its height, of the plane z (in the plane y) = floor [m]; None: there is none.
+        floor: Its height, of the plane z (in the plane y) = floor [m]; None: no floor.
         least: Distance to be kept [m], at most 1 m.
 
     Raises:

@@ -15,7 +15,7 @@ LARGEST_ACCELERATION = 10 / math.sqrt(3)  # of a minimum-jerk path (Eq. 1), in s
 LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
 _PEAKS = np.array([FASTEST, LARGEST_ACCELERATION, LARGEST_JERK])  # of the derivatives 1 to 3
 _NAMES = ("velocity", "acceleration", "jerk")
-ROUNDING = 1e-6  # share of limits that searches leave free, lest rounding take a strike beyond
+ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding takes no strike beyond them
 
 
 @dataclass(frozen=True)

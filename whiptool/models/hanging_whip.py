@@ -17,7 +17,7 @@ class HangingWhip:
     """How far the whip reaches below what it has to keep from the floor, where it hangs before a strike.
 
     A heavy whip bends downward within a few times `sqrt(EI / (m g))`, its greatest bending stiffness over its weight;
-    that much of its length is not counted, so that no strike is left out that could be made.
+    that much of its length is not counted, so that every feasible strike is kept.
 
     Args:
         model: With an arm in space.

@@ -128,7 +128,7 @@ class JointTrajectory:
         The jerk is that of differences of the accelerations. None: nothing is.
 
         Args:
-            limits: Of each joint, (n,); empty: there are none.
+            limits: Of each joint, (n,); empty without limits.
             slides: Which joints slide, (n,); empty: none.
         """
         slides = slides or [False] * len(self.joints)
@@ -173,7 +173,7 @@ class JointTrajectory:
         """Read what `save_csv` wrote.
 
         Raises:
-            InputError: There is no such file, it is none of these, or a number is missing.
+            InputError: There is no such file, it has another format, or a number is missing.
         """
         text = read_text(path, "CSV", "trajectory")
         try:

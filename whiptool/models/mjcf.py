@@ -41,7 +41,7 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
         choice: Which chain; default: all of a robot that does not branch.
 
     Raises:
-        InputError: The file cannot be read, its gravity is none that acts on a model, it closes a loop of the arm or
+        InputError: The file cannot be read, its gravity is not that of a model, it closes a loop of the arm or
             couples its joints, by tendons too, has joints of an unknown kind in the chain, or does not have what was
             chosen.
     """

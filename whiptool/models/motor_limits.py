@@ -190,7 +190,7 @@ def limits_preset(name: str) -> MotorLimits:
     """The motor called `name`.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No motor has that name; the message lists the motors.
     """
     expect(str, name=name)
     own = as_named(name, LIMITS)

@@ -28,7 +28,7 @@ def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
     """Return the rotation of a base (3, 3): `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad], as in URDF.
 
     Raises:
-        InputError: It is none of these, or an angle is more than two turns.
+        InputError: It has another form, or an angle is more than two turns.
     """
     if isinstance(given, str) and given not in MOUNTS:
         raise InputError("base", given, MOUNT_RULE)
@@ -87,7 +87,7 @@ def default_floor(arm: ArmParameters | SpatialArm) -> float | None:
     """Return the height of the floor on which a robot stands, 0: that of its base; None: it does not stand on one.
 
     It does where the first joint that moves anything up or down is above the base, and not where that joint is at the
-    base, as a person's shoulder is, beside it (on a wall) or below it (on a ceiling).
+    base, as a person's shoulder is, next to it (on a wall) or below it (on a ceiling).
     """
     if not isinstance(arm, SpatialArm) or (first := level_links(arm)) == arm.n:
         return None

@@ -64,7 +64,8 @@ def numbers(name: str, value: object, count: int | None = None) -> tuple[float, 
 
 
 def array_of(name: str, value: object, rule: str) -> np.ndarray:
-    """`value` as an array of finite floats; text, truth values, complex numbers, rows of other lengths are none."""
+    """`value` as an array of finite floats; text, truth values, complex numbers and rows of unequal lengths are
+    refused."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):

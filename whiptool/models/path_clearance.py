@@ -20,7 +20,7 @@ class PathClearance:
 
     Args:
         model: With an arm in space.
-        floor: Its height [m]; None: there is none.
+        floor: Its height [m]; None: no floor.
         least: Distance to be kept [m].
     """
 

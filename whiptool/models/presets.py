@@ -50,7 +50,7 @@ def preset(name: str) -> Model:
     """The published model called `name`, in capital or small letters.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No preset has that name; the message lists the presets.
     """
     expect(str, name=name)
     own = as_named(name, PRESETS)

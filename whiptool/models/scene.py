@@ -89,7 +89,7 @@ class Scene:
 
     Args:
         model: Arm and whip.
-        floor: Its height [m]; None: there is none.
+        floor: Its height [m]; None: no floor.
         of: Which of them, one or several.
 
     Attributes:
@@ -176,7 +176,7 @@ class Scene:
     def _places(self, q: np.ndarray, *, points: int = 3) -> np.ndarray:
         """Return points of every body [m], (T, bodies, points, 3).
 
-        They are its ends and, of the arm's bodies, one beside the first end along `Capsule.rotation`'s x.
+        They are its ends and, of the arm's bodies, one at the side of the first end along `Capsule.rotation`'s x.
         """
         arm, a, T = self.model.arm, self.model.arm.n, len(q)
         if not isinstance(arm, SpatialArm):

@@ -191,7 +191,7 @@ def checked_rotation(name: str, given: object) -> Matrix:
     """Return a rotation as three rows, what is within 1e-12 of 0 and +-1 rounded to it.
 
     Raises:
-        InputError: It is none; up to 1e-6, as of few digits, the nearest one is taken.
+        InputError: It is not a rotation by more than 1e-6; within that the nearest rotation is taken.
     """
     rule = "a rotation: three rows of three numbers, orthogonal, of determinant 1"
     if not isinstance(given, (list, tuple, np.ndarray)) or len(given) != 3:

@@ -298,7 +298,7 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
 
 
 def _limit(given: float) -> float:
-    """A limit as URDF gives it, where 0 says that there is none."""
+    """A limit as URDF gives it, where 0 means no limit."""
     return float(given) if given > 0 else float("inf")
 
 

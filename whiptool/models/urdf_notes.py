@@ -74,7 +74,7 @@ def _keeps_off(joint: ET.Element) -> bool:
 
 
 def _number(element: ET.Element | None, name: str) -> float:
-    """A number of an element, 0 where it is not given; NaN: it is none."""
+    """A number of an element: 0 where it is not given, NaN where it is not a number."""
     try:
         return 0.0 if element is None else float(element.get(name, "0"))
     except ValueError:

@@ -47,7 +47,7 @@ def find_method(name: str) -> Method:
     Capital letters, hyphens and underscores make no difference: `DIRECT-L` is `directl`.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No method has that name; the message lists the methods.
     """
     expect(str, method=name)
     found = _own_name(name)

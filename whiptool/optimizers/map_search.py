@@ -19,7 +19,7 @@ def map_for(objective: Objective) -> StrikeMap:
     """Return the map that comes with the package for what an objective strikes with.
 
     Raises:
-        InputError: The model has none, or strikes are not told by its joints.
+        InputError: The model has no map, or strikes are not described by its joints.
     """
     from whiptool.strike_map.shipped import map_of
 

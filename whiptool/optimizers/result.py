@@ -85,7 +85,7 @@ class Result(NoArray, instead="its strike or outcome"):
 
     @property
     def miss_distance(self) -> float:
-        """Miss distance of the best strike [m]; infinite if there is none, as where all were refused."""
+        """Miss distance of the best strike [m]; infinite if all strikes were refused or diverged."""
         return float("inf") if self.outcome is None or self.outcome.lost else self.outcome.miss_distance
 
     @property

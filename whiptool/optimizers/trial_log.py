@@ -30,7 +30,7 @@ class TrialLog:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
         names: Of a strike's numbers; default: those of the arm's joints.
-        measured: Miss distances were measured: there is a column of their standard errors, NaN where there is none.
+        measured: Miss distances were measured, and have a column of standard errors, NaN where unknown.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.
         limited: The objective has limits, or takes strikes of the hand: there is a column of what refused a strike,
@@ -191,7 +191,7 @@ def _known(value: float) -> float | None:
 
 
 def _arrival_columns(arrival: Arrival | None) -> tuple[float, float, float]:
-    """Angle, speed and cost as they stand in the file: NaN where there is none."""
+    """Angle, speed and cost as they stand in the file: NaN where it has no value."""
     return (math.nan, math.nan, math.nan) if arrival is None else (_or_nan(arrival.angle), arrival.speed, arrival.cost)
 
 

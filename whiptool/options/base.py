@@ -134,7 +134,7 @@ def check_place(name: str, path: Path) -> None:
 
 
 def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:
-    """Refuse options that would change nothing, lest they are taken for ones that did.
+    """Refuse options that would have no effect, so that a user does not assume an effect.
 
     Args:
         options: As parsed.

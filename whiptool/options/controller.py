@@ -74,7 +74,7 @@ class LawOptions(OptionGroup):
         """The controller of that law, or that of the file.
 
         Raises:
-            InputError: There is none of that name, the file holds none, or an option is given that the file has.
+            InputError: No controller has that name, the file holds none, or an option is given that the file has.
         """
         from whiptool.impedance import Controller
         from whiptool.impedance.files import read_controller

@@ -179,7 +179,7 @@ class ModelOptions(WhipOptions):
         """The model that `--model` names, with the arm that `--arm` names; what was assumed of that is said on stderr.
 
         Raises:
-            InputError: There is none, the arm does not fit the whip, or the command takes no models in space.
+            InputError: No model has that name, the arm does not fit the whip, or the command takes no models in space.
         """
         model = self.find_model()
         for note in model.arm.notes:

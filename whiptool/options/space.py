@@ -77,7 +77,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return replace(controller, hand=self._hand())
 
     def law_label(self) -> str:
-        """The law in words, for people; constant impedance of the hand is none of the joints' presets."""
+        """The law in words, for people; constant impedance of the hand has no presets."""
         if self.space == "joint":
             return super().law_label()
         named = "constant impedance" if self.law_or_file == "constant" else super().law_label()

@@ -90,7 +90,7 @@ def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = Fals
     Args:
         names: Of the columns.
         joints: Of the arm.
-        listed: Whether somebody listed the columns in the arm's order: then names that are no joint's are no error.
+        listed: Whether the user listed the columns in the arm's order; names of other joints are then allowed.
 
     Raises:
         InputError: A joint has no column, or several; its `given` are the columns.
@@ -108,7 +108,7 @@ def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = Fals
             return order
     twice = next((joint for joint, of in zip(joints, found, strict=True) if len(of) > 1), None)
     missing = ", ".join(joint for joint, of in zip(joints, found, strict=True) if not of)
-    why = f"there are several for {twice}" if twice else f"there is none for {missing}" if missing else "one is of two"
+    why = f"there are several for {twice}" if twice else f"no column is for {missing}" if missing else "one is of two"
     fix = "say which is which in the sidecar: joint_columns = {" + ", ".join(f'{x} = "COLUMN"' for x in joints) + "}"
     raise InputError(
         "joints", ", ".join(names), f"one column for each joint of the arm: {', '.join(joints)}", f"{why}; {fix}"

@@ -150,7 +150,7 @@ def _carried(recording: StrikeRecording, order: np.ndarray, marker: int, frames:
 
 
 def _better(expected: np.ndarray, here: np.ndarray, sigma: np.ndarray) -> np.ndarray | None:
-    """Return the far better assignment of what is here (m, d) to what was expected (m, d); None: there is none."""
+    """Return the far better assignment of what is here (m, d) to what was expected (m, d); None without one."""
     squares = ((expected[:, None] - here[None]) ** 2).sum(axis=-1)
     found = linear_sum_assignment(squares)[1]
     changed = found != np.arange(len(found))

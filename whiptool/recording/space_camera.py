@@ -35,7 +35,7 @@ class SpaceCamera:
         readout: From the first row's start to the start of the row after the last [s]; 0 is a global shutter.
 
     Raises:
-        InputError: A number is out of range, a shape is another, or the rotation is none.
+        InputError: A number is out of range, a shape is wrong, or the matrix is not a rotation.
     """
 
     name: str

@@ -79,7 +79,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             not measured, and NaN wherever the point is missing. None: it was measured nowhere.
         depth_sigma: Standard error of the depth [m], (T, M) or what broadcasts to it; default: that of a D435 whose
             images are the view's (`whiptool.recording.depth_noise`).
-        joints_listed: Whether somebody listed the columns of `joints_q` in the arm's order, so that names that are not
+        joints_listed: Whether the user listed the columns of `joints_q` in the arm's order, so that names that are not
             those of its joints do not matter.
         up: Which axis of points in space points up, `y` or `z`, where their file has it; empty: the model's.
         notes: What its reader assumed or left out, in sentences.
@@ -309,7 +309,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """Positions of one marker [m], with a view [pixels], (T, d), NaN where missing.
 
         Raises:
-            InputError: There is none of this name.
+            InputError: No marker has this name.
         """
         if name not in self.markers:
             raise InputError("marker", name, "one of " + ", ".join(self.markers))
@@ -331,7 +331,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """The strike that was commanded.
 
         Args:
-            otherwise: What else is to be said where there is none, behind how to tell it.
+            otherwise: A further hint in the message if it has none.
 
         Raises:
             InputError: The recording does not say it.
@@ -414,7 +414,7 @@ def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
 def _depths(
     depth: object, sigma: object, seen: np.ndarray, view: SpaceCamera | None
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Depths of the points that were seen and their standard errors [m], (T, M) each; None where there are none."""
+    """Depths of the points that were seen and their standard errors [m], (T, M) each; None without depths."""
     if depth is None:
         if sigma is not None:
             raise InputError("depth_sigma", "given", "none without depth")

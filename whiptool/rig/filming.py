@@ -66,7 +66,7 @@ class Filming:
         self._first.wait(timeout)
         if self._error is not None or not self._frames:
             why = f"no frame in {timeout:g} s" if self._error is None else f"{self._error}"
-            raise WhiptoolError(f"the camera gives no frames ({why}); no strike was made: check its cable and --camera")
+            raise WhiptoolError(f"the camera gives no frames ({why}); the arm has not moved: check cable and --camera")
 
     def during(self, striking: bool) -> None:
         """Say whether the strike is on; what is filmed after it is not kept. Quick: the control loop calls it.

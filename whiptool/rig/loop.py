@@ -50,7 +50,7 @@ class Run:
 
 
 class Cycle(NamedTuple):
-    """What goes on record of one control cycle; None: there is none.
+    """What is recorded of one control cycle; None where it is missing.
 
     Args:
         t: Since the start, as planned [s].

@@ -9,7 +9,7 @@ from whiptool.models.strike import T_STAY
 from whiptool.rig.caps import Caps
 
 LONGEST_DELAY = 0.1  # [s]
-SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: it ends some time, and is no strike itself
+SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: bounds that make it end, and keep it slower than a strike
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
         run_folder: Of the run; it keeps the mark of a stop.
 
     Raises:
-        Locked: Nobody said so.
+        Locked: The question was not answered with yes.
     """
     from whiptool.rig.stops import STOPPED
 
@@ -174,9 +174,9 @@ def _confirm(strike) -> bool:
 
 
 def _says_yes(question: str) -> bool:
-    """Whether a person types yes, in capitals or not; everything else, and nobody being there, is no."""
+    """Whether a person types yes, in capitals or not; everything else, and no answer at all, is no."""
     print(question, end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer.endswith("\n"):
-        print(file=sys.stderr)  # nobody pressed Enter: what follows has a line of its own
+        print(file=sys.stderr)  # no one pressed Enter: what follows begins on a new line
     return answer.strip().lower() == "yes"

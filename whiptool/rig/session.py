@@ -284,7 +284,7 @@ class HardwareRig:
         model, controller, target, options: As for the twin.
         line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
-        confirm: Asked before every strike; False ends the session. None: nobody is asked, unless the arm was stopped.
+        confirm: Asked before every strike; False ends the session. None: no question, unless the arm was stopped.
         interlock: What locks after a stop; default: one of its own.
     """
 

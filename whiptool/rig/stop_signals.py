@@ -69,7 +69,7 @@ class StopSignals:
         return self
 
     def close(self) -> None:
-        """Set the handlers as before; a signal that nobody has answered comes again."""
+        """Set the handlers as before; a signal that was not handled is sent again."""
         number = None if self.received is None else signal.Signals[self.received]
         listeners = {getattr(handler, "__self__", None) for handler in self._before.values()}
         if number is not None and self.answered:

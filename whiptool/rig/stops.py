@@ -71,7 +71,7 @@ class StrikeInterrupted(KeyboardInterrupt):
 
 
 class Locked(WhiptoolError):
-    """The arm was stopped before, and nobody has released it."""
+    """The arm was stopped before, and no person has released it."""
 
 
 def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
@@ -148,7 +148,7 @@ class Interlock:
     def release(self) -> None:
         """Let the servos be armed again: a person has found the cause of the stop, and everybody is away.
 
-        The marks are put aside under a number, so that what happened stays on record.
+        The marks are renamed with a number, so that a record of what happened remains.
         """
         self.stop = None
         for mark in self._marks:

@@ -53,7 +53,7 @@ class EpisodeTable:
         append_whole(self.path, text.getvalue())
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return the numbers of all episodes by column, (E,) each; NaN where there is none."""
+        """Return the numbers of all episodes by column, (E,) each; NaN where a value is missing."""
         with self.path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
         return {name: np.array([float(row.get(name) or "nan") for row in rows]) for name in (*self.names, *HELD_OUT)}

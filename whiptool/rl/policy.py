@@ -47,7 +47,7 @@ class Policy:
 
         Args:
             observation: Of one environment, (n_obs,), or of B, (B, n_obs), in SI units.
-            state, episode_start: Of recurrent policies; this is none.
+            state, episode_start: Ignored; only recurrent policies use them.
             deterministic: The mean action, instead of a sample of the policy.
 
         Returns:

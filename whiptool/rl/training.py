@@ -293,7 +293,7 @@ class Training:
 
 def _write(path: Path | str, state: dict[str, Any]) -> None:
     """Write tensors and numbers as a whole file."""
-    buffer = io.BytesIO()  # PyTorch's own error for a full disk is none of the operating system's
+    buffer = io.BytesIO()  # PyTorch's error for a full disk is not an OSError
     torch.save(state, buffer)
     write_whole(path, buffer.getvalue())
 

@@ -2,7 +2,7 @@
 
 The rod hangs on the hand by a ball joint, as a whip's free first joint has it, and the hand's path is given. It is what
 a `WhipProfile` describes before it is lumped: linear density, bending stiffness and damping are taken where they stand,
-the tip's mass rides on the last node, a bead on the two nodes beside it. What an inextensible beam without sections has
+the tip's mass is on the last node, a bead on the two nodes next to it. What an inextensible beam without sections has
 not, a rod must have; it is chosen so that it does not matter:
 
 - Extension and shear have the stiffness `linear_density wave_speed^2`, so that stretching waves run at `wave_speed`: a

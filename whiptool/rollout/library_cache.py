@@ -1,7 +1,7 @@
 """The cache of compiled libraries: a folder that is private, and files whose names hold the hash of their content.
 
 A library is machine code that this process runs, and one that was cut ends the process when it is loaded. So nothing is
-loaded that somebody else could have written, or whose content is not what its name says.
+loaded that another user could have written, or whose content does not match its name.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _temporary_folder(reason: str) -> Path:
 
 
 def cached(folder: Path, key: str) -> ctypes.CDLL | None:
-    """The library of a key, whole and the user's own; None where there is none. What is neither is removed."""
+    """The library of a key, complete and owned by the user, or None. Any other file is removed."""
     for file in folder.glob(f"{key}-*.so"):
         try:
             if _name(key, file.read_bytes()) == file.name and is_own(file) and not file.stat().st_mode & _FOR_OTHERS:

@@ -259,7 +259,7 @@ def check_integrator(name: str) -> None:
     """Refuse what is not one of MuJoCo's integrators.
 
     Raises:
-        InputError: It is none; the message lists them.
+        InputError: It is unknown; the message lists the integrators.
     """
     if name not in get_args(Integrator):
         raise InputError("integrator", name, ", ".join(get_args(Integrator)))

@@ -103,7 +103,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
 
     @property
     def known(self) -> np.ndarray:
-        """Whether a strike has a distance, and one that its integration is sure of, (B,)."""
+        """Whether a strike has a distance whose integration error is within the tolerance, (B,)."""
         return ~self.diverged & np.isfinite(self.farthest)
 
     @property

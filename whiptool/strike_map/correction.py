@@ -63,7 +63,7 @@ def correct(
         if settled.all() and not inward.any():
             break
         strongest = np.argmax(np.where(inward, np.abs(downhill), 0.0), axis=1)
-        released = inward & settled & (np.arange(m) == strongest[:, None])  # one at a time, lest they take turns
+        released = inward & settled & (np.arange(m) == strongest[:, None])  # singly: else they alternate
         held = (held | out) & ~released
     left = np.linalg.norm(residuals + np.einsum("brm,bm->br", J, x), axis=1)
     return Correction(x * widths, np.linalg.norm(x, axis=1), left)

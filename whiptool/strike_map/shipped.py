@@ -29,7 +29,7 @@ def shipped_map(name: str) -> StrikeMap:
     """Return the map of a preset, for its own controller, limits and `usual_region`.
 
     Raises:
-        InputError: There is none of that name; the message lists them.
+        InputError: No map has that name; the message lists the maps.
     """
     name = as_named(name, shipped_names())
     if name not in shipped_names():
@@ -43,7 +43,7 @@ def map_of(model: Model) -> StrikeMap:
     """Return the map that comes with the package for a model.
 
     Raises:
-        InputError: There is none.
+        InputError: The model has no map.
     """
     for name in shipped_names():
         if PRESETS[name] == model:

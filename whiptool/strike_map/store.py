@@ -42,7 +42,7 @@ def load_parts(folder: Path, count: int) -> list[Answers]:
     """Return the answers of the parts that are there, in order, up to the first of `count` that is not.
 
     Raises:
-        InputError: A file is none of these.
+        InputError: A file has another format.
     """
     parts: list[Answers] = []
     while len(parts) < count and part_file(folder, len(parts)).exists():
@@ -60,7 +60,7 @@ def load_gate(folder: Path) -> Gate | None:
     """Return the gate, or None where there is no file.
 
     Raises:
-        InputError: The file is none of these.
+        InputError: The file has another format.
     """
     if not (folder / GATE).exists():
         return None
@@ -78,7 +78,7 @@ def load_packed(path: Path) -> tuple[Answers, Gate]:
     """Return the map that `save_packed` wrote.
 
     Raises:
-        InputError: The file is none of these.
+        InputError: The file has another format.
     """
     arrays = read_arrays(path, "strike map", _SHAPES | _GATE_SHAPES)
     return Answers(**{name: arrays[name].astype(float) for name in _SHAPES}), _gate_of(arrays)

@@ -45,7 +45,7 @@ class StrikeMap:
         """Return the goal of a target, which may ask for any direction and speed: what comes of it is judged.
 
         Raises:
-            InputError: It is none of the map's region.
+            InputError: It lies outside the map's region.
         """
         asked, zone = as_target(target), self.region.zone
         if len(asked.position) != zone.dimension:
@@ -63,7 +63,7 @@ class StrikeMap:
                 limits.
 
         Raises:
-            InputError: The target is none of the map's region.
+            InputError: The target lies outside the map's region.
         """
         goal = self.goal(target)
         if refined:
@@ -74,7 +74,7 @@ class StrikeMap:
             good = bool(self.striker.keep(strike[None])[0])
         if not good:
             what = "hits within the limits" if refined else "keeps the limits"
-            warnings.warn(f"no strike of the map {what} at {as_target(target)}", stacklevel=2)
+            warnings.warn(f"none of the map's strikes {what} at {as_target(target)}", stacklevel=2)
         return Strike.from_vector(strike)
 
     def candidates(self, goal: Goals) -> Candidates:

@@ -42,7 +42,7 @@ def agree(cameras: Mapping[str, SpaceCamera], views: Mapping[str, Corners | None
         board: The board.
 
     Raises:
-        InputError: Fewer than two cameras see enough of the board, or a name is none of the cameras'.
+        InputError: Fewer than two cameras see enough of the board, or a name belongs to no camera.
     """
     if unknown := set(views) - set(cameras):
         raise InputError("views", ", ".join(sorted(unknown)), f"the cameras: {', '.join(cameras)}")

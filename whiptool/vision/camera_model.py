@@ -156,7 +156,7 @@ def camera_preset(name: str) -> CameraSettings:
     """Settings by name: `d435-color` or `d435-infrared`.
 
     Raises:
-        InputError: There are none of this name.
+        InputError: No settings have this name.
     """
     if name not in CAMERAS:
         raise InputError("camera", name, " or ".join(CAMERAS))

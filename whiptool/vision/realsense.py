@@ -116,7 +116,7 @@ class RealSenseCamera:
             sensor.set_option(option.emitter_enabled, 0)
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None if there is none within the timeout [s], or the recording is over.
+        """The next frame, or None if none arrives within the timeout [s] or the recording is over.
 
         Raises:
             InputError: The camera is not open.

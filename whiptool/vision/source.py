@@ -52,7 +52,7 @@ class FrameSource(Protocol):
         ...
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None if there is none within the timeout [s], or no more at all."""
+        """The next frame, or None if none arrives within the timeout [s] or the source has ended."""
         ...
 
     def close(self) -> None:

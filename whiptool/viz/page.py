@@ -54,7 +54,7 @@ def strike_page(
 def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str, Any]:
     """What the page draws, as plain data: instants of the trajectory, and the closest approach between two of them.
 
-    Numbers have six digits, and are None where they are not finite.
+    Numbers have six digits; numbers that are not finite become None.
     """
     near, a, whole, target = trajectory.approach(goal), model.arm.n, trajectory, np.array(goal.position)
     parts = {

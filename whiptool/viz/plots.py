@@ -56,7 +56,7 @@ def planned_end(trajectory: Trajectory) -> float | None:
 def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
     """Draw the miss distance of every trial [m], in the order of the search, and the nearest so far.
 
-    What is a hit is what the trials' outcomes say: a tip that comes near, but not as the target asks, is none.
+    Hits are those of the trials' outcomes: a tip that comes near, but not as the target asks, does not count.
 
     Args:
         ax: Where to.
@@ -172,7 +172,7 @@ def _draw_postures(ax: Axes, trajectory: Trajectory, model: Model, until: float)
     assert figure is not None
     figure.colorbar(
         ScalarMappable(norm, TIME),
-        cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would stand beside the legend, where that is wider
+        cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would lie next to the legend if that is wider
         label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
     )
 

@@ -17,7 +17,7 @@ from whiptool.words import counted
 REPRODUCED, NOT_REPRODUCED, ONLY_WITH = "reproduced", "not reproduced", "reproduced only with"
 NO_VERDICT = "no verdict"
 _STYLE = {REPRODUCED: "yes", NOT_REPRODUCED: "no", ONLY_WITH: "partly", NO_VERDICT: "none"}  # names in report.css
-_BROAD = 6.5  # [in], beyond which a picture that is as broad as a telephone has words that nobody reads
+_BROAD = 6.5  # [in]; the text of a wider picture is too small to read on a telephone
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def find_format(path: Path | str) -> str:
     """The key in `READERS` of a recording's format, by its name and first bytes.
 
     Raises:
-        InputError: There is nothing at the path, or it is none of the formats, which are listed.
+        InputError: Nothing exists at the path, or it has an unknown format; the message lists the formats.
     """
     expect(str, PathLike, path=path)
     path = Path(path)

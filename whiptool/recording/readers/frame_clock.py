@@ -91,7 +91,7 @@ def stamps_of_film(played: np.ndarray, fps: float | None) -> tuple[np.ndarray | 
 
     Args:
         played: When each image is to be shown [s], (F,).
-        fps: At which the images were taken [1/s], if somebody says it.
+        fps: Frame rate of the images [1/s], if it is given.
     """
     steps = np.diff(played)
     if not len(steps) or not (np.median(steps) > 0):

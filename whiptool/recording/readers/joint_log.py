@@ -80,7 +80,7 @@ class Chosen:
         names: Of the columns in the file.
         aliases: What they are called for the arm; empty: the same.
         in_order: Whether their order alone says which is which.
-        listed: Whether somebody listed them in the arm's order.
+        listed: Whether the user listed them in the arm's order.
         unit, notes: As of a `JointLog`.
     """
 
@@ -106,7 +106,7 @@ def joint_columns(names: Sequence[str], asked: Mapping[str, str] | Sequence[str]
         place: For errors.
 
     Raises:
-        InputError: One that was asked for is missing, there are none, or their units differ.
+        InputError: A requested column is missing, no column is found, or their units differ.
     """
     if asked is not None:
         listed = list(asked.values()) if isinstance(asked, Mapping) else list(asked)

@@ -171,7 +171,7 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
     if camera is None and len(data.videos) == 1:
         camera = next(iter(data.videos))
     if camera not in data.videos:
-        raise InputError("camera", camera, "one of the cameras " + (", ".join(data.videos) or "(there are none)"))
+        raise InputError("camera", camera, "one of the cameras " + (", ".join(data.videos) or "(it has none)"))
     path, first = data.videos[camera]
     count = len(data.t)
     stream = video_frames(path)

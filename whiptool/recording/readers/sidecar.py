@@ -137,7 +137,7 @@ class Sidecar:
         return array
 
     def names(self, key: str) -> dict[str, str] | None:
-        """A table `our name = "name in the file"`, or a list of names to take as they are; None if there is none."""
+        """A table `our name = "name in the file"`, or a list of names to take unchanged; None if the key is missing."""
         value = self.table.get(key)
         if value is None:
             return None
@@ -208,7 +208,7 @@ class Sidecar:
         The file is next to the sidecar; an option may name any.
 
         Raises:
-            InputError: A key is missing, the file is none of cameras, or has none of that name.
+            InputError: A key is missing, or the file holds no cameras or none of that name.
         """
         name, cameras = self.table.get("camera"), self.table.get("cameras")
         if cameras is None:
@@ -225,7 +225,7 @@ class Sidecar:
 
     @property
     def joint_columns(self) -> Mapping[str, str] | None:
-        """Which columns of the joint log are the arm's joints, by what they are called; None if nobody says it."""
+        """Which columns of the joint log are the arm's joints, by their names; None if the sidecar does not say."""
         return self.names("joint_columns")
 
     @property

@@ -48,7 +48,7 @@ def time_column(names: Sequence[str]) -> tuple[int, float, str]:
     found = [i for i, column in enumerate(columns) if column.kind == TIME and not column.words]
     exact = [i for i in found if names[i] == "t"] or found
     if len(exact) > 1:
-        raise InputError("columns of times", ", ".join(names[i] for i in exact), "one", "call the one that is meant t")
+        raise InputError("columns of times", ", ".join(names[i] for i in exact), "one", "name the right one t")
     i = exact[0] if exact else 0
     unit = columns[i].unit or "s"
     guessed = "" if exact else ", the first; none is called t"
@@ -66,7 +66,7 @@ def csv_rows(path: Path) -> list[list[str]]:
     """The rows of a CSV file in UTF-8 that are not blank, at least one.
 
     Raises:
-        InputError: There are none, or another program's format is recognised.
+        InputError: The file has no columns, or another program's format is recognised.
     """
     data = path.read_bytes()
     refuse_foreign(path, data[:4096])

@@ -75,7 +75,7 @@ def check_present(device: str) -> None:
 
 
 def make_port(device: str, baud: int) -> Any:
-    """Return an open port, see `port_class`; nobody else can open the device meanwhile.
+    """Return an open port, see `port_class`; no other program can open the device meanwhile.
 
     Raises:
         InputError: The device cannot be opened, or does not do the baud rate.
@@ -144,11 +144,11 @@ def port_class() -> type[Any]:
             return super().isPacketTimeout() and not self.awaits_bytes()
 
         def has_more(self) -> bool:
-            """Whether bytes have come, or are to come, that nobody has asked for yet."""
+            """Whether bytes have come, or will come, that have not been read yet."""
             return self.getBytesAvailable() > 0 or self.awaits_bytes()
 
         def awaits_bytes(self) -> bool:
-            """Whether the peer has sent bytes that have not come yet; False without a peer, for nobody knows."""
+            """Whether the peer has sent bytes that have not come yet; False without a peer, as it is unknown then."""
             return self.peer is not None and self.peer.given() > self.received
 
         def clearPort(self) -> None:

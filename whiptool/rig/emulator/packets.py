@@ -46,7 +46,7 @@ class Packet:
 
 
 def stuff(body: bytes) -> bytes:
-    """FF FF FD inside a packet becomes FF FF FD FD, lest it be taken for a header."""
+    """FF FF FD inside a packet becomes FF FF FD FD, so that it is not taken for a header."""
     return body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
 
 

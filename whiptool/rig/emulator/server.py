@@ -59,8 +59,8 @@ class Server:
 
     Args:
         options: What is emulated.
-        control: A `multiprocessing.connection.Connection` on which commands come. None: none come, nobody can ask what
-            happened, and so nothing is kept of it.
+        control: A `multiprocessing.connection.Connection` on which commands come. None: no commands, and no one can ask
+            what happened, and so nothing is kept of it.
         clock: Where wall-clock time comes from [s].
     """
 
@@ -230,7 +230,7 @@ class Server:
             return
         lost = self.faults.strike(instruction=True)
         if lost is not None:
-            if beats(packet) and any(servo.torque_on for servo in self.servos):  # time goes on, although nobody heard
+            if beats(packet) and any(servo.torque_on for servo in self.servos):  # time passes anyway
                 self._pass_period()
             return
         replies = self.chain.handle(packet)
@@ -270,7 +270,7 @@ class Server:
 
     def _send(self, data: bytes) -> None:
         if self._master >= 0:
-            with suppress(BlockingIOError):  # full, for nobody reads: what does not fit is lost, as on any line
+            with suppress(BlockingIOError):  # full, because no client reads: the rest is lost, as on any line
                 self._given += os.write(self._master, data)
 
     # -- control -------------------------------------------------------------------------------------------------
