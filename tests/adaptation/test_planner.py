@@ -264,13 +264,13 @@ def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     assert found.usage is not None
     assert found.usage <= 0.9 + 1e-9
     assert found.usage == pytest.approx(2 * np.abs(found.strike[:2]).max() / 1.2)
-    assert f"within {found.usage:.0%} of what the motors give" in found.reason
+    assert f"using {found.usage:.0%} of the motors' limits" in found.reason
     fast = planned(0.05, speed=5.5)
     assert 4 * fast.strike[4] >= 5.5
     assert fast.allowed
     beyond = planned(0.05, speed=7.0)  # 6 m/s is the most
     assert not beyond.allowed
-    assert "no faster one was found, though 7 m/s were asked for" in beyond.reason
+    assert "no faster strike was found, although 7 m/s is required" in beyond.reason
     feeble = MotorLimits("feeble", stall_torque=0.1, no_load_speed=10.0, stall_current=1.0)
     none = planned(0.05, limits=feeble, bounds=StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.5), (-0.2, 1.0, 2.0, 1.0, 1.5)))
     assert not none.allowed

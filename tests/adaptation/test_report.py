@@ -82,13 +82,13 @@ def test_an_error_that_shows_no_change_is_as_before():
 def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
     said = "\n".join(lines(step_of(2, narrowed(prior, {"profile.length": 0.02})), prior))
     assert said.startswith("strike 2: the one that was chosen\n")
-    assert "hit: judged 3.33 ± 0.21 cm with the learned whip and the camera, a hit with > 99 %; 7.10 cm as the" in said
-    assert "camera saw it; 3.45 cm in truth" in said
-    assert "only the twin knows; stated probability 42%" in said
+    assert "hit: estimated miss 3.33 ± 0.21 cm from the learned whip and the camera, hit probability > 99 %; " in said
+    assert "7.10 cm in the camera's frames; true miss 3.45 cm, known to the twin only; " in said
+    assert "predicted hit probability 42%" in said
     assert "model error    1.23 cm" in said
     assert "2.0 s planned, 3.5 s learned" in said
     refused = "\n".join(lines(step_of(1, prior, refused={"camera, strike 1": "the tip was lost"}), prior))
-    assert "missed: judged 7.10 ± 1.00 cm by the camera, a hit with 5 %; 7.10 cm as the camera saw it" in refused
+    assert "missed: estimated miss 7.10 ± 1.00 cm from the camera, hit probability 5 %; 7.10 cm in the camera" in refused
     assert "learned whip" not in refused
     doubtful = dataclasses.replace(step_of(1, prior), judged=Judgement(0.05, 0.02, 0.6))
     assert "undecided: judged 5.00 ± 2.00 cm" in "\n".join(lines(doubtful, prior))
@@ -99,7 +99,7 @@ def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
 def test_numbers_that_narrowed_most_come_first_with_their_units(prior):
     belief = narrowed(prior, {"profile.length": 0.02, "delay": 0.1, "profile.drag": 0.5})
     shown = [x for x in lines(step_of(1, belief), prior) if x.startswith("    ")]
-    assert f"{SHOWN} of {len(prior.names)} numbers, those that narrowed most" in lines(step_of(1, belief), prior)[2]
+    assert f"{SHOWN} of {len(prior.names)} parameters, those that narrowed most" in lines(step_of(1, belief), prior)[2]
     assert len(shown) == SHOWN
     assert [x.split()[0] for x in shown[:3]] == ["profile.length", "delay", "profile.drag"]
     assert "error 13 % -> 0.26 %" in shown[0]  # relative
@@ -178,7 +178,7 @@ def test_nothing_learned_nothing_seen(prior):
     unseen = step_of(1, seen=False, fault="motor 2 is hot")
     told = lines(unseen, prior)
     assert "  fault          motor 2 is hot" in told
-    assert "  outcome        not seen: stated probability 42%" in told
+    assert "  outcome        not seen: predicted hit probability 42%" in told
     refused = {"camera, strike 2": "the tip was lost"}
     steps = [unseen, step_of(2, prior, refused=refused), step_of(3, prior, refused=refused)]
     found = sections(steps, prior, TARGET)

@@ -20,7 +20,7 @@ def test_command_line_hits_and_resumes(tmp_path, capsys):
     result = json.loads(said.out)
     assert result["hit"]
     assert result["miss_distance"][-1] <= 0.06
-    assert "stated probability" in said.err
+    assert "predicted hit probability" in said.err
     shutil.rmtree(out / f"strike-{result['strikes']:04d}")
     assert adapt.main(["--resume", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["miss_distance"] == result["miss_distance"]

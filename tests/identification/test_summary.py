@@ -188,7 +188,7 @@ def test_a_common_factor():
     """Readings of k / m alone."""
     U = seen([K, M, B], [0, 0, 0], [[50, -50, 0], [0, 50, -50]], [1, 1, 1])
     assert summary.flat_directions(U) == [
-        "whip.k, whip.m and whip.b all multiplied by the same factor: only their ratios are seen"
+        "whip.k, whip.m and whip.b all multiplied by the same factor: only their ratios are determined"
     ]
 
 
@@ -198,15 +198,15 @@ def test_a_common_factor():
 def test_a_product_of_powers(power, words):
     """Readings of k m^p: k goes with m^-p, told by a hundredth of the number that changes most."""
     (said,) = summary.flat_directions(seen([K, M], [0, 0], [[40, 40 * power]], [1, 1]))
-    assert said == f"changed together, whip.k by +1 %, {words}: the predictions stay as they are"
+    assert said == f"changed together, whip.k by +1 %, {words}: the predictions do not change"
 
 
 def test_numbers_that_may_be_zero_change_by_their_own_unit():
     """Readings of ln k + 20 delay, and of delay + 3 rotation: counted in units of 0.01 s and 0.01 rad."""
     (said,) = summary.flat_directions(seen([K, DELAY], [0.0, 0.1], [[40, 40 * 20 * 0.01]], [1, 10]))
-    assert said == "changed together, whip.k by +1 %, delay by -0.0005 s: the predictions stay as they are"
+    assert said == "changed together, whip.k by +1 %, delay by -0.0005 s: the predictions do not change"
     (said,) = summary.flat_directions(seen([DELAY, TURN], [0.0, 0.0], [[40, 120]], [10, 10]))
-    assert said == "changed together, delay by +0.01 s, rotation by -0.0033 rad: the predictions stay as they are"
+    assert said == "changed together, delay by +0.01 s, rotation by -0.0033 rad: the predictions do not change"
 
 
 def test_an_inertia_that_may_vanish_changes_by_its_unit():
@@ -214,7 +214,7 @@ def test_an_inertia_that_may_vanish_changes_by_its_unit():
     mass, inertia = (variable(f"link.{name}[0]", 1.0) for name in ("mass", "inertia"))
     (said,) = summary.flat_directions(seen([mass, inertia], [0.0, math.log(0.03)], [[40, 10]], [1, 5]))
     assert said == (
-        "changed together, link.mass[0] by +1 %, link.inertia[0] by -0.0012 kg m^2: the predictions stay as they are"
+        "changed together, link.mass[0] by +1 %, link.inertia[0] by -0.0012 kg m^2: the predictions do not change"
     )
 
 
@@ -222,11 +222,11 @@ def test_an_inertia_that_may_vanish_changes_by_its_unit():
     ("of", "z", "row", "unit", "said"),
     [
         (K, 0.0, 0.5, 1, "whip.k alone: known to no better than a factor of 7.4"),  # e^2
-        (K, 0.0, 0.1, 1, "whip.k alone: any value would do as well"),
-        (K, 0.0, 0.0, 1, "whip.k alone: any value would do as well"),
+        (K, 0.0, 0.1, 1, "whip.k alone: all values fit equally well"),
+        (K, 0.0, 0.0, 1, "whip.k alone: all values fit equally well"),
         (DRAG, 2.0, 0.02, 20, "whip.drag alone: its standard error is 0.05 N s^2/m^2"),  # 1 / 0.02, of 1e-3
         (DELAY, 0.0, 0.09, 10, "delay alone: its standard error is 0.11 s"),  # 1 / 0.09, of 0.01 s
-        (DELAY, 0.0, 0.0005, 10, "delay alone: any value would do as well"),
+        (DELAY, 0.0, 0.0005, 10, "delay alone: all values fit equally well"),
     ],
 )
 def test_a_number_alone(of, z, row, unit, said):
@@ -374,19 +374,19 @@ def test_a_fit_names_what_ended_at_a_bound_and_a_misfit_that_is_too_large():
     assert repr(good) == f"Fit(whip.k = 0.25 N m/rad, whip.m = 2 kg, whip.drag = 0.003 N s^2/m^2; {end}; 1 recording)"
     assert repr(bad) == (
         "Fit(whip.k = 0.001 N m/rad (its lower bound), whip.m = 1000 kg (its upper bound), "
-        f"whip.drag = 0 N s^2/m^2 (its lower bound); {end}; 1 recording, not explained: misfit 3.1)"
+        f"whip.drag = 0 N s^2/m^2 (its lower bound); {end}; 1 recording, model does not fit: misfit 3.1)"
     )
     assert good.misfit == pytest.approx(1.0)
     assert (good.explains, bad.explains) == (True, False)
     assert bad.at_bounds == {"whip.k": "lower", "whip.m": "upper", "whip.drag": "lower"}
     assert summary.bound_lines(good) == []
     assert summary.bound_lines(bad) == [
-        "whip.k ended at its lower bound, 0.001 N m/rad (it started at 1 N m/rad): this is no estimate",
-        "whip.m ended at its upper bound, 1000 kg (it started at 1 kg): this is no estimate",
-        "whip.drag ended at 0, the least that it can be",
+        "whip.k ended at its lower bound, 0.001 N m/rad (it started at 1 N m/rad), and is not an estimate",
+        "whip.m ended at its upper bound, 1000 kg (it started at 1 kg), and is not an estimate",
+        "whip.drag ended at 0, its smallest possible value",
     ]
-    assert summary.misfit_line(good) == "1.00 (errors over what the recordings state; about 1 if all is right)"
-    assert summary.misfit_line(bad).endswith("all is right): above 3, the model does not explain the recordings")
+    assert summary.misfit_line(good) == "1.00 (RMS residual in standard errors; about 1 if the model fits)"
+    assert summary.misfit_line(bad).endswith("if the model fits): above 3, the model does not explain the recordings")
 
 
 def test_a_fit_looks_short_names_up_as_what_is_freed_does():

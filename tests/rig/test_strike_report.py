@@ -49,7 +49,7 @@ def test_the_tables_tell_what_the_cycles_hold():
     assert miss is not None
     assert float(miss[1]) == pytest.approx(2.0, abs=0.1)
     assert said["closest approach"] == ["at 0.100 s, 3.0 m/s"]
-    assert "in truth (the twin knows)" not in said
+    assert "true miss (known to the twin only)" not in said
 
 
 def test_the_band_of_a_current_is_what_the_motor_carries_at_that_speed():

@@ -488,7 +488,7 @@ def test_a_fast_tip_can_be_asked_for(prior):
             np.array([chosen.strike]), np.array(TARGET), t_stay=0.3
         )
         assert near.speed[0] >= speed * 0.999
-    assert "no faster one" in plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=1e3)).reason
+    assert "no faster strike" in plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=1e3)).reason
 
 
 def test_whips_that_diverge_are_counted_not_averaged(prior, monkeypatch):

@@ -234,13 +234,13 @@ class _Aimed:
         probability = float(passes.probability(self.goal, self.error)[0])
         steady = miss[np.isfinite(miss)]
         expected = float(steady.mean()) if len(steady) else None
-        said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
+        said = "all samples diverge" if expected is None else f"expected miss {100 * expected:.1f} cm"
         if self.goal.directions is not None and len(steady):
             off = float(passes.angle(self.goal)[0][np.isfinite(miss)].mean())
             said += f", {math.degrees(off):.1f} degrees off the direction"
         reason = (
-            f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
-            f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
+            f"best of {tried} candidates: hit probability {probability:.0%} over {len(whips)} posterior samples of the "
+            f"whip, {said}, tip speed {float(near.speed[0]):.1f} m/s"
         )
         if not allowed:
             reason += "; no plan within the limits was found"

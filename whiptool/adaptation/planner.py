@@ -376,21 +376,21 @@ class _Search:
         probability = float(self.error.hit_probability(self.target.goals, miss, None).mean())
         steady = miss[np.isfinite(miss)]
         expected = float(steady.mean()) if len(steady) else None
-        said = "all diverge" if expected is None else f"{100 * expected:.1f} cm expected miss"
+        said = "all samples diverge" if expected is None else f"expected miss {100 * expected:.1f} cm"
         if 0 < len(steady) < miss.size:
-            said += f" where it does not diverge, as {1 - len(steady) / miss.size:.0%} do"
+            said += f" without the {1 - len(steady) / miss.size:.0%} of the samples that diverge"
         usage = None if self.limits is None else float(self.limits.violation_of_peaks(near)[0]) + 1
         reason = (
-            f"of {tried} candidates the one that hits most probably: {probability:.0%} over {len(whips)} whips that "
-            f"are still possible, {said}, the tip at {float(near.speed[0]):.1f} m/s"
+            f"best of {tried} candidates: hit probability {probability:.0%} over {len(whips)} posterior samples of the "
+            f"whip, {said}, tip speed {float(near.speed[0]):.1f} m/s"
         )
         if near.speed[0] < self.speed:
-            reason += f"; no faster one was found, though {self.speed:g} m/s were asked for"
+            reason += f"; no faster strike was found, although {self.speed:g} m/s is required"
         if usage is not None:
             reason += (
-                f", within {usage:.0%} of what the motors give"
+                f", using {usage:.0%} of the motors' limits"
                 if usage <= 1
-                else (f"; no plan within the motors' limits was found, this one requires {usage:.0%} of them")
+                else f"; no plan within the motors' limits was found, and this one uses {usage:.0%} of them"
             )
         vector = tuple(map(float, Strike.from_vector(strike).vector))
         allowed &= bool(self.excess(near)[0] <= 0)

@@ -84,10 +84,10 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
         numbers = _numbers(learned.belief, prior, previous or prior)
         shown = [n for i, n in enumerate(numbers) if i < SHOWN or n.marks]
         few = len(numbers) > SHOWN
-        said.append(f"  {SHOWN} of {len(numbers)} numbers, those that narrowed most" if few else "  all numbers")
+        said.append(f"  {SHOWN} of {len(numbers)} parameters, those that narrowed most" if few else "  all parameters")
         for i, n in enumerate(shown):
             if i == SHOWN:
-                said.append("  of the others")
+                said.append("  other parameters")
             value = with_unit(n.value, n.unit, 4)
             marks = "".join(f"; {mark}" for mark in n.marks)
             said.append(f"    {n.name:26s} {value:18s} error {n.narrowing}{marks}")
@@ -120,7 +120,7 @@ def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Secti
             found.append(Section("How the numbers narrowed", [_narrowed(steps, beliefs, numbers)]))
             found.append(_values(numbers, beliefs[-1]))
         else:
-            found.append(Section("The whip", [Text("Nothing was learned: the whip is as unknown as before.")]))
+            found.append(Section("The whip", [Text("No recording was used, so nothing was learned about the whip.")]))
     return [*found, _unused(steps)]
 
 
@@ -171,14 +171,14 @@ def _outcome(step: Step) -> str:
     seen, true, judged = step.outcome.seen_miss, step.outcome.true_miss, step.judged
     parts = []
     if judged is not None:
-        by = "with the learned whip and the camera" if _used(step) else "by the camera"
-        parts.append(f"judged {judged} {by}, a hit with {percent(judged.probability)}")
+        by = "from the learned whip and the camera" if _used(step) else "from the camera"
+        parts.append(f"estimated miss {judged} {by}, hit probability {percent(judged.probability)}")
     if seen is not None:
-        parts.append(f"{_length(seen)} as the camera saw it")
+        parts.append(f"{_length(seen)} in the camera's frames")
     if true is not None:
-        parts.append(f"{_length(true)} in truth, which only the twin knows")
+        parts.append(f"true miss {_length(true)}, known to the twin only")
     if step.plan.probability is not None:
-        parts.append(f"stated probability {step.plan.probability:.0%}")
+        parts.append(f"predicted hit probability {step.plan.probability:.0%}")
     return f"{_verdict(step)}: {'; '.join(parts)}" if parts else _verdict(step)
 
 

@@ -289,16 +289,16 @@ def _lines(struck, summary: dict, target) -> list[str]:
         lines = [f"struck at ({where}) m; the tip was not seen"]
     else:
         lines = [
-            f"{struck.judged(target).verdict}, ({where}) m: as the camera saw the tip it came within "
+            f"{struck.judged(target).verdict}, ({where}) m: measured miss distance "
             f"{summary['miss_distance']:.4f} ± {summary['miss_error']:.4f} m at {summary['hit_time']:.3f} s, "
-            f"{summary['tip_speed']:.1f} m/s; a hit is {summary['hit_probability']:.0%} probable"
+            f"{summary['tip_speed']:.1f} m/s; hit probability {summary['hit_probability']:.0%}"
         ]
         if summary["unseen"] is not None:
             lines.append(
                 "  not seen       from {:.3f} to {:.3f} s, around the closest approach".format(*summary["unseen"])
             )
     if summary["true_miss_distance"] is not None:
-        lines.append(f"  in truth       {summary['true_miss_distance']:.4f} m (the twin knows)")
+        lines.append(f"  true miss      {summary['true_miss_distance']:.4f} m (known to the twin only)")
     lines.append(f"  cycles         {summary['cycles']}, {summary['missed']} missed, {summary['overruns']} too long")
     return lines
 

@@ -205,7 +205,7 @@ class Fit(NoArray, instead="its parameters"):
         ]
         numbers = ", ".join(f"{p.name} = {value}" for p, value in zip(self.parameters, found, strict=True))
         count = f"{len(self.recordings)} recording{'s' * (len(self.recordings) != 1)}"
-        unexplained = "" if self.explains else f", not explained: misfit {self.misfit:.1f}"
+        unexplained = "" if self.explains else f", model does not fit: misfit {self.misfit:.1f}"
         if self.clock_fault is not None:
             unexplained = f", withdrawn: the times of {self.recordings[self.clock_fault.recording].source} are off"
         ended = self.status.value if self.converged else f"NOT CONVERGED: {self.status.value}"

@@ -43,8 +43,8 @@ _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 class Status(Enum):
     """How a solution ended."""
 
-    CONVERGED = "the cost falls no more"
-    SETTLED = "the free numbers have settled; what is each recording's own still moves in a flat valley"
+    CONVERGED = "the cost no longer decreases"
+    SETTLED = "the shared parameters have converged; those of single recordings still change along a flat direction"
     STEPS = "the largest number of iterations was reached"
     STUCK = "no step lowers the cost"
     DIVERGED = "the model cannot be evaluated at the start"

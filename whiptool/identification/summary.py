@@ -22,7 +22,7 @@ from whiptool.identification.variables import Variable
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import rounded
 
-_ALIKE = "frames that were lost or stamped twice look alike"
+_ALIKE = "frames that were lost or stamped twice have a similar effect"
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
 
@@ -57,16 +57,16 @@ def bound_lines(fit: Fit) -> list[str]:
         if p.name not in fit.at_bounds:
             continue
         if p.value == 0:
-            lines.append(f"{p.name} ended at 0, the least that it can be")
+            lines.append(f"{p.name} ended at 0, its smallest possible value")
         else:
             bound, start = f"{fit.at_bounds[p.name]} bound, {format_value(p)}", with_unit(p.start, p.unit)
-            lines.append(f"{p.name} ended at its {bound} (it started at {start}): this is no estimate")
+            lines.append(f"{p.name} ended at its {bound} (it started at {start}), and is not an estimate")
     return lines
 
 
 def misfit_line(fit: Fit) -> str:
     """Return the misfit in words, and why nothing holds where the model does not explain the recordings."""
-    said = f"{fit.misfit:.2f} (errors over what the recordings state; about 1 if all is right)"
+    said = f"{fit.misfit:.2f} (RMS residual in standard errors; about 1 if the model fits)"
     if fit.explains:
         return said
     if fit.clock_fault is not None:
@@ -79,12 +79,12 @@ def warning(fit: Fit) -> str | None:
     if fit.explains:
         return None
     if fit.clock_fault is not None:
-        said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks something that looks alike"
+        said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks something with a similar effect"
     else:
         largest = max(fit.misfit, math.sqrt(fit.uncertainty.residual_variance))
-        said = f"the model does not explain the recordings: their errors are {largest:.1f} times what they state"
+        said = f"the model does not explain the recordings: the RMS residual is {largest:.1f} standard errors"
         said += _worst_words(fit)
-    return f"{said}. Classes and intervals are withdrawn, and values are not to be trusted"
+    return f"{said}. Classes and intervals are withdrawn; do not rely on the values"
 
 
 def _clock_words(fit: Fit, fault: ClockFault) -> str:
@@ -94,16 +94,16 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
     if fault.kind == RATE:
         fast = "fast" if fault.size > 0 else "slow"
         return (
-            f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); mend its frame rate, "
-            f"or free clock_rate ({_ALIKE})"
+            f"{of}: its clock runs {size / 10:.2g} % {fast} (standard error {error / 10:.1g} %); correct its frame "
+            f"rate, or free clock_rate ({_ALIKE})"
         )
     if fault.kind == DELAY:
         said = f"{of}: they are {size:.3g} ms too {side} (standard error {error:.1g} ms)"
-        return f"{said}; mend when it started, or free delay ({_ALIKE})"
+        return f"{said}; correct its start time, or free delay ({_ALIKE})"
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
         f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard "
-        f"error {error:.1g} ms), as if frames had been {cause}; mend them there, or cut the recording there"
+        f"error {error:.1g} ms), as if frames had been {cause}; correct the times there, or cut the recording there"
     )
 
 
@@ -200,11 +200,11 @@ def flat_directions(uncertainty: Uncertainty) -> list[str]:
             step = abs(direction[lead] * U.units[lead])
             said.append(f"{names[0]} alone: {_bound(U.variables[lead], float(step), float(seen))}")
         elif np.ptp(change[moved]) < 0.1 * np.abs(change[moved]).max():
-            said.append(f"{_listed(names)} all multiplied by the same factor: only their ratios are seen")
+            said.append(f"{_listed(names)} all multiplied by the same factor: only their ratios are determined")
         else:
             steps = direction * U.units / (direction[lead] * U.units[lead])
             each = ", ".join(_change(U, i, float(steps[i]), bool(positive)) for i in moved)
-            said.append(f"changed together, {each}: the predictions stay as they are")
+            said.append(f"changed together, {each}: the predictions do not change")
     return said
 
 
@@ -224,7 +224,7 @@ def _bound(v: Variable, step: float, seen: float) -> str:
         return f"known to no better than a factor of {np.exp(step / seen):.2g}"
     if not v.log and seen > 0.01:
         return f"its standard error is {step / seen * v.scale:.2g} {v.unit}".rstrip()
-    return "any value would do as well"
+    return "all values fit equally well"
 
 
 def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float, float]]]:

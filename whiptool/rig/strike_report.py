@@ -116,7 +116,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
     ax.add_patch(Circle(tuple(where), target.hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6))
     ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=COLORS["orange"], markersize=9, label=_radius(target))
     if struck.truth is not None:
-        ax.plot(*struck.truth.tip.T, color="0.45", linewidth=1.2, label="tip in truth (twin)")
+        ax.plot(*struck.truth.tip.T, color="0.45", linewidth=1.2, label="true path of the tip (twin)")
     judged = struck.judged(target)
     nearest = None if judged is None else judged.nearest
     instants, names = [0.0], ["at the start"]
@@ -144,7 +144,7 @@ def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
     ax.axhspan(0, target.hit_radius, color=COLORS["orange"], alpha=0.25, linewidth=0)
     ax.axhline(target.hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.5, label=_radius(target))
     if struck.truth is not None:
-        ax.plot(struck.truth.t, struck.truth.distance(where), color="0.45", linewidth=1.2, label="in truth (twin)")
+        ax.plot(struck.truth.t, struck.truth.distance(where), color="0.45", linewidth=1.2, label="true distance (twin)")
     title = "the tip was not seen"
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
@@ -155,9 +155,9 @@ def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
     if judged is not None and judged.nearest is not None:
         ax.errorbar(
             [judged.nearest.time], [judged.miss], yerr=[judged.error], fmt="o", color=COLORS["vermilion"], markersize=6,
-            capsize=4, zorder=5, label="judged, with standard error",
+            capsize=4, zorder=5, label="estimate, with standard error",
         )  # fmt: skip
-        title = f"judged miss {judged}; a hit is {judged.probability:.0%} probable"
+        title = f"estimated miss {judged}; hit probability {judged.probability:.0%}"
     ax.set(xlabel="time since the strike began [s]", ylabel="distance tip to target [m]", title=title)
     ax.set_ylim(bottom=0)
     legend_above(ax, ncols=2)
@@ -241,7 +241,7 @@ def _result(struck: Struck, target: Target) -> Table | Text:
         rows.append(["the tip", "was not seen"])
     else:
         rows += [
-            ["judged", f"{judged.verdict}; a hit is {judged.probability:.0%} probable"],
+            ["verdict", f"{judged.verdict}; hit probability {judged.probability:.0%}"],
             ["miss distance", str(judged)],
             ["closest approach", f"at {judged.nearest.time:.3f} s, {judged.nearest.speed:.1f} m/s"],
         ]
@@ -249,7 +249,7 @@ def _result(struck: Struck, target: Target) -> Table | Text:
         rows.append(["the tip was not seen", f"from {unseen[0]:.3f} to {unseen[1]:.3f} s, around the closest approach"])
     if struck.truth is not None:
         true = struck.truth.approach(np.array(target.position))
-        rows.append(["in truth (the twin knows)", f"{100 * true.distance[0]:.2f} cm at {true.time[0]:.3f} s"])
+        rows.append(["true miss (known to the twin only)", f"{100 * true.distance[0]:.2f} cm at {true.time[0]:.3f} s"])
     return Table(rows)
 
 
