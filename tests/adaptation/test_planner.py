@@ -96,7 +96,7 @@ def test_probability_and_expected_miss_are_those_of_the_belief(error, monkeypatc
     assert found.allowed
     assert found.usage is None
     assert f"{found.probability:.0%} over 600 whips" in found.reason
-    assert f"{100 * found.expected_miss:.1f} cm expected miss, the tip at" in found.reason
+    assert f"expected miss {100 * found.expected_miss:.1f} cm, tip speed" in found.reason
     assert (np.array(found.strike) >= BOUNDS.lower).all()
     assert (np.array(found.strike) <= BOUNDS.upper).all()
 

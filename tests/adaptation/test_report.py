@@ -88,10 +88,10 @@ def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
     assert "model error    1.23 cm" in said
     assert "2.0 s planned, 3.5 s learned" in said
     refused = "\n".join(lines(step_of(1, prior, refused={"camera, strike 1": "the tip was lost"}), prior))
-    assert "missed: estimated miss 7.10 ± 1.00 cm from the camera, hit probability 5 %; 7.10 cm in the camera" in refused
+    assert "missed: estimated miss 7.10 ± 1.00 cm from the camera, hit probability 5 %; 7.10 cm in the" in refused
     assert "learned whip" not in refused
     doubtful = dataclasses.replace(step_of(1, prior), judged=Judgement(0.05, 0.02, 0.6))
-    assert "undecided: judged 5.00 ± 2.00 cm" in "\n".join(lines(doubtful, prior))
+    assert "undecided: estimated miss 5.00 ± 2.00 cm" in "\n".join(lines(doubtful, prior))
     assert "not used       camera, strike 1: the tip was lost" in refused
     assert "learned        nothing" in refused
 

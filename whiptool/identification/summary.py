@@ -79,7 +79,7 @@ def warning(fit: Fit) -> str | None:
     if fit.explains:
         return None
     if fit.clock_fault is not None:
-        said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks something with a similar effect"
+        said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks a similar effect"
     else:
         largest = max(fit.misfit, math.sqrt(fit.uncertainty.residual_variance))
         said = f"the model does not explain the recordings: the RMS residual is {largest:.1f} standard errors"
