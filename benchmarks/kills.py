@@ -51,7 +51,7 @@ def command(*words: str) -> list[str]:
 
 
 def start(name: str, place: Path, *, resume: bool = False) -> subprocess.Popen:
-    """Start a command in a folder of its own, where it makes or resumes `run`."""
+    """Start a command in a new folder, where it makes or resumes `run`."""
     words = COMMANDS[name].split()
     named = words[: 1 + words.index(name)]
     resumed = [*named, "--resume", RUN, *(word for word in words if word == "--no-video")]  # is no part of a run

@@ -49,7 +49,7 @@ def strike_once(twin: Emulator, rng: np.random.Generator, model, n: int) -> tupl
         wrong.append("torque after fault")
     if any(goal for goal, on in zip(state["goal_current"], state["torque_on"], strict=True) if on):
         wrong.append("still driven")
-    outside = int((cycles.flags & Flag.OUTSIDE > 0).sum())  # a fault while arming or disarming has a row of its own
+    outside = int((cycles.flags & Flag.OUTSIDE > 0).sum())  # a fault while arming or disarming has a separate row
     if len(cycles) - outside != counted or not np.allclose(cycles.t, np.arange(len(cycles)) * PERIOD):
         wrong.append("lost record")
     if run.fault is None and len(cycles) != CYCLES:

@@ -159,7 +159,7 @@ def ours(
 
 
 def cases(*, quick: bool) -> list[tuple[str, Model, Controller]]:
-    """What is measured: the preset that strikes and target are of, a model with a name of its own, its controller."""
+    """What is measured: the preset that strikes and target are of, a model with a different name, its controller."""
     nah, ur5e = preset("nah2023"), preset("ur5e")
     human, robot = (Controller(constant_preset(name)) for name in ("nah2023", "ur5e"))
     universal = replace(ur5e, whip=rope(joints="universal"), name=UNDER_IMPEDANCE)

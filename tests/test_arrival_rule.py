@@ -131,7 +131,7 @@ def test_rules_in_words_and_as_data():
     rule = ArrivalRule(angle=(math.radians(60), math.radians(120)), cone=math.radians(15), speed=2.5)
     assert (
         str(rule)
-        == "arriving within 15 degrees of an angle of its own, drawn from 60 to 120 degrees, at 2.5 m/s or more"
+        == "arriving within 15 degrees of a random angle for each target, from 60 to 120 degrees, at 2.5 m/s or more"
     )
     assert rule.table() == {
         "direction": None,

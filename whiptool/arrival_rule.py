@@ -179,7 +179,7 @@ class ArrivalRule:
             said.append(f"{within} ({', '.join(f'{x:.3f}' for x in self.direction)})")
         elif self.range is not None:
             low, high = map(math.degrees, self.range)
-            said.append(f"{within} an angle of its own, drawn from {low:g} to {high:g} degrees")
+            said.append(f"{within} a random angle for each target, from {low:g} to {high:g} degrees")
         elif isinstance(self.angle, float):
             said.append(f"{within} {math.degrees(self.angle):g} degrees")
         if self.speed is not None:

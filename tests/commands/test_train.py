@@ -90,7 +90,7 @@ def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.Ca
     run = tmp_path / "run"
     words = [*UPWARD, "--hindsight", "1", "--episodes", "5", "--random-episodes", "2", "--trials", "16", "--tests", "1"]
     assert train.main([*words, "--out", str(run)]) == 0
-    said = "arriving within 60 degrees of an angle of its own, drawn from 60 to 120 degrees"
+    said = "arriving within 60 degrees of a random angle for each target, from 60 to 120 degrees"
     assert said in capsys.readouterr().out
     assert json.loads((run / "result.json").read_text())["arrival"] == {
         "direction": None,

@@ -46,7 +46,7 @@ class Options:
     seed: int = 0
     """Of the draw."""
     workers: int = 2
-    """Runs of tests at a time, each in a copy of its own."""
+    """Runs of tests at a time, each in a separate copy."""
     keep_kills: bool = False
     """Count what earlier tests or an earlier module killed, to see what grown tests do with the survivors."""
     list: bool = False

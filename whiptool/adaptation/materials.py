@@ -24,7 +24,7 @@ Sources:
     Silicone: 1100 to 1200 kg/m^3; 1.6 to 5.5 MPa, Shore A 40 to 70 by Gent's relation (Trans. Inst. Rubber Ind. 34,
         1958; makers give 2.1 to 4 MPa for tubing of Shore A 50 to 78); loss factor 0.05 to 0.2.
     Steel chain: short links of wire d, DIN 766: 0.07, 0.16 and 0.32 kg/m at 2, 3 and 4 mm, so 20,400 to 25,500 kg/m^3
-        of the wire's section. A joint turns freely but for the friction of link on link, mu T d / 2 (mu 0.15 to 0.3,
+        of the wire's section. A joint turns freely except for the friction of link on link, mu T d / 2 (mu 0.15 to 0.3,
         tension T 0.5 to 2 N); the modulus is a number too small to be felt.
     Polypropylene and manila: ropes of three strands, 2.68, 4.17 and 6.99 kg per 100 m of polypropylene and 4.32, 6.10
         and 11.2 of manila at 7.94, 9.53 and 12.7 mm (makers' tables). No bending length of theirs was found: moduli,

@@ -108,7 +108,7 @@ class Demands:
         speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
             if there is no other.
         check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
-            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins anew; the
+            forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins again; the
             first search's best is taken where all are forbidden.
         t_stay: A strike is watched so long after the movement ended [s].
         admissible: Brings strikes (B, 2 a + 1) within what the joints may be commanded; default: anything.

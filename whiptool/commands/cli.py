@@ -42,7 +42,7 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
 
     Raises:
         InputError: It does not parse, an option is there twice, what it needs is not installed, or a value breaks a
-            rule of its own; it is named.
+            rule; it is named.
         SystemExit: `--help` or `--help-all` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
@@ -197,7 +197,7 @@ def parse_resumable(
 ) -> T:
     """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
 
-    What of its options is `changeable` is as in the folder, unless it is given anew; the others may not differ.
+    What of its options is `changeable` is as in the folder, unless it is given again; the others may not differ.
 
     Args:
         options: Their class, with fields `out` and `resume`.
@@ -238,7 +238,7 @@ def parse_resumable(
 def parse_after_run(
     options: type[T], *, command: str, description: str, args: Sequence[str] | None, of_run: Callable[[Path], T]
 ) -> T:
-    """As `parse`, for a command that takes a run folder `RUN`, whose options hold unless they are given anew.
+    """As `parse`, for a command that takes a run folder `RUN`, whose options hold unless they are given again.
 
     Args:
         options: Their class, with a positional field `run`.

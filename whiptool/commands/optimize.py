@@ -90,7 +90,7 @@ class OptimizeOptions(
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
         if self.pareto is not None:
-            refuse_idle(self, {"method": "only without --pareto, which is a search of its own"})
+            refuse_idle(self, {"method": "only without --pareto, which has its own search method"})
             if self.simulator == "reference":
                 raise InputError(
                     "--pareto", self.pareto, "only without --simulator reference, which has no derivatives"

@@ -26,7 +26,7 @@ def drawing_process() -> PictureProcess:
 class StrikePictures:
     """The trajectory of a strike, which is saved at once, and its pictures.
 
-    As a context manager it has a process of its own draw video and figures meanwhile, and waits for it at the end.
+    As a context manager it has a separate process draw video and figures meanwhile, and waits for it at the end.
 
     Args:
         folder: Run folder.

@@ -116,7 +116,7 @@ def _policy_strike(policy: Path) -> StrikeRun:
 
 
 def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, anew: bool = False) -> dict[str, Any]:
-    """Show a strike; its files are written where they are missing, or anew."""
+    """Show a strike; its files are written where they are missing, or again."""
     shown = _shown(folder)
     if strike.beyond is not None:
         print(f"whiptool: the strike is beyond its limits: {strike.beyond}", file=sys.stderr)

@@ -302,7 +302,7 @@ def give_way(
         J, M = _added(J, to[:3], of[:3]), _added(M, to[3:], of[3:])
         H = H + ca.mtimes(to[:3], of[3:].T)
         main = _world_axis(world[k]) if K == 1 else None
-        if main is not None:  # of its own row, only what the armature keeps
+        if main is not None:  # of its row, only what the armature keeps
             stays = -extra * negative * world[k][main]
             for j in range(3):
                 J[main, j] = J[j, main] = of[j] * stays

@@ -69,7 +69,7 @@ def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca
 
 
 def at_tip(loop: ClosedLoop, frame: Any) -> Felt:
-    """Return what the last link feels at the tip: nothing, but for how rods twist."""
+    """Return what the last link feels at the tip: nothing, except how rods twist."""
     return Felt(ca.SX.zeros(3), ca.SX.zeros(3), loop.twist(frame))
 
 

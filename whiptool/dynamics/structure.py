@@ -89,7 +89,7 @@ class Structure:
     feedforward: bool = False
     limits: int = 0  # of the torque: none, one for all joints, or one each
     held: bool = False  # the torque is held for a control period
-    compensated: bool = False  # gravity compensation has masses of its own
+    compensated: bool = False  # gravity compensation uses other masses
     joints: str = "hinge"  # of the whip
     arm: ArmShape | None = None  # of an arm in space
     explicit: bool = False  # steps are the classical Runge-Kutta method's, for joints on their reference

@@ -1,6 +1,6 @@
 """What is grossly wrong with a recording, before hours are spent on a fit of it: units, axes, joints, when it starts.
 
-A whip hangs from a hand whose place is known, so that its first readings are where the model says but for what is
+A whip hangs from a hand whose place is known, so that its first readings are where the model says except what is
 unknown of the whip. Where they, or the path that follows, are far from that, simple slips are tried: the one that
 explains the readings several times as well is named.
 """

@@ -146,7 +146,7 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
     """The fault of a recording's time base, if there is one.
 
     A fault leads a fit astray, and where it ended less is left of it than there is: in doubt the recordings are fitted
-    with clocks of their own, from there and from the first start. What that tells goes before what it left.
+    with their own clocks, from there and from the first start. What that tells goes before what it left.
     """
     doubt = problem.clock_fault(solution, correlated=False)
     if doubt is None or doubt.p_value > DOUBT:
@@ -164,8 +164,8 @@ def predict(
     """Recordings that were not fitted, and what the plant predicts of them.
 
     What drives the whip is known: the command, the measured joints, the tracked handle. Where a recording has unknowns
-    of its own (a first state, a robot's lag, nuisance), the first half of its frames fits them, and the second half is
-    predicted; a pendulum's free swing begins at its first sample.
+    that are only its own (a first state, a robot's lag, nuisance), the first half of its frames fits them, and the
+    second half is predicted; a pendulum's free swing begins at its first sample.
 
     Args:
         recordings: To predict.
@@ -214,7 +214,7 @@ def choose_nodes(
     """The number of nodes that predicts held-out recordings best, and the fits with each number.
 
     Args:
-        recordings, plant, free, held_out, options: As for `fit`; the plant's whip is cut anew for each number.
+        recordings, plant, free, held_out, options: As for `fit`; the plant's whip is cut again for each number.
         nodes: Numbers of nodes to try.
 
     Raises:

@@ -49,7 +49,7 @@ class LaggedReference:
 def _lagging(t: np.ndarray, D: float, lag: complex) -> np.ndarray:
     """Return how far of its way from q_i to q_f a joint is at times t (I,), and its first and second rates, (3, I).
 
-    While the reference is a polynomial, so is what follows it, but for a part that fades: the sum of the reference's
+    While the reference is a polynomial, so is what follows it, except a part that fades: the sum of the reference's
     derivatives times powers of -lag, less its value at the start.
     """
     powers = np.arange(len(_QUINTIC))

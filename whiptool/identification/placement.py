@@ -1,5 +1,5 @@
 """How recorded places and times stand to the model's: a camera, or motion capture, that is scaled, turned and moved,
-with a clock of its own.
+with its own clock.
 
     measured = scale R position + shift
     stamped  = clock_rate time + delay

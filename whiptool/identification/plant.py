@@ -145,7 +145,7 @@ class Plant:
     def with_nodes(self, N: int) -> Plant:
         """The same whip with another number of nodes.
 
-        A profile is lumped anew; free numbers keep length, mass, and the whip's bending as a whole: `l` and `m` go
+        A profile is lumped again; free numbers keep length, mass, and the whip's bending as a whole: `l` and `m` go
         with 1/N, `k` and `b` with N, `cubic_stiffness` with N^3, `drag` with 1/N.
 
         Raises:

@@ -266,8 +266,8 @@ class _Reading:
 
     A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
     hundredths of a pixel, where a point comes 10 cm nearer during an exposure. Depth is read as its inverse, which is
-    the stereo pair's disparity but for a factor: its errors are normal and as large at all distances, while depths that
-    err to the near side would state smaller errors than those that err to the far side, and draw the fit to them.
+    the stereo pair's disparity except for a factor: its errors are normal and as large at all distances, while depths
+    that err to the near side would state smaller errors than those that err to the far side, and draw the fit to them.
     """
 
     def __init__(

@@ -80,7 +80,7 @@ class Options:
             if (value := getattr(self, name)) is not None:
                 number(name, value, low=0, strict=True)
         if self.pieces and self.drive != "free":
-            raise InputError("pieces", self.pieces, "none, but for free swing")
+            raise InputError("pieces", self.pieces, "none, except for free swing")
 
 
 class Problem:
@@ -312,7 +312,7 @@ class Problem:
     def with_clocks(self) -> Problem | None:
         """The same with a delay and a clock rate of each recording's own; None where they have them, or cannot have.
 
-        A free first state takes a delay up, and encoders have no clock of their own.
+        A free first state takes a delay up, and encoders have no separate clock.
         """
         kinds: Sequence[str] = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
         own = [name for name in kinds if name not in (*self.free, *self._own)]

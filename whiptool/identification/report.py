@@ -149,7 +149,7 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
         )
         if any(f.predicted_from is not None for f in fit.held_out):
             said += (
-                " They have unknowns of their own: the first half of the frames fitted these, and the error is that of "
+                " They have their own unknowns: the first half of the frames fitted these, and the error is that of "
                 "the second half."
             )
         if fit.drive in _KNOWN:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 MAX_ITERATIONS = 300
-_SETTLING = 10  # steps over which shared unknowns have to stay, where recordings have unknowns of their own
+_SETTLING = 10  # steps over which shared unknowns have to stay, where recordings have their own unknowns
 _STILL = 10.0  # times the tolerance: square of the standard errors by which they may move meanwhile, usually 0.01
 _FLAT = 5e4  # times the tolerance: by which the cost may fall per mean squared residual, usually one standard error
 TOLERANCE = 1e-5  # predicted decrease of the cost per mean squared residual: a step of 0.004 standard errors

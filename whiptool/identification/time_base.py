@@ -7,7 +7,7 @@ with all that was fitted taken out. The likeliest is judged by a level that is s
 (Bonferroni).
 
 A fit hides much of such a fault in the whip's numbers. Where the test leaves a doubt, the recordings are fitted once
-more with clocks of their own, and the clocks that come out are judged.
+more with their own clocks, and the clocks that come out are judged.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from whiptool.identification.solver import Block
 SIGNIFICANCE = 1e-3  # of a fit: how often sound recordings are taken for faulty ones
 SHARE = 0.5  # of the unexplained errors that a fault has to explain
 LEAST = 0.1  # frames: less is no fault of stamps
-DOUBT = 0.05  # from which a fit with clocks of their own is worth its time
+DOUBT = 0.05  # above which a fit with separate clocks is worth its time
 CLOCK = ("delay", "clock_rate")  # of a recording's own unknowns
 _INSTANTS = 200  # of a recording, at most, at which a jump is tried
 _SEEN = 1e-3  # of a fault's square, that the fitted unknowns leave: less cannot be distinguished from them
@@ -216,6 +216,6 @@ class _Rest:
 
     @property
     def _half(self) -> np.ndarray:
-        """A root of the inverse: `A half` has orthonormal columns, but for a prior."""
+        """A root of the inverse: `A half` has orthonormal columns, except for a prior."""
         size, V = np.linalg.eigh(self._inverse)
         return V * np.sqrt(np.maximum(size, 0.0))

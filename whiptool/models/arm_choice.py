@@ -25,7 +25,7 @@ class ArmChoice:
 
     Args:
         tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other.
-        moving: Names of the joints that move; None: all between base and tip, but for those that are locked.
+        moving: Names of the joints that move; None: all between base and tip, except those that are locked.
         locked: Where joints are that do not move [rad or m], by name; a joint that neither moves nor is named here is
             locked at 0.
         outward: Direction in the tip's frame in which a stick or the whip goes on (3,); flanges have their z axis so.

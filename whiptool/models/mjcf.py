@@ -273,7 +273,7 @@ class _Robot:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
 
     def _groups(self) -> dict[int, list[_Body]]:
-        """Bodies that each mover carries, but for those that the next one moves."""
+        """Bodies that each mover carries, except those that the next one moves."""
         groups: dict[int, list[_Body]] = {i: [] for i in self.movers}
         for body in range(1, self.model.nbody):
             mover = self._mover_of(body)

@@ -109,7 +109,7 @@ class Model(NoArray, instead="its parameters()"):
         """A copy with some of `parameters()` changed.
 
         Of a whip with values per node, `whip.k` is their mean, and changes all of them in proportion. Of one that is
-        lumped from a profile, `profile.length` and the like, see `WhipProfile.numbers`, lump it anew.
+        lumped from a profile, `profile.length` and the like, see `WhipProfile.numbers`, lump it again.
 
         Raises:
             InputError: A name is not one of `parameters()` or these, or a value breaks its rule.

@@ -31,7 +31,7 @@ def resized(
     """Return a whip of the same material with another length, number of nodes or taper.
 
     Mass, bending stiffness, damping and drag per length stay as they are. A whip that is lumped from a profile is
-    lumped anew from it; of others the numbers of each node follow the length of its link.
+    lumped again from it; of others the numbers of each node follow the length of its link.
 
     Args:
         whip: As it is.
@@ -62,7 +62,7 @@ def resized(
 
 
 def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> WhipParameters:
-    """Return a whip lumped anew, from its profile with some of its numbers changed; what no profile has stays.
+    """Return a whip lumped again, from its profile with some of its numbers changed; what no profile has stays.
 
     Raises:
         InputError: The whip is not lumped from a profile, or it has no such number, or a value breaks its rule.

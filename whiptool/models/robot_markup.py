@@ -27,7 +27,7 @@ def read_urdf_text(path: Path | str) -> str:
     """The text of a URDF file.
 
     Raises:
-        InputError: It cannot be read, or is nested too deeply, too large, or has entities of its own.
+        InputError: It cannot be read, or is nested too deeply, too large, or defines entities.
     """
     text = read_text(path, "URDF")
     _check(Path(path), text, [])
@@ -45,7 +45,7 @@ def check_mjcf(path: Path | str) -> None:
 
 def _check(path: Path, text: str, included: list[Path]) -> None:
     if "<!ENTITY" in text:
-        raise InputError("file", str(path), "XML without entities of its own")
+        raise InputError("file", str(path), "XML that defines no entities")
     folders = ["", *_FOLDER.findall(text)]
     copies, elements = [1], 0  # of what is within, for each element that is open
     for closing, name, attributes, closed in _TAG.findall(_PASSED_OVER.sub("", text)):

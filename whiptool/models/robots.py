@@ -112,7 +112,7 @@ _UR5E_BODIES = (  # mass [kg], centre of mass [m], quarter turns about x of the 
 # Capsules: the collision shapes of MuJoCo Menagerie's universal_robots_ur5e/ur5e.xml, moved into these frames; the
 # flange, a cylinder there, has a capsule's round ends here. The base, which has none there: as
 # thick as its footprint (149 mm, the maker's technical details of the UR5e; the mesh of the UR5's base, which has the
-# same footprint, in ur_description's meshes/ur5/collision/base.stl, is 147 mm wide, but for a plug that stands out by
+# same footprint, in ur_description's meshes/ur5/collision/base.stl, is 147 mm wide, except a plug that stands out by
 # 36 mm), 0.1 m high, where the shoulder begins.
 _UR5E_BASE = Capsule((0, 0, 0), (0, 0, 0.025), 0.0745)
 _UR5E_CAPSULES = (  # segment from, to [m], radius [m]

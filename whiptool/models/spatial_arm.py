@@ -310,7 +310,7 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         given = np.array([metres("lengths", x, strict=False) for x in numbers("lengths", lengths, self.n)])
         now = self.lengths
         if any(link.capsules for link in self.links):
-            rule = "nothing, for an arm whose collision shapes are known: they are of its own links"
+            rule = "only for an arm without collision shapes, which belong to links of given lengths"
             raise InputError("lengths", given.tolist(), rule)
         if ((now == 0) & (given > 0)).any():
             raise InputError("lengths", given.tolist(), f"0 where two joints are at one point: now {now.tolist()}")

@@ -258,7 +258,7 @@ def _weightless(model: Any, carried: list[set[str]], without: set[str], main: se
         model: Of the arm.
         carried: Names of the links that each joint carries, (joints,).
         without: Names of the links that have shapes, and no mass.
-        main: Names of the links that joints move, but for what is fixed to them.
+        main: Names of the links that joints move, except what is fixed to them.
     """
     found, beyond = [], 0.0
     for i in reversed(range(1, model.njoints)):

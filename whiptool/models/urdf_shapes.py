@@ -75,7 +75,7 @@ def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) ->
         model: Changed in place.
         robot: What it was read from.
         folder: Of the file, from which meshes are looked for.
-        main: Names of the links that joints move, but for what is fixed to them.
+        main: Names of the links that joints move, except what is fixed to them.
     """
     import pinocchio as pin
 

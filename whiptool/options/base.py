@@ -18,7 +18,7 @@ class OptionGroup:
     """Options of a command, which it composes from groups such as `TargetOptions`; they check themselves.
 
     A group may name some of its fields in class variables, and a command has what all its groups name:
-    `of_this_call`, what is not kept with a run; `changeable`, what may be given anew where a run is resumed;
+    `of_this_call`, what is not kept with a run; `changeable`, what may be given again where a run is resumed;
     `may_be_empty`, options of several values that may be given without one; `first`, what `--help` tells of a command
     that has more options than fit on a screen. `heading` is that of the group in help.
     """
@@ -30,7 +30,7 @@ class OptionGroup:
     heading: ClassVar[str] = "options"
 
     def check(self) -> None:
-        """Refuse values that break a rule of their own.
+        """Refuse values that are out of range.
 
         Raises:
             InputError: One does; it is named.

@@ -33,7 +33,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
     for name, times in logs.items():
         if times[0] <= t[-1] and times[-1] >= t[0]:
             continue
-        cause = f"have they clocks of their own? Say when the command began by each: start and {name}_start"
+        cause = f"do their clocks differ? Say when the command began by each: start and {name}_start"
         given = f"from {times[0]:.6g} to {times[-1]:.6g} s"
         raise InputError(f"{name}_t", given, f"times of the frames, {t[0]:.6g} to {t[-1]:.6g} s", cause)
 

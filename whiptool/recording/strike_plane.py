@@ -13,7 +13,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 
 _THIN = 1e-2  # breadth over length of the points below which they lie on a line and no plane is fitted
 _ONE_PLANE = np.deg2rad(5)  # between a recording's own plane and that of all, up to which they are the same
-_DISTINCT = 3.0  # breadth over depth of the points from which they have a plane of their own
+_DISTINCT = 3.0  # breadth over depth of the points from which they have their own plane
 _STEEPEST = np.deg2rad(30)  # of a plane against the vertical, in which a whip's weight still keeps its motion
 
 

@@ -486,7 +486,7 @@ def _read_by_name(names: Sequence[str], order: Sequence[int]) -> list[str]:
 
 
 def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers broadcast to a shape, as an array of their own."""
+    """Numbers broadcast to a shape, as a new array."""
     array = _numbers(name, value)
     try:
         return np.broadcast_to(array, shape).copy()

@@ -1,4 +1,4 @@
-"""Filming while the control loop runs: a thread of its own takes frames; what the strike shows is kept."""
+"""Filming while the control loop runs: a separate thread takes frames; what the strike shows is kept."""
 
 from __future__ import annotations
 

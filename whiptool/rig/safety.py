@@ -29,7 +29,7 @@ class State(IntEnum):
     DISARMED = 0  # torque off
     ARMED = 1  # torque on, no current yet
     RUNNING = 2  # currents are commanded
-    FAULT = 3  # something was wrong; torque off, until it is armed anew
+    FAULT = 3  # something was wrong; torque off, until it is armed again
 
 
 class Safety:
@@ -42,7 +42,7 @@ class Safety:
         current: Current limit while armed [A].
         watchdog: A servo stops when it hears nothing for this long [s], 0.04 to 0.1.
         attempts: How often torque off is tried, at most, until every servo confirms it.
-        interlock: What locks after a stop; default: one of its own.
+        interlock: What locks after a stop; default: a new one.
     """
 
     def __init__(

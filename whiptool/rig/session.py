@@ -158,7 +158,7 @@ class TwinRig:
         options: Of the loop.
         at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
         seed: Of the camera's noise.
-        interlock: What locks after a stop; default: one of its own.
+        interlock: What locks after a stop; default: a new one.
     """
 
     def __init__(
@@ -285,7 +285,7 @@ class HardwareRig:
         line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
         confirm: Asked before every strike; False ends the session. None: no question, unless the arm was stopped.
-        interlock: What locks after a stop; default: one of its own.
+        interlock: What locks after a stop; default: a new one.
     """
 
     def __init__(

@@ -188,7 +188,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Lanes that each strike at a target of their own, all strikes of a step as one batch.
+    """Lanes that each strike at their own target, all strikes of a step as one batch.
 
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
     seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the

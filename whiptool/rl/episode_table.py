@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.rl.training import Episode
 from whiptool.whole_files import append_whole, write_whole
 
-_OTHERS = ("losses", "held_out", "best")  # of an episode, in columns of their own, or elsewhere
+_OTHERS = ("losses", "held_out", "best")  # of an episode, in separate columns, or elsewhere
 HELD_OUT = ("held_out_hit", "held_out_cost")
 
 

@@ -22,7 +22,7 @@ class Plan:
 
     Args:
         episodes: Number of episodes.
-        trials: Strikes per episode, all in one batch, each in a lane of its own.
+        trials: Strikes per episode, all in one batch, each in its own lane.
         random_episodes: Episodes at the start in which strikes are uniformly random and nothing is learned.
         hindsight: Relabelled copies of every strike; 0: none. Needs an observation that shows the target.
 

@@ -64,7 +64,7 @@ def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Judged:
-    """What B strikes came to, each at a goal of its own.
+    """What B strikes came to, each at its own goal.
 
     Args:
         approach: Their closest approaches.

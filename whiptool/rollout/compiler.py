@@ -21,7 +21,7 @@ from whiptool.whole_files import write_whole
 
 log = logging.getLogger("whiptool")
 
-LONGEST = 300.0  # [s] that a library may take to compile: some 10 s of a machine of its own
+LONGEST = 300.0  # [s] that a library may take to compile: some 10 s on an idle machine
 _LONGEST_ANSWER = 30.0  # [s] of the question for its version
 
 # no -ffast-math: it would remove the tests for NaN

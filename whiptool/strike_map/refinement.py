@@ -15,7 +15,7 @@ STEPS = 30  # rollouts of each strike at most, those for derivatives apart
 _DAMPING = 1e-3  # [m], of the first step
 _LEAST = 1e-5  # [m]
 _BETTER = 0.7  # of the cost is left after a step, or less: else the step stalled
-_STALLED = 3  # steps in a row that stalled, after which derivatives are taken anew
+_STALLED = 3  # steps in a row that stalled, after which derivatives are taken again
 _DERIVATIVES = 3  # times that a strike's derivatives are taken at most
 
 

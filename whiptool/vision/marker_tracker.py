@@ -49,7 +49,7 @@ class Sighting:
     """One marker in one frame.
 
     Args:
-        t_point: Middle of its exposure [s]: that of its own row, with a rolling shutter.
+        t_point: Middle of its exposure [s]: that of its row, with a rolling shutter.
         pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
         point: The same on the strike plane [m], (2,); NaN where unsure.
         sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.

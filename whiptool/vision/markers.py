@@ -95,7 +95,7 @@ class Marker:
         return saturation >= self.saturation and (hue * 360 - low) % 360 <= (high - low) % 360
 
 
-# For the markers of the virtual camera; a rig's own need thresholds of their own.
+# For the markers of the virtual camera; a rig's own need their own thresholds.
 TIP_MARKERS = {
     "color": Marker(0.025, hue=(95, 140)),
     "infrared": Marker(0.025, value=(0.65, 1.0)),

@@ -92,7 +92,7 @@ class Scene:
             material = self._mj.mat(name)
             material.specular = 0  # matt: highlights would be taken for markers
             rgb = markers.get(name, material.rgba[:3]) if self.settings.kind == "color" else (_INFRARED[name],) * 3
-            if name in markers:  # mostly light of its own, so that it looks the same from all sides
+            if name in markers:  # mostly emitted light, so that it looks the same from all sides
                 material.emission = (1 - _SHARE_OF_LIGHT) / _SHARE_OF_LIGHT
                 rgb = np.array(rgb) * _SHARE_OF_LIGHT
             material.rgba[:3] = rgb

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def drawn_frames(
     figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None]
 ) -> Iterator[np.ndarray]:
-    """Yield frames (height, width, 3) of uint8; only what moves is drawn anew, the rest once.
+    """Yield frames (height, width, 3) of uint8; only what moves is drawn for each frame, the rest once.
 
     Args:
         figure: What is drawn; what moves is drawn above all else.

@@ -1,4 +1,4 @@
-"""The film and the figures of a strike, which a process of its own draws while this one goes on."""
+"""The film and the figures of a strike, drawn by a separate process."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def plot_strike(
 ) -> Axes:
     """Draw postures of arm and whip at equal intervals, the tip's path, and the posture at the closest approach.
 
-    A strike in space gets four views in a figure of its own: side, top, front and perspective.
+    A strike in space gets four views in a new figure: side, top, front and perspective.
 
     Args:
         trajectory: The strike.

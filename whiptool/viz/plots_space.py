@@ -36,7 +36,7 @@ _NAMES: dict[Plane, str] = {"xz": "side", "xy": "top", "yz": "front"}
 _POSTURES = 10
 _SEGMENTS = 600  # of the tip's path
 _NARROWEST = 0.6  # share of the widest side of what is shown that every side has
-_LONGEST = 4.3  # [in], the widest side of what is shown, in a figure of its own
+_LONGEST = 4.3  # [in], the widest side of what is shown, in a separate figure
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
 
 
 def _numbers(side: Sidecar, frames: np.ndarray) -> np.ndarray | None:
-    """The number of each frame (T,), from the first column; None where each has a timestamp of its own."""
+    """The number of each frame (T,), from the first column; None where each has its own timestamp."""
     if "timestamps" in side.table:
         return None
     if not (np.isfinite(frames).all() and (frames >= 0).all() and (frames < 1e7).all() and (frames % 1 == 0).all()):

@@ -1,4 +1,4 @@
-"""Parsers in C that crash or never end on damaged bytes, run in a process of their own with bounds on time and memory.
+"""Parsers in C that crash or never end on damaged bytes, run in a separate process with bounds on time and memory.
 
 SciPy's reader of MAT files and ezc3d do: of a few hundred randomly damaged files each, some end in a segmentation fault
 or a loop.

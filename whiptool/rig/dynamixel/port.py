@@ -98,7 +98,7 @@ def _cure(error: Exception) -> str:
     """What to do about a device that does not open."""
     if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
         return "another program holds it: end that one"
-    return f"{error} (for permission: sudo usermod -aG dialout $USER, and log in anew)"
+    return f"{error} (for permission: sudo usermod -aG dialout $USER, and log in again)"
 
 
 @cache
