@@ -1,4 +1,4 @@
-"""How surely does a map of strikes hit a point at an arrival angle? A UR5e with a rope, in one shot and refined.
+"""How often does a map of strikes hit a point at an arrival angle? A UR5e with a rope, in one shot and refined.
 
 Goals are drawn in the region of "Point It, Strike It" (2026): 1.6 to 2.3 m from the base, 0.3 to 2.5 m above the ground
 with the base at 1.7 m, up to 30 degrees to either side, at arrival angles from the full turn. A hit: the tip within

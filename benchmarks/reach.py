@@ -1,4 +1,4 @@
-"""How surely and how soon do robots reach a target? Random targets in space, to 1 mm, within the arm's limits.
+"""How often and how soon do robots reach a target? Random targets in space, to 1 mm, within the arm's limits.
 
 Targets of the UR5e and the Panda with stick and rope are uniform in the shell of 0.9 to 1.6 m around the base, above
 the ground and in front of the robot. The joints follow their reference exactly (position control); limits of position,

@@ -1,4 +1,4 @@
-"""How surely do the maps that come with the package hit goals of their regions, and how soon is a first strike there?
+"""How often do the maps that come with the package hit goals of their regions, and how soon is a strike found?
 
 For each map 1,000 goals are drawn from its region with a seed that it was not built with: points that the tip has to
 pass within the hit radius, of robots in a direction that is drawn too, within 10 degrees of it and at 1 m/s along it. A

@@ -35,7 +35,7 @@ nb_execution_mode = "off"  # the tests execute the notebooks; here they come wit
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
 autodoc_preserve_defaults = True
-autodoc_use_type_comments = False  # there are none, and looking for them parses every function
+autodoc_use_type_comments = False  # the code has no such comments, and the search for them parses every function
 # of the extra `oracle`, which a base class comes from
 autodoc_mock_imports = [name for name in ("elastica", "numba") if find_spec(name) is None]
 autodoc_typehints = "signature"
@@ -107,7 +107,7 @@ def mend(app: object, what: str, name: str, obj: object, options: object, lines:
                 parts[i] = part.replace("|", r"\|")
         lines[:] = "".join(parts).split("\n")
     if what in ("attribute", "data", "property"):
-        lines[:0] = ["..", ""]  # an empty comment, lest napoleon take what stands before a colon for a type
+        lines[:0] = ["..", ""]  # an empty comment, so that napoleon does not take the words before a colon for a type
 
 
 def remember_searches() -> None:

@@ -35,7 +35,7 @@ class Smooth(Protocol):
 class Limits(Protocol):
     """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
 
-    `by_peaks` says whether peaks alone decide what is not judged of candidates alone.
+    `by_peaks` is true if the peak values of a strike suffice to judge it.
     """
 
     judges: ClassVar[str]
@@ -67,11 +67,12 @@ class Limits(Protocol):
         ...
 
     def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:
-        """How far strikes are beyond the limits by their peaks alone, (B,); <= 0: surely within."""
+        """Excess of strikes over the limits by their peak values alone, (B,); at most 0 if they certainly keep the
+        limits."""
         ...
 
     def violation(self, trajectory: Trajectory, /) -> float:
-        """How far a strike is beyond the limits; <= 0: within."""
+        """Excess of a strike over the limits; at most 0 if it keeps them."""
         ...
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str], /) -> str:

@@ -1,4 +1,4 @@
-"""An arm of one's own in space: a rail with a hinge on it, a stick, and a rope; a strike in both simulators."""
+"""A new arm in space: a rail with a hinge on it, a stick, and a rope; a strike in both simulators."""
 
 import math
 

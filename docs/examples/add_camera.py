@@ -27,7 +27,7 @@ class DrawnCamera:
         """A real camera starts its stream here."""
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame; None when there is none within the timeout [s], or no more."""
+        """The next frame; None if none arrives within the timeout [s], or the film has ended."""
         if self._next == self.frames:
             return None
         s, number = self.settings, self._next

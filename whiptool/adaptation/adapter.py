@@ -60,7 +60,7 @@ class Options:
         keeps: In space: limits of joints and distances that strikes have to keep.
         first, later: Planning effort before any recording has been learned from, and after.
         retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
-            from, is less than half sure to hit, or not allowed.
+            from, has a hit probability below 50 %, or breaks a limit.
     """
 
     max_strikes: int = 6

@@ -31,7 +31,7 @@ from whiptool.target import Target
 
 FIRST = Effort(pool=2048, polished=32, whips=16, population=12, rounds=4)  # limits and directions leave little
 NEXT = Effort(pool=512, polished=8, whips=16, population=8, rounds=4)
-RETRIES = 3  # with the first effort, for a strike that is less than half sure to hit
+RETRIES = 3  # with the first effort, while the hit probability is below 50 %
 RATE = 100.0  # [1/s] of the paths that are compared
 STEPS = 20  # of a refinement
 STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted

@@ -107,7 +107,7 @@ class Demands:
         limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
         speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
             if there is no other.
-        check: Says why a strike must not be struck, None where it may; asked of the best, one after the other. Where it
+        check: Says why a strike must not be made, or None; called for the best strikes, one after the other. Where it
             forbids the best `CHECKED`, more of the motors is kept free (`MARGINS`), and the search begins again; the
             first search's best is taken where all are forbidden.
         t_stay: A strike is watched so long after the movement ended [s].
@@ -156,8 +156,8 @@ class Plan:
 def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
     """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
 
-    Where none is so sure, the probability that is stated is the largest of several estimates, each over `JUDGED` whips,
-    and so a few percent too high.
+    Otherwise the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
+    and is therefore a few percent too high.
 
     Args:
         look: Search for a strike with an effort.

@@ -97,7 +97,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
 
     Args:
         options: Of the run.
-        told: What a robot's strike was recorded in, which was asked for last.
+        told: Recordings of the robot's last requested strike.
     """
     adaptation = prepare(options)
     with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:

@@ -21,7 +21,7 @@ Axis = tuple[float, float, float]
 
 
 class Link(NamedTuple):
-    """A link of a whip, along -z of its own axes; units as in `Chain`. Its inertia is alike about all axes."""
+    """A link of a whip, along -z of its frame; units as in `Chain`. Its inertia is the same about all axes."""
 
     length: ca.SX
     mass: ca.SX

@@ -1,4 +1,4 @@
-"""A serial arm of revolute and prismatic joints in CasADi: what its joints feel of its own bodies, and its hand.
+"""A serial arm of revolute and prismatic joints in CasADi: the torques due to its bodies, and its hand.
 
 Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5 and 6: inertia by composite bodies, forces by recursive
 Newton-Euler. Motions and forces are spatial vectors about the base's origin, in the world's axes, so that bodies add up

@@ -303,7 +303,7 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
 
 
 def _panels(recording: StrikeRecording) -> list[tuple[str, ...]]:
-    """Return which coordinates share a panel: depth, in metres, has one of its own."""
+    """Return which coordinates share a panel: depth, in metres, has a separate one."""
     axes = _axes(recording)
     return [axes] if recording.depth is None else [axes[:2], axes[2:]]
 

@@ -44,8 +44,8 @@ class RecordingFit:
             clock; where depth was measured, [m] in a third column after pixels.
         predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its own unknowns and
             is not among the residuals. None: all of it was fitted or predicted.
-        size: Of a view: how far a place moves at least that moves a reading by one [m/pixel], [m^2], (K,); None: there
-            is none.
+        size: Of a view: how far a place moves at least that moves a reading by one [m/pixel], [m^2], (K,); None for
+            recordings without such a view.
         view: The camera whose pixels it holds.
     """
 

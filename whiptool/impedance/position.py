@@ -18,8 +18,8 @@ class PositionControl:
     """Joints exactly on the reference (Eq. 1), as stiff industrial robots follow it.
 
     The motion is prescribed: no error is left that a torque could follow. The torques are those which that motion
-    needs under the whip's pull, by inverse dynamics, so that limits of torque can still be judged. Springs and dampers
-    there are none: K and B are zero.
+    needs under the whip's pull, by inverse dynamics, so that limits of torque can still be judged. There are
+    no springs and dampers: K and B are zero.
     """
 
     kind: ClassVar[str] = "position"

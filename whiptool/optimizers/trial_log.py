@@ -74,8 +74,8 @@ class TrialLog:
     def read(self) -> list[Trial]:
         """All trials up to the first line that is damaged.
 
-        A last line that was cut off is removed from the file. Where more is damaged, the file is first put aside as it
-        is, with one line on stderr.
+        A last line that was cut off is removed from the file. Where more is damaged, the file is first renamed,
+        with one line on stderr.
 
         Raises:
             InputError: The file is not of this arm, or its first line is damaged.

@@ -106,7 +106,7 @@ def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -
     """Refuse recordings in space whose own planes differ from the common one.
 
     Projected on it, their motion would be foreshortened: by 18 % at 35 degrees. A recording whose points are nearly on
-    a line in the common plane has no plane of its own to compare.
+    a line in the common plane has no plane that could be compared.
 
     Raises:
         InputError: One lies in another plane.

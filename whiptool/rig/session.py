@@ -77,7 +77,7 @@ class Struck:
         return tip_seen(self.recording, 2)
 
     def judged(self, target: Target) -> Judgement | None:
-        """The miss as the camera's frames tell it, and how surely; None: they do not show the tip.
+        """The miss as estimated from the camera's frames, with its standard error; None if they do not show the tip.
 
         It is judged once for each target: that takes a while, and command, plots and report all ask.
         """
