@@ -95,7 +95,7 @@ def test_probability_and_expected_miss_are_those_of_the_belief(error, monkeypatc
     assert found.mean_miss < 0.02
     assert found.allowed
     assert found.usage is None
-    assert f"{found.probability:.0%} over 600 whips" in found.reason
+    assert f"{found.probability:.0%} over 600 posterior samples" in found.reason
     assert f"expected miss {100 * found.expected_miss:.1f} cm, tip speed" in found.reason
     assert (np.array(found.strike) >= BOUNDS.lower).all()
     assert (np.array(found.strike) <= BOUNDS.upper).all()
@@ -132,8 +132,8 @@ def test_whips_that_diverge_miss_by_all_and_are_told():
     np.testing.assert_array_equal(np.isinf(miss), lengths > 1.05)
     found = planned()
     share = 1 - norm.cdf(np.log(1.05) / 0.1)
-    assert "where it does not diverge, as" in found.reason
-    told = float(found.reason.split("where it does not diverge, as ")[1].split("%")[0]) / 100
+    assert "of the samples that diverge" in found.reason
+    told = float(found.reason.split(" of the samples that diverge")[0].split("the ")[-1].rstrip("%")) / 100
     assert told == pytest.approx(share, abs=0.12)
     assert found.expected_miss is not None
     assert found.expected_miss < 0.06
@@ -141,7 +141,7 @@ def test_whips_that_diverge_miss_by_all_and_are_told():
     lost = planned()
     assert lost.expected_miss is None
     assert lost.probability == 0
-    assert "all diverge" in lost.reason
+    assert "all samples diverge" in lost.reason
 
 
 def test_what_the_integration_does_not_resolve_hits_nothing(monkeypatch):
@@ -232,8 +232,8 @@ def test_past_strikes_and_their_neighbours_are_candidates():
     effort = Effort(pool=1, polished=1, steps=0, whips=2, population=2, rounds=0)
     found = planned(1e-6, past=[tuple(MIDDLE)], effort=effort)
     np.testing.assert_allclose(found.strike, MIDDLE)
-    assert found.reason.startswith("of 10 candidates")
-    assert planned(1e-6, effort=effort).reason.startswith("of 1 candidates")
+    assert found.reason.startswith("best of 10 candidates")
+    assert planned(1e-6, effort=effort).reason.startswith("best of 1 candidates")
 
 
 def test_neighbours_and_draws_scatter_by_parts_of_the_ranges():
@@ -276,7 +276,7 @@ def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     assert not none.allowed
     assert none.usage is not None
     assert none.usage > 1
-    assert f"asks for {none.usage:.0%} of them" in none.reason
+    assert f"and this one uses {none.usage:.0%} of them" in none.reason
 
 
 def test_what_is_refused_leaves_more_of_the_motors_free():

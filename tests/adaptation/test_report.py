@@ -174,7 +174,7 @@ def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
 
 @pytest.mark.heavy
 def test_nothing_learned_nothing_seen(prior):
-    assert "no strike" in words(sections([], prior, TARGET))
+    assert "No strike" in words(sections([], prior, TARGET))
     unseen = step_of(1, seen=False, fault="motor 2 is hot")
     told = lines(unseen, prior)
     assert "  fault          motor 2 is hot" in told
@@ -186,7 +186,7 @@ def test_nothing_learned_nothing_seen(prior):
     assert [t.get_text() for t in parts(found, Picture)[0].figure.axes[0].texts] == ["nothing recorded"]
     said = words(found)
     assert "Strike 1, fault: motor 2 is hot" in said
-    assert "Nothing was learned" in said
+    assert "nothing was learned" in said
     assert "No recording of the tip: strike 1." in said
     last = parts(found, Table)[-1].rows
     assert list(last[1]) == ["camera, strike 2", "the tip was lost", "strike 2, strike 3"]

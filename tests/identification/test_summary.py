@@ -238,9 +238,9 @@ def test_a_number_alone(of, z, row, unit, said):
 def test_bounds_of_what_is_just_seen():
     step, edge = 1.0, 1e-9
     assert "factor" in summary._bound(K, step, 0.2 + edge)
-    assert "any value" in summary._bound(K, step, 0.2)
+    assert "all values" in summary._bound(K, step, 0.2)
     assert "standard error" in summary._bound(DELAY, step, 0.01 + edge)
-    assert "any value" in summary._bound(DELAY, step, 0.01)
+    assert "all values" in summary._bound(DELAY, step, 0.01)
     assert summary._bound(variable("whip.drag_ratio", 1.0), 1.0, 0.5) == "its standard error is 2"
 
 

@@ -53,9 +53,9 @@ def test_joints_that_are_numbered_are_in_the_order_of_their_numbers():
     [
         (("elbow", "shoulder"), ("shoulder", "wrist"), "no column is for wrist"),
         (("left_elbow", "right_elbow"), ("shoulder", "elbow"), "there are several for elbow"),
-        (("hip", "knee"), ("shoulder", "elbow"), "none for shoulder, elbow.*joint_columns = {shoulder"),
+        (("hip", "knee"), ("shoulder", "elbow"), "no column is for shoulder, elbow.*joint_columns = {shoulder"),
         ((*(f"q{i}" for i in range(7)),), PANDA[:6], "joint_columns"),
-        (("shoulder", "q2"), ("shoulder", "elbow"), "none for elbow"),
+        (("shoulder", "q2"), ("shoulder", "elbow"), "no column is for elbow"),
     ],
 )
 def test_what_no_name_matches_is_refused(names, joints, said):
@@ -66,5 +66,5 @@ def test_what_no_name_matches_is_refused(names, joints, said):
 def test_a_list_in_the_arms_order_needs_no_names_but_is_not_read_against_them():
     assert order_of(("hip", "knee"), ("shoulder", "elbow"), listed=True) == [0, 1]
     assert order_of(("elbow", "shoulder"), ("shoulder", "elbow"), listed=True) == [1, 0]
-    with pytest.raises(InputError, match="none for wrist"):
+    with pytest.raises(InputError, match="no column is for wrist"):
         order_of(("elbow", "hip"), ("elbow", "wrist"), listed=True)

@@ -72,7 +72,7 @@ class StrikeOptions(RigOptions):
     first: ClassVar[tuple[str, ...]] = ("strike",)
 
     strike: tuple[float, ...]
-    """Joint angles and duration, q_si q_ei q_sf q_ef [rad] and D [s]."""
+    """q_si q_ei q_sf q_ef [rad] and D [s], the joint angles and the duration."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
