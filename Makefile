@@ -44,6 +44,7 @@ check: $(VENV)/.dev
 	$(RUN) -m ruff format --check .
 	$(RUN) -m pyrefly check
 	$(VENV)/bin/lint-imports
+	$(RUN) -m tools.plain_english
 
 $(VENV)/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

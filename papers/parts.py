@@ -1,7 +1,7 @@
 """The parts of `python -m whiptool.reproduce`, one function each: from a context to the sections of a report.
 
-A further one is added to `PARTS`, and, if it does not take hours of its own, to `ALL`. `nah2023` is another paper,
-`aim` and `spaces` are other tasks, each with models of its own.
+A further one is added to `PARTS`, and, unless it takes hours, to `ALL`. `nah2023` is another paper,
+`aim` and `spaces` are other tasks, each with its own models.
 """
 
 from __future__ import annotations

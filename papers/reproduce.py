@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
 Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
-OTHERS = {"nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}  # parts with a model of their own, and their home
+OTHERS = {"nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}  # parts with their own model, and their home
 _RIG = ("dynamixel_sdk", "cv2")  # servos, and a camera's images
 _LEARNED = ("fig6", "fig7", "table4", "hard", "aim", "spaces")  # parts with learners
 _OF_PARTS = {**dict.fromkeys(_LEARNED, ("torch",)), "sim2real": _RIG}  # modules of extras
@@ -45,26 +45,27 @@ class ReproduceOptions(ComparisonOptions):
     may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
 
     what: tyro.conf.Positional[Part] = "all"
-    """Which of them: table4 goes with Fig. 8, hard is 1 cm everywhere, sim2real Figs. 9 and 10, adapt unknown whips
-    (hours of its own), nah2023 another paper, of an arm in space (minutes), aim a UR5e that strikes points at arrival
-    angles (an hour or two), spaces joint space compared with hand space (an hour), and all is all but these four."""
+    """Part to reproduce. table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9 and 10.
+    Four parts are not included in all: adapt (unknown whips; some hours), nah2023 (another paper, an arm in space;
+    minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces (joint space compared with hand
+    space; an hour)."""
     whips: int = 100
-    """Unknown whips of each family, in adapt."""
+    """Number of unknown whips of each family, in adapt."""
     whip_targets: int = 3
-    """Targets of each of them."""
+    """Number of targets for each unknown whip."""
     space: bool = False
-    """Of adapt: ropes on a UR5e in space, aimed at points and directions, one strike after one wiggle."""
+    """Run adapt in space: ropes on a UR5e, goals with a point and a direction, one strike after one wiggle."""
     rows: tuple[Row, ...] = ()
-    """Of adapt, the ways to strike that are tried, and chain: through servos, images and tracker; default: all."""
+    """Ways to strike that adapt compares; chain also simulates servos, images and the tracker. Default: all."""
     further_episodes: int | None = 100
-    """Episodes under observations other than tip, which show what they can much earlier."""
+    """Training episodes for observations other than tip, which learn much faster."""
     further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
-    """Fig. 6 again where one strike does not do: targets from discs of these radii [m] around --target, and fast:
-    wherever the tip of random strikes is fast (3 m/s)."""
+    """Repeat Fig. 6 with harder zones: discs of these radii [m] around --target, and fast, the places where the tip of
+    random strikes moves at 3 m/s or more."""
     further_methods: Methods = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
-    """What is compared there; random is always added."""
+    """Methods compared in those zones; random is always added."""
     further_observation: tuple[Observation, ...] = ("goal",)
-    """What learners see there."""
+    """What learners observe in those zones."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "further_methods")
@@ -114,8 +115,8 @@ class ReproduceOptions(ComparisonOptions):
 
 
 _EXAMPLE = (
-    "The paper's figures and tables, its numbers next to those measured here, in one HTML file; `all` takes hours, and "
-    "can be killed and resumed. Example: python -m whiptool.reproduce all --quick"
+    "Reproduce the paper's figures and tables in one HTML file, with the paper's numbers next to ours. `all` takes "
+    "hours and can be interrupted and resumed. Example: python -m whiptool.reproduce all --quick"
 )
 
 
@@ -193,7 +194,7 @@ def _other(options: ReproduceOptions) -> Comparison:
 
 
 def _part(what: str) -> ModuleType:
-    """Return the package of a part with a model of its own."""
+    """Return the package of a part with its own model."""
     return import_module(f"papers.{OTHERS[what]}")
 
 

@@ -34,7 +34,7 @@ WORDS = {
     r"where all is right|as one likes|that is meant|put aside": "say it in the field's words",
 }
 FORBIDDEN = re.compile("|".join(rf"(?P<w{i}>\b(?:{word})\b)" for i, word in enumerate(WORDS)), re.IGNORECASE)
-CODE = re.compile(r"`[^`]*`|^ +\w+(, \w+)*: ", re.MULTILINE)  # what is an argument's name is no word, either
+CODE = re.compile(r"`[^`]*`|\{\w+[^}]*\}|^ +\w+(, \w+)*: ", re.MULTILINE)  # and names of arguments and in templates
 PROSE = ("*.md", "docs/*.md", "docs/**/*.py", "notebooks/*.ipynb")
 PYTHON = ("whiptool/**/*.py", "papers/**/*.py", "benchmarks/*.py", "tools/**/*.py")
 EXEMPT = ("CHANGELOG.md", "tools/plain_english.py")  # what was released stays as it was written; the list itself
@@ -44,9 +44,10 @@ def markdown(text: str) -> str:
     """Return the prose of a page on its lines: of blocks of code, comments and what is printed."""
 
     def prose(match: re.Match[str]) -> str:
-        if match[1] == "text":
-            return match[0]
-        return "\n".join(line[line.find("#") :] if "#" in line else "" for line in match[0].split("\n"))
+        _, *body, _ = match[0].split("\n")
+        if match[1] != "text":
+            body = [line[line.find("#") :] if "#" in line else "" for line in body]
+        return "\n".join(["", *body, ""])
 
     text = re.sub(r"^```(\S*)\n.*?^```$", prose, text, flags=re.MULTILINE | re.DOTALL)
     return CODE.sub(lambda match: "\n" * match[0].count("\n"), text)

@@ -27,7 +27,7 @@ class Shots:
     Args:
         hit: Whether each hits, (B,).
         miss: [m], (B,); infinite if it diverged.
-        angle: To the direction [rad], (B,); NaN where there is none.
+        angle: To the direction [rad], (B,); NaN without a direction.
         within: Whether it keeps the limits, (B,).
     """
 
@@ -131,7 +131,7 @@ class Aimed:
         """Return what refined strikes came to in another simulator: hits, and of some figures median and largest.
 
         They are the miss [m], the angle [rad] and by how much the miss differs [m], of strikes that did not diverge
-        there; None where there are none.
+        there; None without them.
         """
         ended = {i: x for i, x in played.items() if x["miss"] is not None}
         of = {
@@ -212,7 +212,7 @@ def aim(
         goals: How many.
         replays: Strikes that are replayed in MuJoCo, the first that hit.
         oracle: Of the same, how many are played with a Cosserat rod.
-        touched: How many are looked at for what arm and whip touch, where that is none of the task's limits.
+        touched: How many strikes are checked for collisions if collisions are not among the task's limits.
         brief: Whether other searches, of what refinement misses, are short.
     """
     firsts = range(0, min(goals, task.drawn), CHUNK)

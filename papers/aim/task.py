@@ -43,7 +43,7 @@ class AimTask:
         plan: Of the map.
         seed: Of the map.
         corrected: Whether strikes are counted where a miss is followed by corrections.
-        floor: Its height [m]; None: there is none.
+        floor: Its height [m]; None: no floor.
         t_stay: A strike is watched this long after the movement ended [s].
     """
 

@@ -98,7 +98,7 @@ class Explained:
 
 
 def start() -> np.ndarray:
-    """Return the first guess: directions, the handle's but for the first, and logarithms of the whip's numbers."""
+    """Return the first guess: directions (the handle's, except for the first) and logarithms of the whip's numbers."""
     return np.concatenate([np.radians(_DIRECTION), np.radians(_HANDLE[1:]), np.log(_WHIP)])
 
 
@@ -157,7 +157,7 @@ def fit_cascade(
 
 
 def resampled(people: People, best: Explained, count: int, *, seed: int = 0) -> dict[str, tuple[float, float]]:
-    """Return 95 % intervals of the whip's numbers: people are drawn anew, with replacement, and the fit is repeated.
+    """Return 95 % intervals of the whip's numbers: people are resampled, with replacement, and the fit is repeated.
 
     Args:
         people: Everybody.

@@ -27,21 +27,22 @@ class HumanOptions(ResumableOptions):
     changeable: ClassVar[tuple[str, ...]] = ("workers",)
 
     folder: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]] = None
-    """Which holds trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their own names."""
+    """Folder that holds trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their original
+    names."""
     resamples: int = 40
-    """People are drawn anew so often for the intervals of the whip's numbers; 0: no intervals."""
+    """Number of bootstrap samples of people for the intervals of the whip's parameters; 0: no intervals."""
     seeds: int = 4
-    """Seeds of each method that strikes."""
+    """Number of random seeds of each method."""
     trials: int = 600
-    """Strikes at most of each search."""
+    """Largest number of trials of each search."""
     whips: int = 8
-    """Unknown whips that adaptation learns; 0: none."""
+    """Number of unknown whips that adaptation learns; 0: none."""
     draws: int = 200
-    """Noisy strikes of each size of noise."""
+    """Number of noisy strikes for each noise level."""
     workers: int = 1
-    """Processes on this machine."""
+    """Number of processes on this machine."""
     quick: bool = False
-    """A taste in a minute, wherever an option is not given."""
+    """Run a small version in a minute, unless the options are given."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -59,7 +60,7 @@ class HumanOptions(ResumableOptions):
 
 
 _EXAMPLE = (
-    "People's whip throws (Krotov et al. 2022) compared with planned strikes. "
+    "Compare people's whip throws (Krotov et al. 2022) with planned strikes. "
     "Example: python -m whiptool.human whip_humans --quick"
 )
 

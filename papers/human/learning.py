@@ -66,7 +66,7 @@ class Curve:
 def curve(label: str, misses: Sequence[Sequence[float | None]], *, seed: int = 0) -> Curve:
     """Return the curve of some learners.
 
-    The interval is that of learners drawn anew, with replacement, each with all its trials.
+    The interval is that of learners resampled, with replacement, each with all its trials.
 
     Args:
         label: Whose.

@@ -175,7 +175,7 @@ def _checked(path: Path, raw: Any, theirs: str) -> np.ndarray:
     """Return one column as numbers within its range, NaN where a value may be missing.
 
     Raises:
-        InputError: A value is none, or out of range.
+        InputError: A value is missing or out of range.
     """
     import pandas as pd
 

@@ -33,7 +33,7 @@ def report(people: People, resamples: int, effort: Effort, store: Store) -> tupl
 
     Args:
         people: Their data.
-        resamples: People drawn anew for the intervals of the whip's numbers.
+        resamples: Number of bootstrap samples of people for the intervals of the whip's numbers.
         effort: Of the machines' part.
         store: Where what takes long is kept.
     """

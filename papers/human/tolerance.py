@@ -62,7 +62,7 @@ class Tolerance:
         return _crossing(self.shares, share)
 
     def interval(self, share: float, *, seed: int = 0) -> tuple[float, float]:
-        """Return the 95 % interval of `equivalent_noise`: strikes and draws are drawn anew."""
+        """Return the 95 % interval of `equivalent_noise`: strikes and draws are resampled."""
         rng = np.random.default_rng(seed)
         strikes, _, draws = self.hits.shape
         found = []
@@ -74,7 +74,7 @@ class Tolerance:
 
 
 def _crossing(shares: np.ndarray, share: float) -> float:
-    """Return where shares, which fall with the size of noise but for chance, come down to a share."""
+    """Return where shares, which decrease with the size of the noise apart from random variation, reach a share."""
     falling = np.minimum.accumulate(shares)
     below = np.flatnonzero(falling < share)
     if not len(below):

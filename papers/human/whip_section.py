@@ -26,7 +26,7 @@ def whip_section(people: People, resamples: int) -> tuple[dict[str, Any], Sectio
     best = fit_cascade(seen[DISCRETE])
     refitted = fit_cascade(seen[DISCRETE], first=best.x, uniform=True)
     bare = best.x.copy()
-    bare[-3] = 0.0  # the same path and whip, but for the taper
+    bare[-3] = 0.0  # the same path and whip, without the taper
     intervals = resampled(people, best, resamples) if resamples else {}
     names = {"tapered": best.x, "uniform, same throw": bare, "uniform, own throw": refitted.x}
     models = {style: _cascades(names, seen[style]) for style in STYLES}
@@ -74,7 +74,7 @@ def _numbers_table(best: Explained, uniform: Explained, intervals: dict[str, tup
         "damping_time": "damping over stiffness [s]",
         "grip": "from hand to thong [m]",
     }
-    rows = [["number", "tapered", "95 % (people drawn anew)", "uniform, own throw"]]
+    rows = [["number", "tapered", "95 % (people resampled)", "uniform, own throw"]]
     for name, said in words.items():
         interval = " to ".join(f"{x:.3g}" for x in intervals[name]) if intervals else "not computed"
         rows.append([said, f"{best.numbers[name]:.3g}", interval, f"{uniform.numbers[name]:.3g}"])

@@ -138,7 +138,7 @@ def claims(final: dict[str, dict[str, np.ndarray]]) -> list[Claim]:
 
 
 def _times(ratio: float, final: dict[str, np.ndarray], other: str) -> str:
-    """SAC's reward as a multiple of another's; of a reward that is not above zero there is none."""
+    """SAC's reward as a multiple of another's, in words; without a multiple if a reward is not above zero."""
     if final[other].mean() > 0 and ratio > 0:
         return times(ratio, NAMES[other])
     return f"{final['sac'].mean():.1f} against {final[other].mean():.1f} of {NAMES[other]}, which has no multiples"

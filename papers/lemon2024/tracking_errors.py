@@ -41,7 +41,7 @@ def tracking_errors(
 ) -> TrackingErrors:
     """Errors of strikes (B, 5) under a controller; NaN if all diverge.
 
-    The steps of the integrator are equally long within a strike but for the last, so their mean is one over time.
+    The steps of the integrator are equally long within a strike except for the last, so their mean is one over time.
     """
     rollout = CompiledRollout(model, controller, timestep=timestep)
     largest, mean = [], []

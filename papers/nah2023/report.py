@@ -55,7 +55,7 @@ def sections(context: Context) -> list[Section]:
     tried, evolved = ([[results[u.key] for u in of_target] for of_target in some] for some in (trials, evolution))
     nearest = nearest_strikes(found, tried, evolved)
     beside = [BesideUnit(target=i, strike=tuple(nearest[i]), cap=24 if quick else BesideUnit.cap) for i in _FAR]
-    refined = context.results(beside, "nah2023 beside the nearest")
+    refined = context.results(beside, "nah2023 next to the nearest")
     for unit in beside:
         nearest[unit.target] = np.array(refined[unit.key]["strike"])
     replays = [] if quick else [ReferenceUnit(target=i, strike=tuple(strike)) for i, strike in enumerate(nearest)]

@@ -1,1 +1,1 @@
-"""Whips and ropes that nobody knows: struck, learned and struck again, in the plane (`whips_report`) and in space."""
+"""Unknown whips and ropes: struck, learned and struck again, in the plane (`whips_report`) and in space."""

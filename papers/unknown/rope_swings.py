@@ -1,4 +1,4 @@
-"""Ropes that nobody knows, on a robot in space: how their tips move, and what motion capture sees of them.
+"""Unknown ropes on a robot in space: how their tips move, and what motion capture sees of them.
 
 Three families are chains of ours (`whiptool.adaptation.twins`); `rope` is a Cosserat rod in PyElastica, which shares no
 formula with what is fitted: it stretches, shears and twists, its air drags, and a knot hangs at its end.

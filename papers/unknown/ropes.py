@@ -73,7 +73,7 @@ class RopeStudy:
         return UnknownRope(family, seed, MATERIALS[seed % len(MATERIALS)])
 
     def within(self, rope: UnknownRope) -> list[int]:
-        """Numbers of the goals that lie within a rope's reach, in an order of its own."""
+        """Numbers of the goals that lie within a rope's reach, in a random order that differs between ropes."""
         near = np.flatnonzero(np.linalg.norm(goals().positions, axis=1) <= rope.reach - _CLEAR)
         return np.random.default_rng([1, rope.seed]).permutation(near).tolist()
 
@@ -112,7 +112,7 @@ class RopeUnit(Unit):
         study: See there.
         family, seed: Of the rope.
         wiggle: What it is known by.
-        count: How many of its own goals are struck at.
+        count: Number of its goals that are struck at.
         first: The first of them.
         films: Whether two cameras see the wiggle, in rendered images; else motion capture does.
     """
@@ -151,7 +151,7 @@ class UnseenRopeUnit(Unit):
     Args:
         study: See there.
         family, seed: Of the rope.
-        goal: Which of its own goals.
+        goal: Number of the goal in its order.
     """
 
     study: RopeStudy

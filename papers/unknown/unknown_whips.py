@@ -87,7 +87,7 @@ class Study:
         return draw_twin(family, seed, self.scene.model, self.scene.controller, stock)
 
     def within(self, twin: Twin) -> np.ndarray:
-        """Numbers of the pool's targets that a whip can reach, in an order of its own."""
+        """Numbers of the pool's targets that a whip can reach, in a random order that differs between whips."""
         near = np.flatnonzero(np.hypot(*self.scene.points().T) <= twin.model.reach - _CLEAR)
         return np.random.default_rng([self.scene.target_seed, FAMILIES.index(twin.family), twin.seed]).permutation(near)
 

@@ -339,7 +339,7 @@ def _chain(rigs: list[RigUnit], chain: dict[str, dict[str, Any]], passed: dict[s
     over = "; ".join(f"{family}: {targets} ({whips})" for family, (whips, targets) in passed.items())
     text = (
         f"The same through emulated servos with friction, current limits and latency, {seen}, within the motors' "
-        "limits, which leaves slow strikes only. A whip gets the first target of its own that the motors reach when "
+        "limits, which leaves slow strikes only. Each whip gets the first of its targets that the motors reach when "
         "the true whip is known; targets passed over (and whips left out): "
         f"{over}. " + (f"{counted(faults, 'strike')} ended in a fault." if faults else "No strike ended in a fault.")
     )

@@ -20,7 +20,7 @@ class _NoFolder:
 
 
 def of_papers(module: str) -> ModuleType:
-    """Import a module of the folder `papers`, which stands beside whiptool in a checkout, or is importable.
+    """Import a module of the folder `papers`, which is next to the package whiptool in a checkout, or importable.
 
     Raises:
         InputError: There is no such folder.

@@ -42,7 +42,7 @@ class DifficultyUnit(Unit):
     strikes: int = 10_000
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Strike: each random strike at a target of its own, the best strike at all."""
+        """Strike: each random strike at its own target, the best strike at all of them."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
         rollout, goals = scene.rollout(threads), scene.goals()
         task = StrikeTask(

@@ -8,7 +8,7 @@ would have been easier or harder:
 Each part is estimated by its mean square, so that it has Student's t with its own degrees of freedom, S - 1 and T - 1,
 and the half-widths of the parts add as squares. Whatever the parts' ratio, such an interval covers at least as often as
 it says, and exactly where one part is all (Banerjee 1960, Sankhya 22, 357): with three seeds between 95.0 and 97.7 %
-of the time. Two methods have seeds of their own (Welch's degrees of freedom) and the same targets (paired).
+of the time. Two methods have independent seeds (Welch's degrees of freedom) and the same targets (paired).
 
 Means are taken on a logarithmic scale, on which seeds scatter more evenly; `benchmarks/interval_coverage.py` measures
 what the intervals cover.

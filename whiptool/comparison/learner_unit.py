@@ -153,7 +153,7 @@ class Checkpoint:
     @classmethod
     @contextmanager
     def within(cls, folder: Path | None, name: str) -> Iterator[Checkpoint]:
-        """In a folder; where there is none, in one that is gone afterwards."""
+        """In a folder, or without one in a temporary folder."""
         if folder is not None and folder.is_dir():
             yield cls(folder / f"{name}.pt")
             return

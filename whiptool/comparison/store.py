@@ -101,6 +101,6 @@ def unit_file(folder: Path, key: str) -> Path:
 
 def older_results(folder: Path) -> str:
     """Return what there is to say of results of older versions in a folder, whose names left out fields of their units;
-    empty: there are none."""
+    empty without any."""
     count = sum(not KEY.search(file.stem) for file in folder.glob("*.json"))
     return f"{folder}: {counted(count, 'result')} of an older version of whiptool" if count else ""
