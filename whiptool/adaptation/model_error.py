@@ -62,7 +62,8 @@ class ModelError:
             goal: One.
             miss: Predicted miss distances [m], any shape.
             velocity: Of the tip then [m/s], (..., d); None: see `Goals.hit_probability`.
-            blur: Least scale [m], which a search needs: without it what hits surely is all of one height.
+            blur: Least scale [m], which a search needs: without it the objective is constant over all strikes that hit
+                with certainty.
 
         Returns:
             Like `miss`.

@@ -52,7 +52,7 @@ def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np
 def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarray) -> FilmedApproach | None:
     """Return where the tip of a recording came nearest to a target (d,) [m], as far as frames show it.
 
-    Where more than two frames in a row are missing, nobody knows where the tip was. None: too few frames show it.
+    Where more than two frames in a row are missing, no one knows where the tip was. None: too few frames show it.
 
     Raises:
         InputError: The recording has no marker `tip`.

@@ -58,7 +58,7 @@ def plot_landscape(
         slides: See `axis_label`.
 
     Raises:
-        InputError: There are more or fewer strikes, or none came to its end.
+        InputError: The number of strikes does not fit the axes, or all strikes diverged.
     """
     x, y, goal = np.asarray(x, float), np.asarray(y, float), as_target(target)
     if near.distance.shape != (len(y) * len(x),):
