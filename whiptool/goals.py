@@ -169,7 +169,7 @@ class Goals(NoArray, instead="its positions"):
         This is the one place where hits are decided: whatever shows, counts or rewards them asks it.
 
         Args:
-            distance: Of the tip from the target at the closest approach [m], (B,); NaN or infinite of a diverged strike.
+            distance: Of the tip from the target at the closest approach [m], (B,); not finite of a diverged strike.
             velocity: Of the tip then [m/s], (B, d); None: not known, and only goals that are points can be hit.
             error: Standard error of the distance where it was measured [m], (B,): a hit is claimed from a probability
                 of `CLAIMED`. None: the distance was computed.
