@@ -15,6 +15,7 @@ from search_words import SEARCH
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.references import CITATIONS
 from whiptool.run_lock import LOCK
 from whiptool.runs import CONFIG, RESULT, RunFolder
 
@@ -25,7 +26,7 @@ def test_a_folder_is_one_process_at_a_time(tmp_path: Path) -> None:
             with pytest.raises(InputError, match=rf"no other command works in; process {os.getpid()} on .* since 2"):
                 again()
         folder.write_result({"whole": True})
-    assert {path.name for path in folder.path.iterdir()} == {CONFIG, RESULT}
+    assert {path.name for path in folder.path.iterdir()} == {CITATIONS, CONFIG, RESULT}
     with RunFolder.open(folder.path):
         pass
 

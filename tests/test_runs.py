@@ -16,6 +16,7 @@ from whiptool.errors import InputError, WhiptoolError
 from whiptool.objective import Trial
 from whiptool.optimizers.trial_log import TRIALS, TrialLog
 from whiptool.options import OutputOptions, ResumableOptions
+from whiptool.references import CITATIONS
 from whiptool.runs import CONFIG, RESULT, RunFolder
 
 
@@ -57,7 +58,7 @@ def test_a_refused_run_that_had_begun_stays(tmp_path: Path) -> None:
     folder.write_result({})
     with pytest.raises(WhiptoolError), folder:
         raise WhiptoolError
-    assert sorted(path.name for path in folder.path.iterdir()) == [CONFIG, RESULT]
+    assert sorted(path.name for path in folder.path.iterdir()) == [CITATIONS, CONFIG, RESULT]
 
 
 def test_two_that_resume_one_run_strike_no_trial_twice(alone: Path, tmp_path: Path, capsys, monkeypatch) -> None:

@@ -60,6 +60,7 @@ _HOMES = {
     "train": "commands.train",
     "compare": "comparison.comparing",
     "WhipEnv": "rl.environment",
+    "citations": "references",
 }
 __all__ = list(_HOMES)
 
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import METHODS, search
     from whiptool.recording import StrikeRecording, read_recording
+    from whiptool.references import citations
     from whiptool.rl.environment import WhipEnv
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
     from whiptool.target import Target

@@ -14,6 +14,7 @@ import tomli_w
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.tables import read_toml
+from whiptool.references import CITATIONS, citations, used_by
 from whiptool.run_lock import LOCK, RunLock
 from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole
@@ -127,7 +128,8 @@ class RunFolder:
             (self.path / RESULT).unlink(missing_ok=True)
 
     def write_result(self, result: Mapping) -> None:
-        """Write the result at once, so that no half of it is ever seen."""
+        """Write the result, and what to cite for it, each at once, so that no half of it is ever seen."""
+        write_whole(self.path / CITATIONS, citations(*used_by(self.config, result)))
         write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
     def close(self) -> None:

@@ -30,6 +30,7 @@ from whiptool.options import (
     spell_methods,
     whole,
 )
+from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -252,7 +253,7 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
         print(json.dumps(summary, allow_nan=False))
     else:
         print(text)
-        print(f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png)")
+        print(f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png, {CITATIONS})")
     return 0
 
 

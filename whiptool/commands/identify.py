@@ -16,6 +16,7 @@ from whiptool.commands.identify_options import IDENTIFIED, RECORDINGS, REPORT, I
 from whiptool.commands.identify_pendulum import identify_pendulum
 from whiptool.errors import InputError
 from whiptool.options import refuse_idle
+from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -390,7 +391,7 @@ class _Run:
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")
-        lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS})")
+        lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS}, {CITATIONS})")
         return "\n".join(lines)
 
 

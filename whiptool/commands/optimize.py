@@ -34,6 +34,7 @@ from whiptool.options import (
     spell_methods,
 )
 from whiptool.progress import Progress, note
+from whiptool.references import CITATIONS
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -261,7 +262,7 @@ class _Run:
             save_convergence(self.folder.path, result.trace, self.target, label=label)
             files += self._save_front(result, label)
         if not self.options.json:
-            print(f"  run folder     {self.folder.path} ({', '.join(files)})")
+            print(f"  run folder     {self.folder.path} ({', '.join([*files, CITATIONS])})")
         self.options.refuse_beyond(summary.get("beyond"))
         path = self.rollout.space.path(result.strike.vector)
         commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given)

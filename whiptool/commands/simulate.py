@@ -26,6 +26,7 @@ from whiptool.options import (
     check_place,
     refuse_idle,
 )
+from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 
 # commands whose runs hold a strike, and that go on
@@ -337,4 +338,4 @@ def _tell(
     with StrikePictures(folder.path, *drawn, video=options.video, beyond=beyond) as pictures:
         files = pictures.draw()
     if not options.json:
-        print(f"  run folder     {folder.path} ({', '.join(files)})")
+        print(f"  run folder     {folder.path} ({', '.join([*files, CITATIONS])})")

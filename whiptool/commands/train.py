@@ -31,6 +31,7 @@ from whiptool.options import (
     whole,
 )
 from whiptool.progress import Progress, note
+from whiptool.references import CITATIONS
 from whiptool.rollout.interface import Rollout
 from whiptool.words import counted, method_name
 
@@ -446,5 +447,5 @@ class _Run:
                 f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "
                 f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
             )
-        files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, "tensorboard"]
+        files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, "tensorboard", CITATIONS]
         print(f"  run folder     {self.folder.path} ({', '.join(files)})")
