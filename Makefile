@@ -1,4 +1,5 @@
-# `make demo` installs what is needed and finds a strike; `make test` installs what tests need and runs them.
+# `make demo` installs what is needed and finds a strike; `make test` installs what tests need and runs those that take
+# seconds, `make test-all` runs every test.
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/python
@@ -7,17 +8,17 @@ RUN := $(VENV)/bin/python
 TEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
-.PHONY: demo test test-fast mutants maps check docs docs-commands clean
+.PHONY: demo test test-all mutants maps check docs docs-commands clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.core
 	$(RUN) -m whiptool.optimize --method directl
 
 test: check
-	$(TEST)
+	$(TEST) -m "not slow"
 
-test-fast: $(VENV)/.dev
-	$(TEST) -m "not slow and not heavy"
+test-all: check
+	$(TEST)
 
 # does a wrong formula fail a test? goes on where it was stopped; MUTANTS="--package rl --sample 20" for a part
 mutants: $(VENV)/.dev

@@ -55,7 +55,6 @@ def agree(found: np.ndarray, seen, numbers: int) -> None:
     assert compared > 0.7 * numbers * found.shape[1] * len(STRIKES)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", CRITERIA)
 def test_derivatives_of_measures_against_differences(name, rollout):
     criterion = find_criterion(name, LEMON_BOUNDS, noise=NOISE if name == "robustness" else (0.01,))

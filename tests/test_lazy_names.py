@@ -5,10 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-
-pytestmark = pytest.mark.slow
-
 
 def test_import_is_light():
     heavy = "{'numpy', 'casadi', 'mujoco', 'torch', 'cv2', 'matplotlib', 'pinocchio'}"

@@ -87,7 +87,6 @@ def test_only_what_would_be_a_hit_or_the_best_is_looked_at_whole(rollout):
     assert judged.best.outcome.cost == best
 
 
-@pytest.mark.heavy
 def test_the_gradient_search_keeps_what_it_can_beforehand(rollout):
     model = rollout.model
     limits = [ArmLimits.of(model.arm, keep_free=0.1, prescribed=True), Clearance(model, floor=-0.9, least=0.01)]

@@ -41,7 +41,6 @@ def test_a_bar_has_a_lock_of_its_own_process():
         assert type(Progress.get_lock()).__module__ == "_thread"
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_command_leaks_nothing_of_its_workers(number: signal.Signals, tmp_path: Path) -> None:
     script, drawn = tmp_path / "command.py", [tmp_path / "one", tmp_path / "two"]

@@ -79,7 +79,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("command", [pytest.param(x, marks=[pytest.mark.heavy] * (x == "adapt")) for x in COMMANDS])
+@pytest.mark.parametrize("command", [pytest.param(x, marks=[pytest.mark.slow] * (x == "adapt")) for x in COMMANDS])
 def test_no_command_writes_where_another_does(command: str, tmp_path: Path, capsys, monkeypatch) -> None:
     if command == "train":
         pytest.importorskip("torch")

@@ -92,7 +92,6 @@ def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == (["strike.mp4"] if room else [])
 
 
-@pytest.mark.heavy
 def test_a_full_disk_is_none_for_the_output_of_the_tests_themselves(tmp_path: Path) -> None:
     """As with `pytest > file`: the report of a test is longer than what its full disk lets a file hold."""
     command = [sys.executable, "-m", "pytest", "-n", "0", "-v", "-k", "film_is_whole", __file__]

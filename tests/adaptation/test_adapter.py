@@ -145,7 +145,6 @@ def test_a_damaged_folder_is_named(prior, tmp_path):
         told(prior, tmp_path).ask()
 
 
-@pytest.mark.heavy
 def test_a_recording_in_wrong_units_or_axes_is_not_learned_from(tmp_path):
     """It is refused with its cause, nothing is kept, and the same strike is still to be told."""
     model, controller = preset("lemon2024"), Controller()

@@ -87,7 +87,6 @@ def test_twins_in_space_have_the_robots_arm(family):
     assert twin == draw_twin(family, 3, MODEL, CONTROLLER, STOCK)
 
 
-@pytest.mark.heavy
 def test_a_wiggle_keeps_the_limits_of_the_robot(prior):
     strike, told = choose_wiggle(prior, rng=np.random.default_rng(0), keeps=LIMITS, candidates=8, t_stay=0.1)
     assert told > 1
@@ -113,7 +112,7 @@ def reachable(prior) -> tuple[Target, np.ndarray]:
     return Target(tuple(path.tip[fastest]), 0.05, tuple(velocity[fastest]), speed=1.0), strike
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_an_aimed_strike_hits_within_the_limits(prior, reachable):
     """From a strike nearby; judged by a rollout of the belief's mean alone, and the limits over its whole length."""
     target, strike = reachable

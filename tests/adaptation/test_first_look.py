@@ -39,7 +39,6 @@ def tips(b: Belief, z: np.ndarray, strike: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(frames, t[: len(path)], x) for x in path.T], axis=1)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("delay", [0.0, 0.02])
 def test_information_is_half_the_logarithm_of_the_determinant(delay):
     b = belief(delay)
@@ -57,7 +56,6 @@ def test_information_is_half_the_logarithm_of_the_determinant(delay):
         assert speed == pytest.approx(np.linalg.norm(np.diff(path, axis=0), axis=1).max() * 60, rel=0.01)
 
 
-@pytest.mark.heavy
 def test_what_is_known_already_tells_nothing():
     b = belief()
     sure = Belief(PLANT, NAMES, b.z, 1e-16 * np.eye(4))

@@ -60,7 +60,7 @@ def nearest(points: np.ndarray, place) -> float:
     return float(np.linalg.norm(points - place, axis=1).min())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_stated_probabilities_and_errors_hold_over_many_strikes(path):
     """Discrepancies of sizes and paces that no judge knows, frames with noise, targets near the edge of a hit."""
     rng, t, points = np.random.default_rng(2), *path

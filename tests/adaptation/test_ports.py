@@ -111,7 +111,6 @@ def test_a_bare_recording_is_refused_by_the_loop():
         adaptation.run()
 
 
-@pytest.mark.heavy
 def test_a_twin_s_target_is_a_target_or_its_place():
     model, controller = preset("lemon2024"), Controller()
     twin = draw_twin("kin", 0, model, controller)

@@ -78,7 +78,6 @@ def test_an_error_that_shows_no_change_is_as_before():
     assert delay.narrowing == "0.0061 s -> 0.0058 s"
 
 
-@pytest.mark.heavy
 def test_lines_tell_the_outcome_and_where_each_number_comes_from(prior):
     said = "\n".join(lines(step_of(2, narrowed(prior, {"profile.length": 0.02})), prior))
     assert said.startswith("strike 2: the one that was chosen\n")
@@ -108,7 +107,6 @@ def test_numbers_that_narrowed_most_come_first_with_their_units(prior):
     assert re.search(r"profile\.length +0?\.\d+ m|profile\.length +1\.?\d* m", shown[0])
 
 
-@pytest.mark.heavy
 def test_bounds_and_contradictions_are_marked(prior):
     """The prior's drag is two standard errors above zero."""
     at = {"profile.drag": -2.0, "profile.length": 2.9, "delay": -3.1}
@@ -123,7 +121,6 @@ def test_bounds_and_contradictions_are_marked(prior):
     assert {row[0]: row[-1] for row in rows}["profile.drag"] == "at its bound"
 
 
-@pytest.mark.heavy
 def test_a_first_look_is_no_strike(prior):
     steps = [step_of(0, narrowed(prior, {"delay": 0.5})), step_of(1, narrowed(prior, {"delay": 0.2}))]
     assert lines(steps[0], prior)[0] == "first look: it tells much"
@@ -134,7 +131,6 @@ def test_a_first_look_is_no_strike(prior):
     assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
 
 
-@pytest.mark.heavy
 def test_what_the_pictures_show(prior):
     steps = [step_of(n, narrowed(prior, {"delay": 0.5**n, "profile.length": 0.3**n})) for n in range(1, 9)]
     plane, sizes = parts(sections(steps, prior, TARGET), Picture)
@@ -156,7 +152,6 @@ def test_what_the_pictures_show(prior):
     assert {"profile.length", "delay"} < {text.get_text() for text in sizes.figure.axes[0].texts}
 
 
-@pytest.mark.heavy
 def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
     seen = parts(sections([step_of(1)], prior, TARGET), Table)[0].rows[1][7]
     tip = filmed("").points[:, 0]
@@ -172,7 +167,6 @@ def test_the_speed_is_the_learned_whips_or_about_that_between_frames(prior):
     assert float(model) == pytest.approx(np.hypot(*(path[0, k + 1] - path[0, k - 1])) * 1000, rel=0.03)
 
 
-@pytest.mark.heavy
 def test_nothing_learned_nothing_seen(prior):
     assert "No strike" in words(sections([], prior, TARGET))
     unseen = step_of(1, seen=False, fault="motor 2 is hot")
@@ -195,7 +189,6 @@ def test_nothing_learned_nothing_seen(prior):
     assert "No recording was learned from." in [part.text for part in parts(off, Text)]
 
 
-@pytest.mark.heavy
 def test_a_whip_that_diverges_has_no_path(prior):
     """Steps of a strike so fast that no integrator follows."""
     far = Strike((-12.0, 12.0), (12.0, -12.0), 0.002)
@@ -206,7 +199,6 @@ def test_a_whip_that_diverges_has_no_path(prior):
     assert parts(found, Table)[0].rows[1][2] == "–"
 
 
-@pytest.mark.heavy
 def test_a_real_adaptation(prior):
     quick = Effort(pool=32, polished=2, steps=2, whips=4, population=4, rounds=1)
     port = TipPort(draw_twin("kin", 0, MODEL, CONTROLLER), TARGET.position)

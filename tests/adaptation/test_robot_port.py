@@ -96,7 +96,6 @@ def test_what_two_cameras_saw_comes_back_as_one_recording_of_places(tmp_path):
         checked(Seen(film, None), STRIKE, 1)
 
 
-@pytest.mark.heavy
 def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     """It begins with a look at the whip as it hangs, which costs no plan; asked again, it asks for the same."""
     out = tmp_path / "run"
@@ -109,7 +108,6 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
 
 
-@pytest.mark.heavy
 def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
     """Each call is a process of its own; one that was killed after it asked asks for the same."""
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)

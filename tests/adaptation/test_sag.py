@@ -80,7 +80,6 @@ def test_no_sag_is_expected_where_none_was_measured():
     assert expected_sag(CONTROLLER.law, [measured(STRIKE, (0.0, 0.0))]) is None
 
 
-@pytest.mark.heavy
 def test_a_rollout_begins_where_the_arm_stands():
     """Its whip hangs from there; with derivatives as differences have them."""
     rollout = CompiledRollout(MODEL, CONTROLLER, sag=lambda q: np.broadcast_to(SAG, q.shape))

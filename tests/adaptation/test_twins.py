@@ -50,7 +50,7 @@ def test_a_stranger_whip_deviates_twice_as_much(seed):
     assert np.abs(np.diff(waves["b", 1.0], 2)).max() < 0.1
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_the_bend_that_stiffening_counts_from_is_that_of_strikes():
     """The joint that bends most stays below it in nine random strikes of ten."""
     model = preset("lemon2024")

@@ -5,11 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 
-import pytest
-
 from whiptool.commands import adapt
-
-pytestmark = pytest.mark.slow
 
 
 def test_command_line_hits_and_resumes(tmp_path, capsys):

@@ -27,7 +27,7 @@ def said(capsys) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_search_hits_along_a_direction_and_mujoco_agrees(capsys):
     words = ["--method", "gradient", *ASKED, "--max-trials", "2000", "--no-video", "--json", "--out", "run"]
     assert optimize.main(words) == 0
@@ -49,7 +49,6 @@ def test_a_search_hits_along_a_direction_and_mujoco_agrees(capsys):
     assert (again["strike"], again["arrival"]) == (result["strike"], arrival)
 
 
-@pytest.mark.heavy
 def test_people_are_told_how_the_tip_arrives(capsys):
     assert simulate.main([*STRIKE, "--arrival-angle", "90", "--least-speed", "2", "--no-video"]) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -80,7 +79,7 @@ def test_contradictory_goals_get_one_line(words, message, capsys):
     assert not list(Path().iterdir())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_strike_for_a_robot_is_written_and_played_back(capsys):
     words = ["--controller", "position", "--no-video", "--posture", "0", "0.2", "--rest", "0.5"]
     assert simulate.main([*STRIKE, *words, "--export-trajectory", "strike.csv", "--json", "--out", "one"]) == 0

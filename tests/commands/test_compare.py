@@ -29,8 +29,6 @@ from whiptool.rl.policy import trials_to_hit
 from whiptool.target import Target
 from whiptool.zone import Disc
 
-pytestmark = pytest.mark.slow
-
 TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)
 COARSE = ("--timestep", 0.001)
@@ -215,6 +213,7 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
     assert again.returncode == 0, again.stderr
 
 
+@pytest.mark.slow
 def test_workers_make_no_difference(alone, tmp_path):
     done = whiptool("compare", *FEW, "--out", "run", "--workers", 2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -232,6 +231,7 @@ def started(ray):
     pytest.skip(f"Ray does not start on a machine as busy as this: {reason}")
 
 
+@pytest.mark.slow
 def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
     """A real cluster on this machine, found by its address."""
     ray = pytest.importorskip("ray")

@@ -26,7 +26,6 @@ def said(capsys) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.heavy
 def test_a_search_for_little_effort_ends_with_a_hit_of_the_least_it_saw(capsys):
     words = ["--method", "cmaes", "--minimise", "effort", "--max-trials", "300", *QUIET, "--out", "run"]
     assert optimize.main(words) == 0
@@ -41,7 +40,6 @@ def test_a_search_for_little_effort_ends_with_a_hit_of_the_least_it_saw(capsys):
     assert {len(trial.outcome.values) for trial in log if not trial.outcome.diverged} == {1}
 
 
-@pytest.mark.heavy
 def test_people_are_told_by_what_a_strike_is_judged(capsys):
     words = [*QUIET[:1], *QUIET[2:], "--method", "random", "--minimise", "peak-torque", "--max-trials", "40"]
     assert optimize.main([*words, "--hit-radius", "0.5"]) == 0
@@ -49,7 +47,7 @@ def test_people_are_told_by_what_a_strike_is_judged(capsys):
     assert line.endswith(" N m")
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_a_front_is_written_and_goes_on_where_it_was_killed(capsys):
     words = ["--pareto", "effort", "miss", "--max-trials", "120", *QUIET, "--out"]
     assert optimize.main([*words, "whole"]) == 0

@@ -5,10 +5,7 @@ from __future__ import annotations
 import json
 import os
 
-import pytest
 from command_line import assert_one_line, whiptool
-
-pytestmark = pytest.mark.slow
 
 
 def test_doctor_reports(tmp_path):

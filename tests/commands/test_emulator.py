@@ -5,13 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
 from ports import sdk
 from processes import HANG
 from servos import OK
 
 
-@pytest.mark.heavy
 def test_command_line_serves_a_linked_device(tmp_path):
     link = tmp_path / "tty"
     process = subprocess.Popen(

@@ -28,8 +28,6 @@ from whiptool.rollout import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
 from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
 
-pytestmark = pytest.mark.slow
-
 LEMON, TARGET = preset("lemon2024"), (1.3, 0.0)
 CONTROLLER = Controller()
 CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that the tip can reach
@@ -164,6 +162,7 @@ def filmed(films, files, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_films_give_the_whip_back_and_say_how_well(filmed):
     result = json.loads((filmed / "result.json").read_text())
     assert set(result) == KEYS
@@ -371,6 +370,7 @@ def test_a_handle_that_is_not_tracked_is_refused_before_tracking(capsys, tmp_pat
     assert len(said.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["joints", "handle"])
 def test_a_prescribed_base_leaves_the_scale_unseen(files, capsys, tmp_path, drive):
     names = [files / f"track{i}.csv" for i in range(3)]
@@ -407,6 +407,7 @@ def test_each_recordings_own_delay_is_found(tracks, capsys, tmp_path):
     np.testing.assert_allclose([r["own"]["delay"] for r in result["recordings"]], late, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_nodes_are_chosen_by_the_held_out_error(capsys, tmp_path):
     """A whip of three links, as a profile: two links cannot move like it."""
     profile = {"length": 0.864, "linear_density": 0.1667, "bending_stiffness": 0.0174, "bending_damping": 0.0066}

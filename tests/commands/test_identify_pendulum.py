@@ -28,7 +28,6 @@ def test_names_of_one_link_and_of_all():
         full_names(("k",), TWO)
 
 
-@pytest.mark.heavy
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recorded pendulum in {DATA}")
 def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
     """Three pieces of a second each, one more held out: as many unseen directions as the chain has, and the angles,
@@ -79,7 +78,6 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, words, said)
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.heavy
 def test_a_fit_that_did_not_converge_ends_with_its_own_status(tmp_path, capsys, monkeypatch):
     """A pendulum of one link swings at sqrt(g / L); its length is looked for from 20 % off."""
     length, t = 0.3, np.arange(0, 1, 0.01)

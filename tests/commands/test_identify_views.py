@@ -23,7 +23,6 @@ from whiptool.recording.readers import open_video, write_csv
 from whiptool.recording.readers.video import video_frames
 from whiptool.rollout import CompiledRollout
 
-pytestmark = pytest.mark.slow
 TRUE = {"whip.k": 0.05, "whip.b": 0.004}
 WORDS = ["--drive", "joints", "--model", "guess.toml", "--starts", "1", "--free", "k", "b", "--per-recording", "delay"]
 
@@ -42,6 +41,7 @@ def lab(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_table_for_each_camera_and_their_file_give_the_whip(lab, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(lab)
     files = [f"strike{i}-{name}.csv" for i in range(2) for name in ("left", "right")]
@@ -120,6 +120,7 @@ def films(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_films_of_two_cameras_give_the_whip(films, tmp_path):
     """Each is tracked in pixels; the clocks come out as they were set, and the run says that it is synthetic."""
     words = ["left.mkv", "right.mkv", "--cameras", "cameras.toml", *FILMS, "--out", tmp_path / "out", "--json"]

@@ -45,7 +45,6 @@ def said(capsys) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.heavy
 def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
     """Its clearance is as much less as the floor is higher; what goes through it is told, and not exported."""
     assert simulate.main([*STRIKE, "--floor", "-2", "--no-video", "--json", "--out", "above"]) == 0
@@ -62,7 +61,6 @@ def test_a_strike_above_and_through_a_floor_in_the_plane(capsys):
     assert not Path("no").exists()
 
 
-@pytest.mark.heavy
 def test_a_search_that_no_strike_comes_through_says_why(capsys):
     words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.2"]
     assert optimize.main([*words, "--out", "none"]) == 0
@@ -79,7 +77,6 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     assert "Hits" not in page
 
 
-@pytest.mark.heavy
 def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
     robot = preset("ur5e")
     words = [*UR5E, "--strike", *GOOD, "--export-trajectory", "strike.csv", "--json"]

@@ -18,8 +18,6 @@ from whiptool.errors import InputError
 from whiptool.strike_map.store import GATE, part_file
 from whiptool.target import Target
 
-pytestmark = pytest.mark.slow
-
 SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle -180 180"
 BUDGET = "--random-strikes 500 --room 1 --rounds 1 --goals 16 --gate-strikes 100 --tests 10"
 
@@ -31,6 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_result_says_what_the_map_does(run: Path) -> None:
     result = json.loads((run / "result.json").read_text())
     assert result["tests"] == 10
@@ -40,6 +39,7 @@ def test_the_result_says_what_the_map_does(run: Path) -> None:
     assert result["arrival"]["arrival_angle"] == [-np.pi, np.pi]
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_map(run: Path, tmp_path: Path) -> None:
     folder = tmp_path / "killed"
     shutil.copytree(run, folder)
@@ -61,6 +61,7 @@ def test_a_map_that_is_not_whole_says_how_to_go_on(run: Path, tmp_path: Path) ->
         load_map(folder)
 
 
+@pytest.mark.slow
 def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_path: Path, capsys) -> None:
     words = f"strike {run} --target 1.3 0.05 --arrival-angle 90 --no-video --json"  # at the map's hit radius
     assert command.main([*words.split(), "--out", str(tmp_path / "strike")]) == 0

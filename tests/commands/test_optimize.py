@@ -17,8 +17,6 @@ from whiptool.models import preset, read_model, write_model
 from whiptool.optimizers.trial_log import TrialLog
 from whiptool.rollout.trajectory import Trajectory
 
-pytestmark = pytest.mark.slow
-
 KEYS = {
     "method",
     "status",
@@ -95,6 +93,7 @@ def outcome_of(run) -> tuple:
     return result, (run / "trials.csv").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["directl", "nlopt:GN_CRS2_LM"])
 def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
     """SIGKILL in mid-search, half a line torn off, then --resume: the same trials and result as without the kill."""

@@ -16,12 +16,12 @@ from whiptool.recording.readers import read_recording
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
-pytestmark = pytest.mark.slow
 
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])  # within the XM430's line, hits (1.2, 0.1)
 WORDS = ["--strike", *map(str, STRIKE.vector), "--target", "1.2", "0.1"]
 
 
+@pytest.mark.slow
 def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, capsys) -> None:
     out = tmp_path / "run"
     assert main(["strike", *WORDS, "--camera", "points", "--settle", "0.2", "--json", "--out", str(out)]) == 0

@@ -8,8 +8,6 @@ import mujoco
 import pytest
 from command_line import assert_one_line, called
 
-pytestmark = pytest.mark.slow
-
 
 def test_simulate_replays_the_strike_that_was_found(tmp_path):
     strike = ["-1.2", "0.9", "1.2", "0.3", "0.7"]

@@ -32,8 +32,6 @@ from whiptool.rollout import CompiledRollout
 from whiptool.target import Target
 from whiptool.zone import sample
 
-pytestmark = pytest.mark.slow
-
 SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--tests", "5", "--checkpoint-every", "2"]
 
 
@@ -123,6 +121,7 @@ sys.exit(train.main(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert train.main([*SHORT, "--hindsight", "1", "--out", str(whole)]) == 0

@@ -18,8 +18,6 @@ from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
 
-pytestmark = pytest.mark.slow
-
 LEMON, TARGET, RADIUS = preset("lemon2024"), np.array([1.3, 0.0]), 0.06
 STRIKE = [-1.361356816555577, 0.471238898038469, 1.7278759594743862, 1.413716694115407, 0.95]  # hits
 

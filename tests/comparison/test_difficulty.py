@@ -16,7 +16,6 @@ from whiptool.rl.task import StrikeTask
 from whiptool.zone import Disc
 
 
-@pytest.mark.heavy
 def test_hits_are_counted_as_the_rollout_counts_them():
     """100 strikes at 40 targets each: sampled paths miss no more than what passes within a millimetre of the edge."""
     where = scene(0.1)
@@ -30,7 +29,6 @@ def test_hits_are_counted_as_the_rollout_counts_them():
     assert found.max() > 10
 
 
-@pytest.mark.heavy
 def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
     """As above, a target hit where the tip's velocity at the closest approach is within the cone, and fast.
 
@@ -60,7 +58,6 @@ def found() -> dict[float, dict]:
     return {radius: DifficultyUnit(scene=scene(radius), strikes=1000).run(None, 1) for radius in (0.1, 0.3)}
 
 
-@pytest.mark.heavy
 def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
     """It is played again by itself; no random strike of many hits more targets."""
     where = scene(0.1)
@@ -73,7 +70,6 @@ def test_one_strike_does_for_the_papers_zone_and_not_for_a_wider_one(found):
     assert found[0.3]["one_strike_hits"] < 0.6
 
 
-@pytest.mark.heavy
 def test_few_random_strikes_are_varied_too():
     """At least one of them, which then hits no fewer targets than itself: played again by hand."""
     where = scene(0.1)
@@ -82,7 +78,6 @@ def test_few_random_strikes_are_varied_too():
     assert unit.run(None, 1)["one_strike_hits"] >= targets_hit(where.rollout(1), drawn, where).max() / 40 > 0
 
 
-@pytest.mark.heavy
 def test_random_strikes_hit_as_often_as_other_random_strikes(found):
     """Of another seed, every one at every target."""
     where = scene(0.1)

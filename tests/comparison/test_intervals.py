@@ -131,7 +131,6 @@ def test_ends_of_the_scale():
     assert mean_interval(np.array([[1, 1], [600, 600]]), cap=600)[1] == 600
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", [name for name in coverage.WORLDS if "beyond" not in name])
 def test_intervals_cover_what_they_say(name):
     """1,000 studies of 3 seeds at 300 targets: 92 to 98 % hold the truth, whether seeds agree or differ."""

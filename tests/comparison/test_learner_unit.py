@@ -29,7 +29,6 @@ def test_a_checkpoint_is_taken_up_where_its_history_reaches(rewards, kept, tmp_p
     assert loaded == ([checkpoint.path] if kept else [])
 
 
-@pytest.mark.heavy
 def test_a_learner_unit_trains_and_strikes(tmp_path, monkeypatch):
     s = scene(cap=5)
     unit = LearnerUnit(scene=s, method="sac", observation="goal", seed=2, episodes=12, trials=4, random_episodes=12,

@@ -100,7 +100,7 @@ def kinds() -> list[type[Any]]:
     ]
 
 
-@pytest.mark.heavy  # it imports all of them
+@pytest.mark.slow  # it imports all of them
 def test_every_field_of_every_unit_is_in_its_key():
     """Also what is in the fields of its fields, such as the hit radii of a scene."""
     assert len(kinds()) >= 25
@@ -113,14 +113,12 @@ def test_every_field_of_every_unit_is_in_its_key():
     assert same == []
 
 
-@pytest.mark.heavy
 def test_the_test_looks_at_fields_of_fields():
     found = {kind.__name__ + where for kind in kinds() for where, _ in others_of(kind)}
     assert {"SearchUnit.scene.radii", "StrikeUnit.hit_radius", "WhipUnit.study.scene.cap"} <= found
     assert {"GoalsUnit.task.region.hit_radius", "GoalsUnit.kept.label", "LearnerUnit.settings"} <= found
 
 
-@pytest.mark.heavy
 def test_kinds_have_names_of_their_own():
     names = [kind.__name__ for kind in kinds()]
     assert len(set(names)) == len(names)

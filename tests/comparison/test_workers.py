@@ -13,8 +13,6 @@ from whiptool.commands.compare import CompareOptions
 from whiptool.comparison import workers
 from whiptool.errors import InputError
 
-pytestmark = pytest.mark.slow
-
 
 class DieOnce:
     """Work that kills its process the first `times` times that it meets the unit `bad`."""

@@ -93,7 +93,6 @@ def test_three_engines_agree_up_to_14_joints(case: Case):
     assert worst(ours, theirs["Pinocchio"]) < 1e-11
 
 
-@pytest.mark.heavy
 @examples(50)
 @given(cases(LONG))
 def test_three_engines_agree_up_to_the_condition_number(case: Case):
@@ -180,7 +179,6 @@ def test_power_of_all_forces_is_the_rate_of_energy(case: Case):
 # Armature
 
 
-@pytest.mark.heavy
 @examples(150)
 @given(cases(SHORT), st.sampled_from(["none", "some", "all"]))
 def test_armature_equals_the_dense_solution(case: Case, armature: str):
@@ -260,7 +258,6 @@ def test_a_mass_that_rides_on_a_link_is_added_as_pinocchio_adds_it(seed: int):
     assert ours == pytest.approx([both.mass, -both.lever[1], both.inertia[2, 2]], rel=1e-12)
 
 
-@pytest.mark.heavy
 @examples(25)
 @given(seed=st.integers(0, 2**32 - 1), a=st.integers(1, 4), N=st.integers(1, 10), hinge=st.booleans())
 def test_chain_of_a_model_moves_like_its_mujoco_model(seed: int, a: int, N: int, hinge: bool):

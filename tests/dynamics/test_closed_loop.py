@@ -51,7 +51,7 @@ LOOPS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(x, marks=[pytest.mark.heavy] * ("feedforward" in x)) for x in LOOPS])
+@pytest.mark.parametrize("name", [pytest.param(x, marks=[pytest.mark.slow] * ("feedforward" in x)) for x in LOOPS])
 def test_the_closed_loop_is_of_second_order(name: str):
     """Richardson: states over the whole strike and 0.2 s more, at h, h/2, h/4, root mean square."""
     controller, h = LOOPS[name]

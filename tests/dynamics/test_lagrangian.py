@@ -22,7 +22,6 @@ def lagrange(key: Key) -> ca.Function:
     return s.function(*lagrangian_dynamics(s.chain, s.tau, s.q, s.v), *lagrangian(s.chain, s.q, s.v), cse=True)
 
 
-@pytest.mark.heavy
 @examples(100)
 @given(cases(SHORT))
 def test_agrees_with_lagrange_up_to_14_joints(case: Case):
@@ -37,7 +36,6 @@ def test_agrees_with_lagrange_up_to_14_joints(case: Case):
     assert our_V == pytest.approx(V, rel=1e-12, abs=1e-12)
 
 
-@pytest.mark.heavy
 @examples(8)
 @given(cases(st.sampled_from([16, 23, 30]), points=("whip",)))
 def test_agrees_with_lagrange_up_to_the_condition_number(case: Case):

@@ -294,7 +294,6 @@ def put_in_space(planar: Model, joints: str) -> Model:
     return Model(dataclasses.replace(planar.whip, joints=joints), in_space(planar.arm), gravity=planar.gravity)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("joints", ["universal", "rod"])
 def test_a_long_chain_in_space_swings_at_the_zeros_of_bessel_in_every_direction(joints: str):
     """Below an arm in any posture, in pairs of one frequency and of two directions."""
@@ -312,7 +311,6 @@ def test_a_long_chain_in_space_swings_at_the_zeros_of_bessel_in_every_direction(
     assert errors[1].max() < 2e-2
 
 
-@pytest.mark.heavy
 def test_rods_swing_as_universal_nodes_do():
     """Below a robot in any posture, with all that bends and brakes, free to move and held."""
     rng = np.random.default_rng(4)

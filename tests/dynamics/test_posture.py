@@ -122,7 +122,6 @@ def test_many_starts_at_once_are_each_as_alone():
         np.testing.assert_allclose(together[i], alone[0], atol=1e-12)
 
 
-@pytest.mark.heavy
 def test_a_whip_with_rest_angles_starts_at_rest():
     """Held in its start posture by a stiff arm, a curved whip stays where it is."""
     model = everything()

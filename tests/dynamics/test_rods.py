@@ -144,7 +144,7 @@ def hand_jacobian(arm: pin.Model, q: np.ndarray, hand: pin.SE3) -> np.ndarray:
     return np.vstack([J[:3] - pin.skew(r) @ J[3:], J[3:]])
 
 
-LARGE = [pytest.param(a, N, marks=pytest.mark.heavy) for a, N in ((7, 12), (4, 25))]
+LARGE = [pytest.param(a, N, marks=pytest.mark.slow) for a, N in ((7, 12), (4, 25))]
 
 
 @pytest.mark.parametrize(("a", "N"), [(1, 1), (2, 3), (3, 6), *LARGE])
@@ -259,7 +259,7 @@ def test_small_planar_motion_is_that_of_universal_joints_to_the_second_order():
     assert np.log2(np.array(gaps[:-1]) / gaps[1:]).min() > 2.8
 
 
-@pytest.mark.parametrize(("seed", "a"), [pytest.param(0, 1, marks=pytest.mark.heavy), (1, 3)])
+@pytest.mark.parametrize(("seed", "a"), [pytest.param(0, 1, marks=pytest.mark.slow), (1, 3)])
 def test_energy_error_shrinks_with_the_second_order_or_faster(seed: int, a: int):
     model = random_rods(seed, a, 5, forces=False)
     links = tuple(replace(link, friction=0.0) for link in model.arm.links)
@@ -328,7 +328,6 @@ SOFT = tuple(map(tuple, 3 * np.eye(3)))
 CONTROLLER = Controller(ConstantImpedance(K=STIFF, B=SOFT))
 
 
-@pytest.mark.heavy
 def test_all_engines_agree_on_rods():
     results = [
         CompiledRollout(MODEL, CONTROLLER, timestep=1e-3, engine=name).approach(STRIKES, TARGETS, t_stay=0.2)

@@ -34,7 +34,7 @@ from whiptool.models.presets import preset
 from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import Strike
 
-LARGE = [pytest.param(a, N, marks=pytest.mark.heavy) for a, N in ((6, 10), (4, 25), (7, 20), (7, 23))]
+LARGE = [pytest.param(a, N, marks=pytest.mark.slow) for a, N in ((6, 10), (4, 25), (7, 20), (7, 23))]
 SIZES = [(1, 1), (1, 6), (2, 3), (3, 5), (3, 12), (5, 4), *LARGE]
 
 
@@ -43,6 +43,7 @@ def worst(ours: np.ndarray, its: np.ndarray) -> float:
     return float(np.abs(ours - its).max() / np.abs(its).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("a", "N"), SIZES)
 def test_three_engines_agree_on_accelerations(a: int, N: int):
     """Random arms of 1 to 7 joints, some of which slide, with whips of up to 50 universal hinges: to 1e-9."""
@@ -154,7 +155,7 @@ def roll(model: Model, x0: np.ndarray, h: float, steps: int) -> np.ndarray:
     return np.array(states)
 
 
-@pytest.mark.parametrize(("seed", "a"), [(0, 1), (1, 3), pytest.param(2, 4, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize(("seed", "a"), [(0, 1), (1, 3), pytest.param(2, 4, marks=pytest.mark.slow)])
 def test_energy_error_shrinks_with_the_second_order_or_faster(seed: int, a: int):
     """0.2 s of free motion in space, everything dissipative off."""
     model = conservative(random_model(seed, a, 4))

@@ -14,7 +14,7 @@ from whiptool.rollout.trajectory import Approach
 
 LEMON = preset("lemon2024")
 # code of scalars is generated as that of lanes is: its derivatives are compiled in the whole suite only
-EVERY_RUNG = ["simd", pytest.param("scalar", marks=pytest.mark.heavy), "interpreter"]
+EVERY_RUNG = ["simd", pytest.param("scalar", marks=pytest.mark.slow), "interpreter"]
 MEASURED = ("error", "lost", "integration_error")  # what only strikes on a rig have, or a tolerance
 COMPUTED = [field.name for field in dataclasses.fields(Approach) if field.name not in MEASURED]
 

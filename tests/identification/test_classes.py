@@ -86,7 +86,6 @@ def test_a_standard_error_is_in_the_unit_of_the_value_whatever_the_solver_counts
         assert np.ptp(found.interval) / (2 * 1.96) == pytest.approx(found.error, rel=0.02)
 
 
-@pytest.mark.heavy
 def test_classes_are_the_same_along_an_unseen_direction():
     """A last link's inertia may be all of what is seen of it, or next to nothing: an end is as good as the other."""
     free = ["link.mass[1]", "link.length[0]", *SPREAD]
@@ -101,7 +100,6 @@ def test_classes_are_the_same_along_an_unseen_direction():
     assert found[0]["link.length[0]"] == "well determined"
 
 
-@pytest.mark.heavy
 def test_a_mass_beside_the_inertia_is_needed_to_see_the_centre_of_mass():
     """With the masses known (from a balance), the same swings pin both centres of mass."""
     for inertia in (4e-4, 1e-6):
@@ -109,7 +107,6 @@ def test_a_mass_beside_the_inertia_is_needed_to_see_the_centre_of_mass():
         assert set(found.values()) == {"well determined"}
 
 
-@pytest.mark.heavy
 def test_a_friction_that_may_be_none_is_not_well_determined():
     """Five micro-newton metres with an interval across zero, though usual ones are a thousand times as large."""
     rubbing = TRUE.changed({"link.dry_friction[0]": 2e-3, "link.dry_friction[1]": 5e-6})

@@ -131,7 +131,7 @@ ERRORS = {
 }
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ERRORS)
 def test_intervals_cover_with_any_errors(kind):
     """600 fits of a linear model, two-sided: 95 % intervals cover in 92 to 97.5 %."""

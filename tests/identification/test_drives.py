@@ -64,7 +64,6 @@ def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h,
     assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
 
 
-@pytest.mark.heavy
 def test_a_rod_that_swings_a_little_is_a_harmonic_oscillator():
     """A uniform rod about its end: omega^2 = 3 g / (2 l)."""
     t = np.linspace(0, 2, 81)
@@ -112,7 +111,6 @@ def test_in_space_the_command_drives_a_whip_as_the_rollout_has_it(monkeypatch):
         Predictor([flat], plant, drive="command", shared=["whip.k"])
 
 
-@pytest.mark.heavy
 def test_the_hands_pose_drives_a_whip_as_its_arms_joints_do():
     """Motion capture of the hand beside the joints' log of the same motion, with quaternions of either sign."""
     whip = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)

@@ -164,7 +164,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     assert all(low <= count <= high for count in covered.values())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_command_joints_and_handle_tell_the_same_whip():
     rng = np.random.default_rng(5)
     films = [film(LEMON, v, rng, markers=("tip", "handle")) for v in STRIKES[:2]]
@@ -215,7 +215,6 @@ def test_a_wrong_marker_does_not_pull_the_fit():
     assert robust.recordings[1].weight[20:60].max() < 0.2
 
 
-@pytest.mark.heavy
 def test_a_prior_speaks_where_the_recordings_are_silent():
     """From the handle alone the scale is flat; a prior on m pins it, and k and b with it."""
     film_ = film(LEMON, STRIKES[0], np.random.default_rng(0), markers=("tip", "handle"))
@@ -227,7 +226,7 @@ def test_a_prior_speaks_where_the_recordings_are_silent():
     assert not found.uncertainty.flat.any()
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["joints", "handle"])
 def test_a_profile_is_told_by_the_motion_of_its_base(drive):
     """Stiffness and damping over mass: the model is the uniform whip's, cut into hats."""
@@ -260,7 +259,7 @@ def test_a_number_that_may_be_zero_is_bounded_however_near_zero_it_comes_out():
     assert max(widths) < 1.5 * min(widths)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_what_is_not_there_ends_at_its_bound_and_what_trades_is_named():
     rng = np.random.default_rng(8)
     films = [film(LEMON, v, rng, sigma=1e-3) for v in STRIKES[:2]]
@@ -274,7 +273,6 @@ def test_what_is_not_there_ends_at_its_bound_and_what_trades_is_named():
     assert blind["gravity"].kind == "well determined"
 
 
-@pytest.mark.heavy
 def test_the_simulated_pendulum_comes_back_up_to_what_it_cannot_show():
     rng = np.random.default_rng(6)
     starts = [np.array([[a, b], [c, d]]) for a, b, c, d in rng.normal(0, [1, 1, 3, 3], (6, 4))]

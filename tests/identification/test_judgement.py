@@ -27,7 +27,6 @@ def test_a_normal_error_across_the_path():
     assert not judge_seen(0.0002, Target((1.0, 0.0), 0.0005)).hit
 
 
-@pytest.mark.heavy
 def test_the_discrepancy_is_what_a_normal_process_given_frames_is():
     """Against draws of the whole process that are conditioned by Matheron's rule, not by the formula of its mean."""
     rng = np.random.default_rng(1)

@@ -44,7 +44,6 @@ def test_the_hand_moves_with_the_lag_as_differences_say():
     np.testing.assert_allclose(motion.at(np.array([0.03])).inputs, motion.at(np.array([-0.03])).inputs)
 
 
-@pytest.mark.heavy
 def test_a_whip_and_its_robots_lag_come_back_from_the_command_alone():
     """No log of the joints: 1 mm at the tip, 120 frames a second, a lag of 35 ms; the command alone would not do."""
     plant, rng = Plant(ROBOT, Controller()), np.random.default_rng(0)

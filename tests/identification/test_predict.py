@@ -63,7 +63,6 @@ HARD = {  # strikes of which equal steps of 0.25 ms, of the robot 1 ms, are 4.5 
 }
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("case", HARD)
 def test_commanded_strikes_are_predicted_to_the_default_tolerance(case):
     """Against the path of a rollout a hundred times as precise."""
@@ -76,7 +75,7 @@ def test_commanded_strikes_are_predicted_to_the_default_tolerance(case):
     assert np.abs(found.value - predictor.measured[0]).max() < 3e-4
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_are_those_of_differences(case):
     plant, shared, own = CASES[case]
@@ -112,7 +111,6 @@ def test_derivatives_are_those_of_differences(case):
         np.testing.assert_allclose(exact.by_own[:, j], slope, atol=1e-5 * max(np.abs(slope).max(), 0.01))
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize(("drive", "own"), [("joints", ()), ("handle", ()), ("joints", ("shift_x",))])
 def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(drive, own):
     """Tips that are moved aside leave the prediction where it was; from joints it errs hardly more than the camera."""

@@ -51,7 +51,6 @@ def test_a_view_reads_what_opencv_projects_of_the_same_path(rolled):
     np.testing.assert_allclose(path["tip"][moment], at, atol=0.01)
 
 
-@pytest.mark.heavy
 def test_derivatives_of_views_are_those_of_differences(seen):
     """By numbers of the whip, a clock, the pose of what was measured, and every coefficient of the hand's motion."""
     recordings, shared = seen[0], ["whip.k", "whip.b", "delay"]
@@ -81,7 +80,7 @@ def test_derivatives_of_views_are_those_of_differences(seen):
         np.testing.assert_allclose(found[0].by_own[:, entry], slope, atol=2e-4 * np.abs(slope).max())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_two_cameras_tell_a_whip_and_their_clocks(seen):
     """MuJoCo's whip on MuJoCo's robot, 0.3 pixels, nothing triangulated; the other strike is foreseen."""
     guess = Plant(dataclasses.replace(ROBOT, whip=dataclasses.replace(WHIP, k=0.07, b=0.006, l=0.19)), Controller())
@@ -118,7 +117,6 @@ def test_depth_is_read_where_the_camera_has_it(rolled):
     assert path["tip"][moment, 2] == pytest.approx(LEFT.rotation[2] @ (place - LEFT.position), abs=1e-4)
 
 
-@pytest.mark.heavy
 def test_derivatives_of_depth_are_those_of_differences(rolled):
     film = film_in_space(
         LEFT, rolled.t, rolled.tip[:, None], rng=np.random.default_rng(0), deep=True, strike=STRIKES[0]
@@ -145,7 +143,6 @@ def test_derivatives_of_depth_are_those_of_differences(rolled):
 UNSEEN = ("scale", "shift_x", "shift_y", "shift_z")
 
 
-@pytest.mark.heavy
 def test_one_camera_with_depth_tells_how_far_away_the_whip_is(rolled):
     """Without, a base that is farther away and a larger strike look the same; the intervals hold the truth."""
     plant = Plant(ROBOT, Controller(PositionControl()))

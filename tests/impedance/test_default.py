@@ -25,6 +25,7 @@ OF_MODELS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "controller"), OF_MODELS, ids=lambda x: getattr(x, "name", ""))
 def test_each_kind_of_arm_has_a_controller(model, controller):
     assert default_controller(model) == controller

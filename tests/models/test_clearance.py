@@ -110,7 +110,6 @@ print(*(line.split()[1] for line in open("/proc/self/status") if line.startswith
 """
 
 
-@pytest.mark.heavy
 def test_a_whip_of_a_hundred_nodes_needs_little_memory():
     """The whole process, of which most are libraries; kinematics of free bodies in Pinocchio took 18 GB."""
     done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True, timeout=HANG)

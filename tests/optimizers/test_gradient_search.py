@@ -139,7 +139,7 @@ def test_a_refinement_into_a_collision_is_given_up():
     assert sum(bowl.miss(x) < 0.2 for x in bowl.refined) == COLLISIONS
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nah2023", "ur5e", "panda"])
 def test_who_gives_no_options_hits_the_usual_target_of_an_arm_in_space_after_few_trials(name):
     result = search(CompiledRollout(preset(name)), max_trials=2 * BATCH)

@@ -23,8 +23,6 @@ from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach
 from whiptool.target import Target
 
-pytestmark = pytest.mark.slow
-
 LEMON = preset("lemon2024")
 UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))
 MINIMUM = np.array([0.3, 0.6, 0.2, 0.7, 1.1])
@@ -54,6 +52,7 @@ class Bowl(Rollout):
         return None, offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [*METHODS, "nlopt:GN_CRS2_LM", "nlopt:GN_ISRES", "nlopt:GN_ESCH"])
 def test_the_budget_is_kept_exactly_and_the_best_is_kept(method):
     bowl, budget = (
@@ -84,6 +83,7 @@ class Slow:
         raise NotImplementedError("peaks say all")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [*METHODS, "nlopt:GN_CRS2_LM"])
 def test_every_search_commands_admissible_speeds(method):
     bounds = StrikeBounds((0.0, 0.0, 0.1, 0.0, 0.5), (1.0, 1.0, 0.9, 1.0, 1.5))  # where q_f has bounds, they come first

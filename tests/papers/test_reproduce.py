@@ -11,9 +11,8 @@ from command_line import called, whiptool
 from papers.parts import PARTS
 from whiptool.commands import reproduce
 
-pytestmark = pytest.mark.slow
 
-
+@pytest.mark.slow
 def test_quick_form_of_everything(tmp_path):
     """Smaller still than by itself, and also resumed: nothing is worked out again, and the report is the same.
 

@@ -9,9 +9,9 @@ import pytest
 from command_line import called
 
 pytest.importorskip("torch")
-pytestmark = pytest.mark.slow
 
 
+@pytest.mark.slow
 def test_quick_form_ends_and_resumes(tmp_path):
     """Resumed, nothing is worked out again, and the tables are the same; a unit that is lost is worked out again."""
 

@@ -10,9 +10,8 @@ from command_line import called
 
 from papers.nah2023 import solutions
 
-pytestmark = pytest.mark.slow
 
-
+@pytest.mark.slow
 def test_quick_form_ends_and_resumes(tmp_path, monkeypatch):
     """Resumed, nothing is worked out again, and the report is the same; a unit that is lost is worked out again.
 

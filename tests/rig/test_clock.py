@@ -6,8 +6,6 @@ import pytest
 
 from whiptool.rig.loop import StepClock, WallClock
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("dynamixel_sdk")
 
 

@@ -15,8 +15,6 @@ from whiptool.vision.source import Frame
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
-pytestmark = pytest.mark.slow
-
 
 class Ticking:
     """A camera, 200 frames a second by a clock of its own; what it films comes 3 to 5 ms later. It is the time, too."""

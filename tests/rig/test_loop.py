@@ -20,8 +20,6 @@ from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
 from whiptool.rollout.reference import ReferenceRollout
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("dynamixel_sdk")
 
 PERIOD, FINE = 0.002, 2**14
@@ -51,6 +49,7 @@ def gap(path, plain) -> float:
     return float(np.hypot(*(tip - plain.tip).T).max())
 
 
+@pytest.mark.slow
 def test_twin_is_the_plain_simulation_and_what_opens_the_gap(plain):
     ideal = TwinOptions(start=STRIKE.q_i, fineness=FINE, period=PERIOD)
     friction = dataclasses.replace(Motor(), viscous_friction=0.03, dry_friction=0.08)

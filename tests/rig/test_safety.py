@@ -26,8 +26,6 @@ from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
 from whiptool.rig.stops import Locked
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("dynamixel_sdk")
 
 PERIOD = 0.002
@@ -546,6 +544,7 @@ def test_sigkill_leaves_it_to_the_watchdog_and_keeps_the_record(tmp_path):
     assert np.abs(cycles.goal_current).max() > 0.1
 
 
+@pytest.mark.slow
 def test_two_hundred_strikes_with_random_faults(twin):
     """Never a torque after a fault, never a lost record, whatever breaks when."""
     rng, ended = np.random.default_rng(0), {"good": 0, "fault": 0}

@@ -22,7 +22,6 @@ from whiptool.target import Target
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")
 
-pytestmark = pytest.mark.slow
 
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])  # within the XM430's line, hits (1.2, 0.1)
 MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())

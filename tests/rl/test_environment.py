@@ -22,8 +22,6 @@ from whiptool.rl.task import OBSERVATIONS
 from whiptool.target import Target
 from whiptool.zone import Disc
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(autouse=True)
 def _one_thread():
@@ -268,6 +266,7 @@ def test_bad_input_is_refused():
             one.reset(options={"taget": (1.2, 0.1)})
 
 
+@pytest.mark.slow
 def test_stable_baselines_learns_on_it_unchanged():
     sb3 = pytest.importorskip("stable_baselines3")
     env = gymnasium.make(ID, observation="goal")

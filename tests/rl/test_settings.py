@@ -12,8 +12,6 @@ from whiptool.errors import InputError
 from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.rl.training import Plan, make_learner
 
-pytestmark = pytest.mark.slow
-
 
 def test_settings_are_checked():
     assert settings_for("sac", alpha=0, discount=0).discount_for("tip") == 0

@@ -10,7 +10,7 @@ from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import RUNGS, find_engine
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("moving", [True, False])
 def test_every_engine_gives_the_same_paths(moving):
     structure = SwingStructure(3, moving, False, ("stiffness", "dry_friction", "drag", "cubic_stiffness", "drag_ratio"))

@@ -18,7 +18,7 @@ TARGET = np.array([1.3, 0.0])
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_every_free_parameter_changes_the_compiled_model():
     """Models and controllers, one number at a time; a change that leaves all strikes as they were is a lost one."""
     model = everything()

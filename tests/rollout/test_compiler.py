@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 
-import pytest
 from processes import HANG
 from rich_model import CONTROLLERS, LEMON
 
@@ -31,7 +30,6 @@ def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, c
     assert len(caplog.records) == 1
 
 
-@pytest.mark.heavy
 def test_processes_that_start_at_once_share_the_cache(tmp_path):
     """Four first starts on an empty cache: all agree, one library is left, nothing half-written."""
     program = (
@@ -53,7 +51,6 @@ def test_processes_that_start_at_once_share_the_cache(tmp_path):
     assert left[0].endswith(".so")
 
 
-@pytest.mark.heavy
 def test_a_damaged_cache_is_mended(tmp_path, monkeypatch):
     from whiptool.rollout import engine
 

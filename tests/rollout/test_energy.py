@@ -40,7 +40,7 @@ EVERYTHING = Model(  # every term that a model can have
     ),
 )
 MODELS = pytest.mark.parametrize(
-    "model", [LEMON, pytest.param(EVERYTHING, marks=pytest.mark.heavy)], ids=["lemon2024", "every term"]
+    "model", [LEMON, pytest.param(EVERYTHING, marks=pytest.mark.slow)], ids=["lemon2024", "every term"]
 )
 
 

@@ -201,7 +201,6 @@ def test_derivatives_against_central_differences(case):
     assert kinks < 0.03 * compared, (kinks, compared)
 
 
-@pytest.mark.heavy
 def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     """Of its place and its velocity, by the strike; where the closest approach jumps to another step, none holds."""
     strikes, targets = STRIKES[:24], TARGETS[:24]
@@ -226,7 +225,7 @@ def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     assert moving > 0.8 * 4 * 2 * 2 * len(strikes)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", EVERY_RUNG[1:])
 def test_engines_agree_on_the_derivatives_of_the_tip(rung):
     strikes, targets = STRIKES[:6], TARGETS[:6]
@@ -236,7 +235,6 @@ def test_engines_agree_on_the_derivatives_of_the_tip(rung):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.heavy
 def test_a_parameter_whose_term_is_zero_can_be_freed():
     names = ["whip.drag", "whip.hinge_mass", "whip.rest_angle"]
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), free=names, tolerance=1e-6)
@@ -255,7 +253,6 @@ def test_a_parameter_whose_term_is_zero_can_be_freed():
         rollout.gradient(STRIKES[:1], TARGET, t_stay=0.3, names=["whip.colour"])
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_and_their_derivatives(name):
     """Paths at a given rate against the trajectory's own steps; derivatives against differences at fixed times."""
@@ -294,7 +291,6 @@ def test_tip_paths_and_their_derivatives(name):
         np.testing.assert_allclose(slopes[..., k][ok], difference[ok], rtol=1e-4, atol=2e-5 * scale)
 
 
-@pytest.mark.heavy
 def test_many_strikes_run_in_bounded_memory():
     """What a strike leaves behind is its outcome; its parameters are packed for a few thousand at a time."""
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), timestep=4e-3)

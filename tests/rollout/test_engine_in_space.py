@@ -33,7 +33,7 @@ STIFF = ROOT @ ROOT.T + 5 * np.eye(A)
 CONSTANT = Controller(ConstantImpedance(K=tuple(map(tuple, STIFF)), B=tuple(map(tuple, 0.2 * STIFF))))
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_all_engines_agree_on_mixed_batches_in_space():
     names = (
         "gravity",
@@ -62,6 +62,7 @@ def test_all_engines_agree_on_mixed_batches_in_space():
         np.testing.assert_allclose(near.max_torque, results["simd"].max_torque, rtol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["simd", "scalar"])
 def test_a_diverging_lane_leaves_the_others_bit_identical(name: str):
     wild = Controller(ConstantImpedance(K=tuple(map(tuple, 1e7 * np.eye(A))), B=tuple(map(tuple, np.zeros((A, A))))))
@@ -77,11 +78,12 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name: str):
         np.testing.assert_array_equal(getattr(together, field)[others], getattr(alone, field)[others])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law",
     [
         pytest.param("constant", marks=pytest.mark.slow),
-        pytest.param("oiac", marks=pytest.mark.heavy),
+        pytest.param("oiac", marks=pytest.mark.slow),
         pytest.param("held", marks=pytest.mark.slow),
     ],
 )
@@ -105,7 +107,6 @@ def test_the_reference_makes_the_same_strike(law: str):
     assert miss[0] == pytest.approx(ours.approach(TARGETS[0]).distance[0], abs=1e-12)
 
 
-@pytest.mark.heavy
 def test_a_planar_strike_is_the_same_in_space():
     planar = preset("lemon2024")
     space = replace(planar, arm=in_space(planar.arm), whip=replace(planar.whip, joints="universal"))
@@ -167,7 +168,6 @@ def test_derivatives_against_central_differences(law: str):
     assert np.mean(compared) > 0.9
 
 
-@pytest.mark.heavy
 def test_a_number_that_is_zero_can_be_freed():
     arm = MODEL.arm.with_parameters({"com[0].x": 0.0, "armature[1]": 0.0})
     model, names = replace(MODEL, arm=arm), ["arm.com[0].x", "arm.armature[1]"]
@@ -185,7 +185,6 @@ def test_a_number_that_is_zero_can_be_freed():
         np.testing.assert_allclose(slopes[:, k], (sides[1] - sides[0]) / 1e-7, rtol=2e-3, atol=1e-6)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_in_space_and_their_derivatives(name: str):
     rollout = CompiledRollout(MODEL, CONSTANT, timestep=1e-3, engine=name)

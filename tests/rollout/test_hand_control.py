@@ -64,7 +64,7 @@ def strikes_of(controller: Controller, model: Model, count: int, rng: np.random.
 PLACES = [(x, False) for x in (LEMON, THREE, SMALL, preset("ur5e"), preset("panda"))]
 POSES = [(x, True) for x in (THREE, SEVEN, preset("ur5e"), preset("panda"))]
 of_each = [pytest.param(*case, id=case[0].name + "-pose" * case[1]) for case in PLACES + POSES]
-HEAVY_POSES = [pytest.param(model, True, marks=pytest.mark.heavy) for model in (THREE, SEVEN)]
+HEAVY_POSES = [pytest.param(model, True, marks=pytest.mark.slow) for model in (THREE, SEVEN)]
 small = pytest.mark.parametrize(
     ("model", "pose"),
     [(THREE, False), (SMALL, False), *HEAVY_POSES],
@@ -93,6 +93,7 @@ def test_torques_against_pinocchios_jacobians(model, pose, law):
             assert 0 < np.abs(expected).max() <= 200.0
 
 
+@pytest.mark.slow
 @small
 def test_mujoco_and_the_compiled_rollout_make_the_same_strike(model, pose):
     controller = of_hand(constant(model, 200.0, 30.0, pose=pose), model, pose=pose)
@@ -109,7 +110,7 @@ def test_mujoco_and_the_compiled_rollout_make_the_same_strike(model, pose):
     assert not np.isnan(path.q_d).any()
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @small
 def test_joints_that_follow_the_hands_path_exactly(model, pose):
     controller = of_hand(PositionControl(), model, pose=pose)
@@ -127,7 +128,7 @@ def test_joints_that_follow_the_hands_path_exactly(model, pose):
     np.testing.assert_allclose(path.tip, other.tip, atol=5e-5)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "law"), [(THREE, "position"), (THREE, "oiac"), (SMALL, "constant")])
 def test_the_interpreter_agrees_with_the_compiled_engine(model, law):
     given = {"position": PositionControl(), "oiac": OIAC(a=0.01, beta=0.3), "constant": constant(model, 200.0, 30.0)}
@@ -171,6 +172,7 @@ def test_damping_of_what_the_hand_does_not_see_hardly_moves_the_hand():
     assert np.linalg.norm(np.linalg.pinv(J.T) @ tau) * least < (0.02 / least) ** 2 * 0.3 * np.linalg.norm(v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["constant", "position"])
 @pytest.mark.parametrize(("model", "pose"), [(THREE, False), HEAVY_POSES[1]], ids=["plane", "pose in space"])
 def test_derivatives_by_the_hands_numbers_against_central_differences(model, pose, law):

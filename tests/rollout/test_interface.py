@@ -57,7 +57,6 @@ def test_one_strike_is_a_batch_of_one(compiled):
     )
 
 
-@pytest.mark.heavy
 def test_the_reference_has_approaches_too(compiled):
     """Those of its trajectories, each to its own target; they agree with the compiled ones."""
     reference = ReferenceRollout(MODEL, CONTROLLER, timestep=1e-4)

@@ -23,13 +23,13 @@ WHIP = replace(MODEL.whip, k=0.02, b=2e-4, dry_friction=0.0)
 LIGHT = replace(MODEL, whip=WHIP)  # not stiff: steps are explicit
 RODS = replace(MODEL, whip=replace(WHIP, joints="rod", node_inertia=0.0))
 PLANE = preset("lemon2024")
-HEAVY_STIFF, HEAVY_RODS, HEAVY_PLANE = (pytest.param(x, marks=pytest.mark.heavy) for x in (MODEL, RODS, PLANE))
+HEAVY_STIFF, HEAVY_RODS, HEAVY_PLANE = (pytest.param(x, marks=pytest.mark.slow) for x in (MODEL, RODS, PLANE))
 TARGETS = RNG.uniform(-0.6, 0.6, (24, 3))
 STRIKES = np.c_[RNG.uniform(-0.8, 0.8, (24, 2 * A)), RNG.uniform(0.4, 0.8, 24)]
 POSITION = Controller(PositionControl())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [MODEL, LIGHT, RODS], ids=["stiff", "light", "rod"])
 def test_all_engines_agree(model):
     results = {}
@@ -44,6 +44,7 @@ def test_all_engines_agree(model):
         np.testing.assert_allclose(near.positions, results["simd"].positions, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [HEAVY_STIFF, LIGHT, HEAVY_RODS, HEAVY_PLANE], ids=["stiff", "light", "rod", "plane"])
 def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     """MuJoCo's own inertia and forces tell which torques give its joints the reference's accelerations."""
@@ -62,7 +63,6 @@ def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     assert (np.abs(path.tau - other.tau).max(axis=0) < 0.01 * scale).all()  # the first stage's: of first order
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_it_is_the_limit_of_a_stiff_impedance(model):
     """Ten times as stiff, a tenth of the difference in path and torque."""
@@ -79,7 +79,7 @@ def test_it_is_the_limit_of_a_stiff_impedance(model):
 
 @pytest.mark.parametrize(
     ("model", "order"),
-    [pytest.param(MODEL, 2, marks=pytest.mark.heavy), (LIGHT, 4), pytest.param(RODS, 4, marks=pytest.mark.heavy)],
+    [pytest.param(MODEL, 2, marks=pytest.mark.slow), (LIGHT, 4), pytest.param(RODS, 4, marks=pytest.mark.slow)],
     ids=["stiff", "light", "rod"],
 )
 def test_the_order_of_errors(model, order):
@@ -94,7 +94,7 @@ def test_the_order_of_errors(model, order):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.6)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_derivatives_against_central_differences(model):
     rollout = CompiledRollout(model, POSITION, timestep=1e-3)

@@ -62,7 +62,6 @@ def test_options_and_every_term_against_mujoco(controller):
     assert np.abs(fine - reference).max() < 2e-6
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("name", ["nah2020-n10", "nah2020-fitted"])
 def test_other_presets_against_mujoco(name):
     model, controller = preset(name), Controller(ConstantImpedance())
@@ -71,11 +70,12 @@ def test_other_presets_against_mujoco(name):
     assert np.abs(compiled - reference).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "joints",
     [
-        pytest.param(1, marks=pytest.mark.heavy),
-        pytest.param(2, marks=pytest.mark.heavy),
+        pytest.param(1, marks=pytest.mark.slow),
+        pytest.param(2, marks=pytest.mark.slow),
         pytest.param(3, marks=pytest.mark.slow),
     ],
 )

@@ -145,7 +145,6 @@ def test_compiled_strikes_are_replayed_in_mujoco(name, model):
     assert seen.confirmed, (seen, expected)
 
 
-@pytest.mark.heavy
 def test_rods_are_where_the_compiled_rollout_has_them():
     """The page and the pictures work out from directions what the engine summed up."""
     model = preset("ur5e")
@@ -185,7 +184,6 @@ def test_rods_move_in_mujoco_as_in_the_compiled_rollout():
     np.testing.assert_allclose(path.v, ours.v[::8], atol=1e-3)
 
 
-@pytest.mark.heavy
 def test_a_robots_rods_are_replayed_in_mujoco():
     model = preset("ur5e")
     controller = Controller(constant_preset("ur5e"), feedforward=True)

@@ -27,7 +27,6 @@ def replayed(**options):
     return replay_trajectory(LEMON, commanded), commanded
 
 
-@pytest.mark.heavy
 def test_servos_make_the_strike_that_position_control_makes(exact):
     path, commanded = replayed(rest=0.1)
     strike = path.since(commanded.strike_begins)

@@ -37,7 +37,6 @@ def test_effort_of_a_mass_on_a_minimum_jerk_path_has_a_closed_form():
     assert near.effort[0, 0] == pytest.approx((inertia * span) ** 2 * 120 / 7 / D**3, rel=2e-5)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("controller", [CONSTANT, Controller(OIAC()), HELD], ids=["constant", "oiac", "held"])
 def test_effort_is_that_of_mujoco(controller):
     """By Simpson's rule over MuJoCo's own steps."""
@@ -49,7 +48,7 @@ def test_effort_is_that_of_mujoco(controller):
     np.testing.assert_allclose(near.effort[0], expected, rtol=2e-3)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", [CONSTANT, HELD], ids=["continuous", "held"])
 def test_engines_agree_on_effort_and_on_derivatives(controller):
     strikes, found = np.c_[STRIKES[:2, :4], [0.4, 0.5]], []
@@ -66,7 +65,7 @@ def test_engines_agree_on_effort_and_on_derivatives(controller):
             np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["effort", "max_torque"])
 def test_derivatives_against_differences(name):
     """Of each joint, by the whole strike: with D the steps move, too."""

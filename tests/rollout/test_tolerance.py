@@ -31,7 +31,7 @@ CASES = {
     "rods under impedance": (ROPE, Controller(constant_preset("ur5e")), (1.2, 0.3, 0.5)),
 }
 SLOW = {"person", "rods under impedance", "held"}
-EVERY = [pytest.param(*case, id=name, marks=[pytest.mark.heavy] * (name in SLOW)) for name, case in CASES.items()]
+EVERY = [pytest.param(*case, id=name, marks=[pytest.mark.slow] * (name in SLOW)) for name, case in CASES.items()]
 
 
 def strikes_of(model, count: int) -> np.ndarray:
@@ -69,7 +69,6 @@ def test_distances_are_within_the_tolerance(model, controller, target):
     np.testing.assert_allclose(usual.max_torque[known], exact.max_torque[known], rtol=0.05, atol=0.05)
 
 
-@pytest.mark.heavy
 def test_gains_that_grow_with_the_error_are_integrated_to_third_order():
     """Against equal steps of another method of second order, extrapolated to none."""
     model, strikes = preset("nah2020-n15"), [[-1.4, 0.32, 3.084, 2.662, 0.654], [-0.65, 0.353, 3.109, 2.263, 0.557]]
@@ -83,7 +82,7 @@ def test_gains_that_grow_with_the_error_are_integrated_to_third_order():
     np.testing.assert_allclose(usual.distance, exact, atol=1e-4)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("plane", 3), ("rods", 1)])
 def test_mujoco_comes_as_near(name, count):
     model, controller, target = CASES[name]
@@ -113,6 +112,7 @@ def test_a_strike_is_the_same_to_the_bit_in_any_batch():
         np.testing.assert_array_equal(np.concatenate([getattr(x, name) for x in alone]), getattr(whole, name)[:5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "controller", "target"), EVERY[:3])
 def test_derivatives_are_those_of_differences(model, controller, target):
     strikes, h = strikes_of(model, 2), 1e-6

@@ -25,7 +25,7 @@ STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
 
 @pytest.mark.parametrize(
     "controller",
-    [pytest.param(x, marks=[pytest.mark.heavy] * (name in ("all options", "held"))) for name, x in CONTROLLERS.items()],
+    [pytest.param(x, marks=[pytest.mark.slow] * (name in ("all options", "held"))) for name, x in CONTROLLERS.items()],
     ids=CONTROLLERS,
 )
 def test_trajectory_and_outcome_tell_the_same(controller):

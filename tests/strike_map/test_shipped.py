@@ -64,7 +64,7 @@ def test_a_robots_usual_region_is_a_shell_above_its_floor_and_a_persons_a_ball()
     assert not plane.zone.contains(np.array([[0.1, 0.0], [1.2, 1.0]])).any()
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_answers_pass_where_they_say(name):
     """So the preset, its controller and the engine are those that the map was built with."""
@@ -76,7 +76,6 @@ def test_answers_pass_where_they_say(name):
     assert found.refined(goals).struck.hit.sum() >= 18
 
 
-@pytest.mark.heavy
 def test_a_search_may_begin_from_it():
     rollout, target = wt.CompiledRollout(preset("lemon2024")), wt.Target((1.2, 0.1), hit_radius=1e-4)
     found = wt.search(rollout, target, "map")
@@ -94,7 +93,6 @@ def test_a_search_without_a_map_is_refused_before_anything_is_written(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.heavy
 def test_a_map_of_points_answers_goals_with_directions_and_speeds():
     goal = wt.Target.arriving((1.2, 0.1), 1.0, speed=3.0)
     assert wt.Objective(wt.CompiledRollout(preset("lemon2024")), goal)(wt.load_map("Lemon2024").strike(goal)).hit

@@ -38,7 +38,7 @@ def parts(building: Building) -> list[Answers]:
     return found
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_it_answers_goals_that_it_has_not_seen(building, parts):
     made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
     goals = AIMED.draw(20, np.random.default_rng(9))
@@ -53,7 +53,6 @@ def test_it_answers_goals_that_it_has_not_seen(building, parts):
     assert np.median(refined.struck.distance[refined.struck.hit]) < 1e-3
 
 
-@pytest.mark.heavy
 def test_a_hit_that_stalled_is_tried_from_the_next_candidate(building, parts, monkeypatch):
     """Were the first candidate not refined at all, others would come nearer than where it hits."""
     from whiptool.strike_map import strike_map as module
@@ -88,7 +87,6 @@ def test_hits_are_those_of_the_objective(building, parts):
         assert outcome.cost == pytest.approx(struck.cost[i])
 
 
-@pytest.mark.heavy
 def test_a_part_is_the_same_whenever_it_is_made(building, parts):
     again = building.part(parts[:1])
     for name in ("strikes", "tips", "tip_slopes"):

@@ -17,8 +17,6 @@ from whiptool.vision.camera_model import CameraSettings, camera_preset
 from whiptool.vision.realsense import RealSenseCamera
 from whiptool.vision.source import frames_of
 
-pytestmark = pytest.mark.slow
-
 SETTINGS = camera_preset("d435-infrared")
 FRAMES = 10
 

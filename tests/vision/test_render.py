@@ -15,8 +15,6 @@ from whiptool.rollout import CompiledRollout
 from whiptool.vision.camera_model import CAMERAS, apply_homography, camera_preset, expose, measurement_sigma
 from whiptool.vision.source import Frame, FrameSource, frames_of
 
-pytestmark = pytest.mark.slow
-
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])

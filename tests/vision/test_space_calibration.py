@@ -139,7 +139,7 @@ def tilted_before(camera: SpaceCamera, rng: np.random.Generator) -> Pose:
     return Pose(Rotation.from_matrix(R), camera.position + ahead @ camera.rotation - R @ middle)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_lenses_and_places_are_told_by_images():
     rng, lenses = np.random.default_rng(4), {}
     for name in ("left", "right"):

@@ -19,8 +19,6 @@ from whiptool.rollout import CompiledRollout
 from whiptool.vision.camera_model import CAMERAS
 from whiptool.vision.space_view import SpaceView, track_view
 
-pytestmark = pytest.mark.slow
-
 CONTROLLER = Controller(PositionControl())
 FRONT = camera_at("front", (2.9, 0.4, 0.9), fps=60.0)
 FAST = Strike(STRIKES[0].q_i, (0.1, -0.9, 1.4, -0.9, 0.3, 0.0), 0.3)
@@ -63,6 +61,7 @@ def test_the_tip_is_drawn_where_opencv_projects_it(camera, path):
     virtual.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [FRONT, RIGHT], ids=lambda camera: camera.name)
 def test_the_tip_is_followed_while_it_nears_and_moves_away(camera, path):
     """Its light grows and shrinks with its distance; times are those of its row."""

@@ -31,6 +31,7 @@ def filmed(cameras, *, seed=0, late=(0.0, 0.0, 0.0)):
     return [film_in_space(c, T, places(seed), late=x, **about) for c, x in zip(cameras, late, strict=False)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "late"), [(0, (0.0, 0.0, 0.0)), (1, (0.013, -0.021, 0.04)), (2, (0.0, 0.03, -0.03))])
 def test_cameras_that_stand_agree(seed, late):
     recordings = filmed([LEFT, RIGHT, BACK], seed=seed, late=late)
@@ -45,6 +46,7 @@ def turned(film, degrees: float, axis=(0.0, 1.0, 0.2)):
     return dataclasses.replace(film, view=dataclasses.replace(camera, rotation=turn @ camera.rotation))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "axis"), [(0, (1.0, 0.0, 0.0)), (1, (0.3, 1.0, 0.0)), (2, (1.0, -1.0, 0.0))])
 def test_a_camera_that_was_turned_by_two_degrees_is_told(seed, axis):
     """Not about its own line of sight: what is in the middle of its image stays there."""

@@ -26,8 +26,6 @@ from whiptool.vision.markers import TIP_MARKERS, Marker
 from whiptool.vision.source import Frame, frames_of
 from whiptool.vision.tracking import SURE, Tracker, median_image, track
 
-pytestmark = pytest.mark.slow
-
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
@@ -80,6 +78,7 @@ def tip_looks(frames, truths):
     return (tuple(int(x) for x in np.atleast_1d(value))), 0.025 * frames[0].settings.scale(truths[0].point)
 
 
+@pytest.mark.slow
 def test_tip_is_tracked_to_a_fraction_of_a_pixel(films):
     name, filmed = films
     distance, speed, visible, off, z = [], [], [], [], []
@@ -127,6 +126,7 @@ def hidden(films, trajectories):
     return frames, truths, middle
 
 
+@pytest.mark.slow
 def test_a_hidden_tip_is_not_invented_and_is_found_again(hidden):
     frames, truths, middle = hidden
     result = track(frames)

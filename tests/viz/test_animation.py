@@ -46,7 +46,6 @@ def looks_green(frames):
     return green > orange
 
 
-@pytest.mark.heavy
 def test_a_film_in_slow_motion_whose_target_turns_green(trajectory, tmp_path):
     target, radius = np.array([1.3, 0.0]), 0.1
     near = trajectory.approach(target)

@@ -20,8 +20,6 @@ from whiptool.rollout.trajectory import joint_points
 from whiptool.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
-pytestmark = pytest.mark.slow
-
 LEMON, TARGET = preset("lemon2024"), Target((1.3, 0.0), 0.06)
 STRIKE = [-1.361356816555577, 0.471238898038469, 1.7278759594743862, 1.413716694115407, 0.95]  # hits
 

@@ -14,8 +14,6 @@ from spatial_arms import of_universal_nodes
 from whiptool.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
-pytestmark = pytest.mark.slow
-
 PANDA = of_universal_nodes("panda")
 PATH, RADIUS = swing(PANDA), 0.05
 TARGET = Target(tuple(PATH.tip[200] + [0.01, 0.02, -0.01]), RADIUS)
@@ -147,6 +145,7 @@ def test_the_page_turns_zooms_and_scrubs(page, tmp_path):
         np.testing.assert_allclose(said[f"data-{name}"], np.concatenate([arm[1:], whip[1:]]), atol=2e-4)
 
 
+@pytest.mark.slow
 @browser
 def test_pictures_of_the_page(page, tmp_path):
     first = picture(tmp_path, page, "first", at="t=0.1")

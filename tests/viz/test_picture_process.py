@@ -20,7 +20,6 @@ def pictures(folder):
     return Pictures(folder, folder / "x.mp4", PATH, LEMON, TARGET, "swing")
 
 
-@pytest.mark.heavy
 def test_film_and_figures_are_there_when_they_were_waited_for(tmp_path):
     process = PictureProcess()
     process.draw(pictures(tmp_path))
@@ -29,7 +28,6 @@ def test_film_and_figures_are_there_when_they_were_waited_for(tmp_path):
     assert (tmp_path / "strike.png").read_bytes()[1:4] == b"PNG"
 
 
-@pytest.mark.heavy
 def test_its_error_is_raised_here(tmp_path):
     (tmp_path / "file").touch()
     process = PictureProcess()
@@ -55,7 +53,6 @@ def test_it_is_stopped(tmp_path):
     assert not list(tmp_path.glob("*.mp4"))
 
 
-@pytest.mark.heavy
 def test_where_nothing_is_drawn_it_ends_without_a_word(capfd):
     process = PictureProcess()
     child = process._process

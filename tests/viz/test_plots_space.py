@@ -24,7 +24,7 @@ NAH = preset("nah2023")
 
 
 @pytest.fixture(
-    scope="module", params=["nah2023", *(pytest.param(x, marks=pytest.mark.heavy) for x in ("ur5e", "panda"))]
+    scope="module", params=["nah2023", *(pytest.param(x, marks=pytest.mark.slow) for x in ("ur5e", "panda"))]
 )
 def model(request):
     return NAH if request.param == "nah2023" else of_universal_nodes(request.param)
@@ -138,6 +138,7 @@ def test_a_planar_target_is_refused_in_space_and_the_other_way_round():
         plots.plot_distance(path, (1.3, 0.0))
 
 
+@pytest.mark.slow
 def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
     path, target = struck(model)
     files = plots.save_strike_figures(tmp_path, path, model, target, "by hand")

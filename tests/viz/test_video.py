@@ -10,7 +10,7 @@ import pytest
 from processes import HANG
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("gl", ["disabled", "nonsense"])
 def test_without_opengl_matplotlib_draws_the_video(tmp_path, gl):
     command = [

@@ -31,7 +31,6 @@ from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import joint_points
 from whiptool.target import Target
 
-pytestmark = pytest.mark.slow
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 QUICK = Effort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)
@@ -152,6 +151,7 @@ def spoilt(recording, twin, how: str):
     return dataclasses.replace(recording, points=points, source="spoilt")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("how", "said"), [("lost", "lost in"), ("marker", "marker"), ("pose", "camera was turned")])
 def test_bad_recordings_do_not_send_the_next_strike_astray(prior, first, how, said):
     port = port_of(1)
@@ -350,6 +350,7 @@ def test_a_rig_rehearses_with_the_whip_that_is_believed(prior):
     assert abs(port.believed[2].whip.length - truth) < 0.1 * abs(nominal - truth)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_whip_that_hangs_shows_its_length(family):
     """Which is what a first strike misses by."""

@@ -32,8 +32,6 @@ from whiptool.options import OptionGroup
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 
-pytestmark = pytest.mark.slow
-
 STRIKE = "-0.6 0.2 0.7 2.1 1.2"  # a good one
 OPTIONS = {
     "optimize": ("whiptool.commands.optimize", "OptimizeOptions"),

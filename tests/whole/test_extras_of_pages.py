@@ -79,7 +79,6 @@ def test_the_table_of_commands_names_the_extras_of_each(tmp_path):
 CORE = ROOT / "tests/helpers/core_installation.py"
 
 
-@pytest.mark.heavy
 def test_on_the_core_installation(tmp_path):
     provide(OVERVIEW, tmp_path)
     (tmp_path / "strike2.mkv").write_bytes(b"a film")

@@ -182,7 +182,6 @@ def test_what_is_guessed_works(snippet, holds, tmp_path):
     plt.close("all")
 
 
-@pytest.mark.heavy
 def test_a_policy_is_trained_and_asked_as_elsewhere():
     """`predict` is Stable-Baselines3's: an action for one observation or many, and no state."""
     here = Here(Path())

@@ -22,8 +22,6 @@ from whiptool.rl.task import OBSERVATIONS, reward
 from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
 from whiptool.zone import Disc, sample
 
-pytestmark = pytest.mark.slow
-
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}
 SMALL["ppo"] = {"hidden": (16, 16)}
@@ -80,6 +78,7 @@ def test_learners_find_the_best_action_of_a_bandit(method):
     assert (learner.act(x, deterministic=True) - best(x)).abs().mean() < 0.12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", LEARNERS)
 def test_learners_hit_with_one_joint(method):
     """The bandit shows that actions follow the observation; this, that strikes are learned from the task's reward."""

@@ -53,7 +53,6 @@ def test_a_hit_beyond_the_line_is_none() -> None:
     assert not objective.gradient(vector)[1].any()
 
 
-@pytest.mark.heavy
 def test_the_whole_strike_decides_where_peaks_do_not() -> None:
     """Largest speed and torque need not come at the same instant."""
     bounds = Objective(rollout(), TARGET).bounds
@@ -91,7 +90,6 @@ def test_a_trajectory_is_judged_alike() -> None:
     assert objective.judge(path).refused is not None
 
 
-@pytest.mark.heavy
 def test_a_diverged_strike_is_worse_than_any_refused_one() -> None:
     held = wt.CompiledRollout(
         wt.preset("lemon2024"), Controller(wt.oiac_preset("table4"), control_period=0.002), timestep=5e-4
@@ -104,7 +102,6 @@ def test_a_diverged_strike_is_worse_than_any_refused_one() -> None:
     assert Objective(held, TARGET)(FAST).miss_distance == objective.penalty
 
 
-@pytest.mark.heavy
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     common = ["--target", "1.2", "0.1", "--preset", "printed", "--limits", "xm430", "--no-video"]
     lower, upper = [str(x - 0.05) for x in SLOW], [str(x + 0.05) for x in SLOW]

@@ -24,8 +24,6 @@ from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.closest import closest_on_segments
 
-pytestmark = pytest.mark.slow
-
 SIGMA = 0.005
 FRAMES = np.arange(31) / 60 - 0.5
 G = np.array([0.0, -9.81])

@@ -53,6 +53,7 @@ def folder_of(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", cases(OURS))
 def test_a_command_runs_as_it_is_typed(command, folder_of):
     folder = folder_of(command)

@@ -90,7 +90,7 @@ def assert_found(result: dict, held: str) -> None:
     assert unseen["predicted_from"] == pytest.approx(middle, abs=0.05)
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     held, recordings = tracks
     names = [tmp_path / f"swing{i}.csv" for i in range(3)]
@@ -105,7 +105,7 @@ def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     assert ("in a clamp" if HELD[held] is not None else "behind a free hinge") in page
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 def test_the_known_whip_and_state_give_the_swing_back(tracks):
     """Against Lagrange's equations: with the true numbers, only the readings' errors are left."""
     held, recordings = tracks
@@ -113,7 +113,6 @@ def test_the_known_whip_and_state_give_the_swing_back(tracks):
     assert np.mean([x.chi for x in found]) == pytest.approx(1, abs=0.2)
 
 
-@pytest.mark.heavy
 def test_derivatives_of_a_clamped_whips_readings(tracks):
     held, recordings = tracks
     plant = Plant(WHIP, clamp=HELD[held])

@@ -23,8 +23,6 @@ from whiptool.models.strike import default_bounds
 from whiptool.recording.readers.tracks import write_csv
 from whiptool.recording.strike_recording import StrikeRecording
 
-pytestmark = pytest.mark.heavy
-
 LEMON = preset("lemon2024")
 TRUE = {"whip.k": 0.242, "whip.b": 0.092}
 GUESS = LEMON.with_parameters({"whip.k": 0.32, "whip.b": 0.07})
@@ -113,6 +111,7 @@ def test_sound_recordings_are_right(tmp_path, drive):
     assert summary["remarks"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "first_alone", "kind", "size"),
     [

@@ -94,7 +94,6 @@ def recordings(rollout: wt.CompiledRollout, *, controller: bool) -> list[wt.Stri
     return found
 
 
-@pytest.mark.heavy
 def test_a_model_is_fitted_to_recordings_by_short_names(rollout):
     """The controller is the recordings' own."""
     truth = MODEL.parameters()["whip.k"]

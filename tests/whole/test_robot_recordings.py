@@ -26,8 +26,6 @@ from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.recording.readers import read_recording
 from whiptool.target import Target
 
-pytestmark = pytest.mark.slow
-
 TRUE = {"whip.k": 0.05, "whip.b": 0.004, "whip.l": 0.2}
 WHIP = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)
 TRUTH = dataclasses.replace(preset("ur5e"), whip=WHIP)
@@ -164,6 +162,7 @@ def test_learning_takes_the_measured_joints_for_what_the_hand_did(lab, tmp_path)
     assert misled.belief.values()["delay"] == pytest.approx(robot_lab.LAG, rel=0.2)
 
 
+@pytest.mark.slow
 def test_an_adaptation_waits_for_the_robot_and_goes_on_from_its_files(tmp_path):
     """Look, and strike: every wait ends the process; what is learned is the whip, by the robot's own joints."""
     for seed in range(2):

@@ -18,12 +18,11 @@ from whiptool.models.arm_limits import ArmLimits
 from whiptool.optimizers.trial_log import TrialLog
 from whiptool.rollout import Trajectory
 
-pytestmark = pytest.mark.slow
-
 UR5E = ["--model", "ur5e"]
 NAH = ["--model", "nah2023", "--controller", "constant", "--timestep", "0.001"]
 
 
+@pytest.mark.slow
 def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     """SIGKILL in mid-search of a robot with limits, half a line torn off, then --resume."""
     options = [*UR5E, "--target", "1.2", "0.3", "0.5", "--timestep", "0.001", "--no-stop-at-hit", "--no-video"]
@@ -60,6 +59,7 @@ def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     assert 0 < results[0]["n_refused"] < 100
 
 
+@pytest.mark.slow
 def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
     done = called("optimize", *NAH, "--target", "1.995", "0", "0", "--no-video", "--out", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

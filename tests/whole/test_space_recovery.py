@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from repository import ROOT
 
-pytestmark = pytest.mark.slow
-
 _SPEC = importlib.util.spec_from_file_location("cameras_benchmark", ROOT / "benchmarks" / "cameras.py")
 assert _SPEC is not None
 assert _SPEC.loader is not None
@@ -25,6 +23,7 @@ def bench():
     return cameras.Bench.make("universal")
 
 
+@pytest.mark.slow
 def test_k_b_m_come_back_within_their_intervals(bench):
     """Errors of 5 mm at the tip, 60 frames a second, cameras that are not synchronous; one strike is only foreseen."""
     films = [

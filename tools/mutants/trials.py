@@ -15,6 +15,7 @@ from tools.mutants.population import Mutant
 GENEROUS, SLACK = 10.0, 30.0  # a mutant has ten times what the tests took without it, and [s] on top
 TOO_LONG = {124, 137, 152}  # as coreutils' timeout exits, for its own limit and for that of processor time
 NO_TESTS = 5  # as pytest exits where nothing was selected
+STAGES = "not slow", "slow"  # marks of tests; the second try what survives the first
 QUIET = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -50,7 +51,7 @@ class Copy:
 
     root: Path
     folder: Path
-    usual: dict[tuple[str, ...], Run] = field(default_factory=dict)  # of tests without a mutant
+    usual: dict[tuple[tuple[str, ...], str], Run | None] = field(default_factory=dict)  # without a mutant
 
     @classmethod
     def of(cls, root: Path, folder: Path) -> Copy:
@@ -73,29 +74,42 @@ class Copy:
         Raises:
             Broken: They do not pass without it.
         """
-        if tests not in self.usual:
-            usual = self.usual[tests] = self._run(tests, clock=3600.0, processor=3600.0)
-            if usual.code != 0:
-                tail = "\n".join(usual.output.splitlines()[-15:])
-                raise Broken(f"{' '.join(tests)}: pytest exits with {usual.code} without a mutant\n{tail}")
-        usual = self.usual[tests]
-        module = self.folder / "tree" / mutant.place.module
-        original = module.read_text()
-        module.write_text(mutant.code)
-        try:
-            run = self._run(tests, clock=GENEROUS * usual.seconds + SLACK, processor=GENEROUS * usual.processor + SLACK)
-        finally:
-            module.write_text(original)
-        return run.code == 0, run.ended_by, run.seconds
+        seconds = 0.0
+        for which in STAGES:
+            usual = self._usual(tests, which)
+            if usual is None:
+                continue
+            limits = {"clock": GENEROUS * usual.seconds + SLACK, "processor": GENEROUS * usual.processor + SLACK}
+            module = self.folder / "tree" / mutant.place.module
+            original = module.read_text()
+            module.write_text(mutant.code)
+            try:
+                run = self._run(tests, which, **limits)
+            finally:
+                module.write_text(original)
+            seconds += run.seconds
+            if run.code != 0:
+                return False, run.ended_by, seconds
+        return True, "", seconds
 
-    def _run(self, tests: tuple[str, ...], *, clock: float, processor: float) -> Run:
+    def _usual(self, tests: tuple[str, ...], which: str) -> Run | None:
+        """How tests do without a mutant; None: there are none of that mark."""
+        if (tests, which) not in self.usual:
+            run = self._run(tests, which, clock=3600.0, processor=3600.0)
+            if run.code not in (0, NO_TESTS):
+                tail = "\n".join(run.output.splitlines()[-15:])
+                raise Broken(f"{' '.join(tests)}: pytest exits with {run.code} without a mutant\n{tail}")
+            self.usual[tests, which] = run if run.code == 0 else None
+        return self.usual[tests, which]
+
+    def _run(self, tests: tuple[str, ...], which: str, *, clock: float, processor: float) -> Run:
         """Run tests within limits [s], which end them also where whoever started them was killed.
 
         The processor's limit is the one that counts: it is the same on a busy machine.
         """
         tree = self.folder / "tree"
         limits = ["timeout", "--kill-after=10", f"{clock:.0f}", "prlimit", f"--cpu={processor:.0f}"]
-        pytest = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", *tests]
+        pytest = [sys.executable, "-m", "pytest", "-x", "-q", "-m", which, "-p", "no:cacheprovider", *tests]
         surroundings = {
             **os.environ,
             **QUIET,
@@ -112,6 +126,4 @@ class Copy:
             process.returncode = os.waitstatus_to_exitcode(status)
             output.seek(0)
             text = output.read()
-        if process.returncode == NO_TESTS:
-            raise Broken(f"{' '.join(tests)}: no test that is not marked slow")
         return Run(process.returncode, text, time.monotonic() - started, used.ru_utime + used.ru_stime)

@@ -92,7 +92,6 @@ def test_the_report_says_how_many_targets_are_hit_in_both_spaces(monkeypatch):
     assert "Of 3 targets 3 are hit" in section.parts[0].text
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize(("robot", "space"), STRIKES)
 def test_the_same_target_is_hit_in_both_spaces_by_both_robots_within_their_limits(robot, space):
     model, strike, target = preset(robot), np.array(STRIKES[robot, space]), targets(2)[1]

@@ -77,7 +77,6 @@ def test_candidates_are_struck_one_after_the_other():
     assert by_candidates(a_map(*[0.0] * 19, 0.3, 0.35), GOAL) == {"trials": 20, "hit": True}  # more than at once
 
 
-@pytest.mark.heavy
 def test_a_hit_keeps_all_limits_unless_collisions_are_left_aside():
     clear, free = ur5e(), ur5e(clear=False)
     assert clear.name != free.name  # results of one are none of the other
@@ -134,7 +133,6 @@ def test_what_strikes_came_to_is_plain_data():
     assert table == {"hit": [True, False], "miss": [0.01, None], "angle": [0.1, None], "within": [True, False]}
 
 
-@pytest.mark.heavy
 def test_a_strike_is_where_mujoco_has_it(monkeypatch):
     """A short strike of the robot, and a goal that is where its tip passes; another angle is no hit."""
     striker = TASK.striker(1)

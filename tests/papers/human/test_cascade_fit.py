@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 from human_data import DATA, needs_people, write_made_up
 
 from papers.human.cascade_fit import fit_cascade, measured, predicted, start
@@ -29,7 +28,6 @@ def test_a_throw_of_the_model_is_found_again(tmp_path):
 
 
 @needs_people
-@pytest.mark.heavy
 def test_the_discrete_cascade_is_explained_and_the_rhythmic_one_predicted():
     people = read_people(DATA)
     seen = {style: measured(people, style) for style in STYLES}

@@ -12,8 +12,6 @@ from repository import ROOT
 
 from papers.human.command import REPORT
 
-pytestmark = pytest.mark.slow
-
 SMALL = ("--resamples", 0, "--seeds", 1, "--trials", 20, "--whips", 0, "--draws", 10)
 
 

@@ -102,7 +102,6 @@ def likelihood_of(y: np.ndarray, X: np.ndarray, Z: np.ndarray, person: np.ndarra
 
 
 @needs_people
-@pytest.mark.heavy
 @pytest.mark.parametrize("quantity", ["min_distance", "peak_hand_speed"])
 def test_their_models_beside_a_likelihood_in_numpy(quantity):
     """Another optimizer on another expression of the likelihood finds nothing better."""

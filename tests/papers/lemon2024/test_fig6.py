@@ -12,8 +12,6 @@ from whiptool.comparison.plan import OBSERVATIONS
 from whiptool.viz import report
 from whiptool.viz.report import verdict_over
 
-pytestmark = pytest.mark.slow
-
 
 def series(method: str, mean: float, *, observation: str = "") -> Series:
     """A method that needs about `mean` trials at each of 300 targets."""

@@ -8,8 +8,6 @@ import pytest
 from papers.lemon2024 import fig7
 from whiptool.viz import report
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.mark.parametrize(("sac", "expected"), [(40.0, [True, True]), (15.0, [True, False]), (5.0, [False, False])])
 def test_rewards_decide_the_claims_of_fig7(sac, expected):

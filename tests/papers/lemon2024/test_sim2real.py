@@ -16,8 +16,6 @@ from whiptool.identification.similarity import Similarity
 from whiptool.impedance import Controller
 from whiptool.viz.report import NOT_REPRODUCED, REPRODUCED
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("dynamixel_sdk")
 
 MODEL = wt.preset("lemon2024")

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import pytest
 from claims import verdicts
 
 from papers.lemon2024 import table4
 from papers.lemon2024.tracking_errors import TABLE4_CONSTANT, TABLE4_OIAC, TrackingErrors
 from whiptool.viz import report
-
-pytestmark = pytest.mark.slow
 
 
 def test_table4s_own_numbers_are_reproduced():

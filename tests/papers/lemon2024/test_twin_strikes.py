@@ -11,8 +11,6 @@ from whiptool.comparison import Scene
 from whiptool.impedance import Controller
 from whiptool.models.motor_limits import XM430
 
-pytestmark = pytest.mark.slow
-
 pytest.importorskip("dynamixel_sdk")
 
 MODEL = wt.preset("lemon2024")

@@ -30,7 +30,6 @@ def _nearest(points: np.ndarray) -> tuple[float, int]:
     return best, which
 
 
-@pytest.mark.heavy
 def test_nearest_of_the_last_nodes_is_that_of_the_whole_trajectory():
     """Until the same instant whatever D is; the places are those of forward kinematics, not the engine's own."""
     rule = LastNodes(simulator(1), 15, 1.6)
@@ -46,7 +45,6 @@ def test_nearest_of_the_last_nodes_is_that_of_the_whole_trajectory():
     assert which != {14}  # not the tip each time
 
 
-@pytest.mark.heavy
 def test_one_node_is_the_tip():
     rollout = simulator(1)
     stay = 1.6 - STRIKES[:1, -1]
@@ -57,14 +55,12 @@ def test_one_node_is_the_tip():
     assert one.max_torque == pytest.approx(tip.max_torque)
 
 
-@pytest.mark.heavy
 @pytest.mark.parametrize("nodes", [[], [25], [-1]])
 def test_nodes_that_are_not_there_are_refused(nodes):
     with pytest.raises(InputError, match="0 to 24"):
         simulator(1).nearest_node(STRIKES[:1], TARGET, nodes=nodes)
 
 
-@pytest.mark.heavy
 def test_published_strikes_come_as_near_as_published():
     """Within 1 mm of a hit at targets 1 to 5, 2 mm from the published distance at target 6."""
     rule = LastNodes(simulator(None), published.LAST_NODES, published.UNTIL)

@@ -13,7 +13,6 @@ from papers.nah2023.units import BOUNDS, simulator
 TARGET = np.array(published.TARGETS[2])
 
 
-@pytest.mark.heavy
 def test_descent_hits_and_its_sensitivity_is_that_of_differences():
     """From the published strike, which the tip misses by far, to the target; there the tip's path moves with each
     parameter as the distance between the old closest point and the new path says."""
@@ -82,7 +81,6 @@ def test_a_step_is_the_best_within_the_box(u):
     assert np.all((at + step >= -1e-12) & (at + step <= 1 + 1e-12))
 
 
-@pytest.mark.heavy
 def test_a_descent_at_full_reach_follows_the_curvature_of_the_links():
     """Where one by the tip's derivatives alone gains a tenth of a millimetre, from 15.8 mm."""
     rollout, target = simulator(None), np.array(published.TARGETS[4])

@@ -7,8 +7,6 @@ import pytest
 
 from papers.unknown.trials import Trials, reliability
 
-pytestmark = pytest.mark.slow
-
 
 def test_intervals_resample_whips_not_trials():
     """Ten whips, each the same in all its hundred trials, tell as much as ten numbers."""

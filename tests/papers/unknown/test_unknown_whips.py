@@ -5,13 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 from whip_study import study_of
 
 from papers.unknown.unknown_whips import OpeningUnit, WhipUnit
 from whiptool.zone import Disc
-
-pytestmark = pytest.mark.slow
 
 
 def test_an_unknown_whip_is_tried_with_every_method():

@@ -13,7 +13,6 @@ from whiptool.comparison import Comparison, Scene
 from whiptool.models.strike import Strike
 from whiptool.viz.report import Table
 
-pytestmark = pytest.mark.slow
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 
 

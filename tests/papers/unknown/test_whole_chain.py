@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-import pytest
 from whip_study import study_of
 
 from papers.unknown import whole_chain
 from papers.unknown.whole_chain import ReachUnit, RigTransferUnit
 from whiptool.adaptation import options as options_of_adaptation
-
-pytestmark = pytest.mark.slow
 
 
 def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):

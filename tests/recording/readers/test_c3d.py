@@ -116,7 +116,6 @@ def test_c3d_cut_off(tmp_path):
         read_recording(tmp_path / "a.c3d")
 
 
-@pytest.mark.heavy
 def test_fuzz_c3d(tmp_path):
     write_c3d(tmp_path / "a.c3d")
     fuzz(tmp_path / "a.c3d", 20, lambda: read_recording(tmp_path / "a.c3d"))

@@ -63,7 +63,7 @@ def test_mat_versions(tmp_path):
         read_recording(tmp_path / "a.mat")
 
 
-@pytest.mark.heavy
+@pytest.mark.slow
 @pytest.mark.parametrize("compressed", [False, True])
 def test_fuzz_mat(tmp_path, compressed):
     from scipy.io import savemat
