@@ -87,6 +87,7 @@ def test_twins_in_space_have_the_robots_arm(family):
     assert twin == draw_twin(family, 3, MODEL, CONTROLLER, STOCK)
 
 
+@pytest.mark.slow
 def test_a_wiggle_keeps_the_limits_of_the_robot(prior):
     strike, told = choose_wiggle(prior, rng=np.random.default_rng(0), keeps=LIMITS, candidates=8, t_stay=0.1)
     assert told > 1

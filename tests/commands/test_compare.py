@@ -82,6 +82,7 @@ def test_chunks_make_no_difference(scene):
         assert outcome["trials"] == [x for part in parts for x in part["outcomes"][i]["trials"]]
 
 
+@pytest.mark.slow
 def test_learner_goes_on_from_a_checkpoint_as_if_nothing_had_happened(scene, tmp_path):
     """Also when the history is ahead of the checkpoint, as after a kill between the two."""
     unit = LearnerUnit(scene=scene, method="sac", observation="goal", seed=1, episodes=14, trials=6, random_episodes=5)

@@ -31,6 +31,7 @@ def recording() -> StrikeRecording:
     return StrikeRecording(t, points.transpose(2, 0, 1) + noise, tuple(MARKERS), sigma=np.array(5e-4), strike=STRIKE)
 
 
+@pytest.mark.slow
 def test_exchanged_labels_are_refused_or_put_back(recording, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     points = recording.points.copy()

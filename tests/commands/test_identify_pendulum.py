@@ -28,6 +28,7 @@ def test_names_of_one_link_and_of_all():
         full_names(("k",), TWO)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recorded pendulum in {DATA}")
 def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
     """Three pieces of a second each, one more held out: as many unseen directions as the chain has, and the angles,

@@ -77,6 +77,7 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     assert "Hits" not in page
 
 
+@pytest.mark.slow
 def test_a_strike_of_a_robot_is_exported_within_what_is_left(capsys):
     robot = preset("ur5e")
     words = [*UR5E, "--strike", *GOOD, "--export-trajectory", "strike.csv", "--json"]

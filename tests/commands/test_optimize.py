@@ -116,6 +116,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path, method):
     assert outcome_of(tmp_path / "killed") == outcome_of(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_interruption_saves_and_summarises(tmp_path):
     command = [sys.executable, "-m", "whiptool.optimize", "--no-stop-at-hit", "--max-trials", "100000", "--no-video",
                "--json", "--out", "run"]  # fmt: skip

@@ -25,6 +25,7 @@ def swings(name: str, *, every: int, last: int | None = None) -> list[AngleRecor
     ]
 
 
+@pytest.mark.slow
 def test_double_pendulum_predicts_the_held_out_pieces():
     held = (4, 11, 18, 25)
     train = [r for i, r in enumerate(swings("double", every=12)) if i not in held]
@@ -49,6 +50,7 @@ def test_double_pendulum_predicts_the_held_out_pieces():
     assert result.uncertainty.product({"link.mass[1]": 1})[1] is None
 
 
+@pytest.mark.slow
 def test_single_pendulum_with_and_without_dry_friction():
     """Each piece held out in turn and predicted for 9 s: dry friction explains how small swings end."""
     pieces = swings("single", every=25)

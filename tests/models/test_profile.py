@@ -261,6 +261,7 @@ def tips(whip: WhipParameters, strikes: np.ndarray) -> np.ndarray:
     return approach.tip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", [UNIFORM, TAPERED, FLEXIBLE], ids=["uniform", "tapered", "flexible"])
 def test_hats_beat_naive_lumping(profile: WhipProfile):
     """Median distance of the tip at closest approach from the same whip at 36 nodes, over 24 random strikes. Measured

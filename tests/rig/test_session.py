@@ -38,6 +38,7 @@ def test_an_ideal_twin_is_seen_to_do_what_the_model_says() -> None:
     assert seen.tip[0] == pytest.approx(model.tip[0], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_rig_compensates_the_weights_that_its_owner_knows_of() -> None:
     """A heavier whip: rig, rehearsal and compiled model agree once the model's controller reckons as the rig's does."""
     heavy = MODEL.with_parameters({"whip.m": 0.016})

@@ -168,6 +168,7 @@ def test_derivatives_against_central_differences(law: str):
     assert np.mean(compared) > 0.9
 
 
+@pytest.mark.slow
 def test_a_number_that_is_zero_can_be_freed():
     arm = MODEL.arm.with_parameters({"com[0].x": 0.0, "armature[1]": 0.0})
     model, names = replace(MODEL, arm=arm), ["arm.com[0].x", "arm.armature[1]"]

@@ -63,6 +63,7 @@ def test_mujoco_makes_the_same_strike_with_the_same_torques(model):
     assert (np.abs(path.tau - other.tau).max(axis=0) < 0.01 * scale).all()  # the first stage's: of first order
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [LIGHT, RODS], ids=["universal", "rod"])
 def test_it_is_the_limit_of_a_stiff_impedance(model):
     """Ten times as stiff, a tenth of the difference in path and torque."""

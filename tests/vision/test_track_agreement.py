@@ -65,6 +65,7 @@ def test_of_two_cameras_either_may_have_been_moved():
     assert found.apart > 3
 
 
+@pytest.mark.slow
 def test_strikes_are_told_apart_by_their_logs_or_their_order():
     """Else the first strike by one camera would be held against the second by the other."""
     first, second = filmed([LEFT, RIGHT], seed=0), filmed([LEFT, RIGHT], seed=1)

@@ -116,6 +116,7 @@ def test_a_diverged_strike_has_a_page():
     assert [x[-1] for x in data["tau"]] == [None, None]
 
 
+@pytest.mark.slow
 @browser
 def test_the_page_draws_the_strike(page, trajectory, tmp_path):
     """Opened at t = 0.5: no error, the readings are the trajectory's, and the joints drawn end at its tip."""

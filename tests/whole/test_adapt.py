@@ -167,6 +167,7 @@ def test_bad_recordings_do_not_send_the_next_strike_astray(prior, first, how, sa
     assert miss < 0.06
 
 
+@pytest.mark.slow
 def test_a_recording_of_another_whip_is_refused(prior, first):
     strike = Strike.from_vector(first.strike)
     good = [filmed(port_of(1), strike), filmed(port_of(1), STRIKE, 2)]
@@ -212,6 +213,7 @@ def test_at_rest_all_frames_are_one():
     assert usable(dataclasses.replace(resting, points=lost))[0] is None
 
 
+@pytest.mark.slow
 def test_a_whip_at_rest_is_no_measure_for_one_that_moves():
     """A uniform whip explains how a stranger hangs to the millimetre, and how it moves to some centimetres."""
     uniform, port = default_prior(MODEL, CONTROLLER, whip="uniform"), port_of(1, "stranger")
@@ -247,6 +249,7 @@ def test_limits_are_kept_where_they_can_be(prior):
     assert "motors give" in chosen.reason
 
 
+@pytest.mark.slow
 def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
     """As by a rehearsal that sees more of a strike than its largest speed and torque."""
     kinder = dataclasses.replace(XM430, stall_torque=6.0, no_load_speed=8.0)
@@ -375,6 +378,7 @@ def test_a_whip_that_hangs_shows_its_length(family):
     assert hits >= (stated - 1 if family == "stranger" else 3)
 
 
+@pytest.mark.slow
 def test_when_a_look_is_taken(prior):
     """Before a first strike; a movement instead where it is asked for; none where there is nothing to learn."""
     port, target = port_of(3), Target(TARGET)

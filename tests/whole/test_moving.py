@@ -338,6 +338,7 @@ def watched(kind: str, seed: int) -> tuple[object, np.ndarray]:
     return find_motion("ballistic"), np.r_[at - when * velocity + 0.5 * G * when**2, velocity - G * when]
 
 
+@pytest.mark.slow
 def test_moving_targets_are_hit(library, truth):
     """A camera with 5 mm noise and dropped frames; 12 targets, at least 11 hit."""
     hits, improved = [], []

@@ -65,6 +65,7 @@ def test_the_robot_of_the_lab_lags_behind_what_it_is_told(lab):
     assert behind.max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_whip_is_identified_from_files_alone_and_predicts_another_strike(lab, tmp_path, capsys):
     """MuJoCo's whip on MuJoCo's robot: numbers within their intervals, errors as stated, the next strike foreseen."""
     files, out = [str(lab / f"strike{i}.csv") for i in range(2)], tmp_path / "out"
@@ -149,6 +150,7 @@ def adaptation(folder) -> Adaptation:
     return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
 
 
+@pytest.mark.slow
 def test_learning_takes_the_measured_joints_for_what_the_hand_did(lab, tmp_path):
     """By the command, the robot's lag would be taken for one of the camera's clock, and for another whip."""
     belief = default_prior(guess(tmp_path), Controller(PositionControl()), whip="uniform")

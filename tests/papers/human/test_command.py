@@ -52,6 +52,7 @@ def test_the_report_is_whole(run):
     assert page.count("<img") == 6
 
 
+@pytest.mark.slow
 def test_it_goes_on_where_it_was(run):
     _, folder, done = run
     before = {path.name: path.stat().st_mtime_ns for path in (folder / "units").iterdir()}

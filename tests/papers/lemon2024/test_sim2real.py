@@ -22,6 +22,7 @@ MODEL = wt.preset("lemon2024")
 SCENE = Scene(model=MODEL, controller=Controller())
 
 
+@pytest.mark.slow
 def test_the_whip_is_found_over_its_mass_and_the_camera_late() -> None:
     """From one strike, through servos with counts and friction, and a tip with the error of images."""
     unit = TwinUnit(scene=SCENE, number=0, strike=(-0.622, 0.221, 0.705, 2.122, 1.376), target=(1.2, 0.1), images=False)

@@ -11,6 +11,7 @@ from papers.unknown.unknown_whips import OpeningUnit, WhipUnit
 from whiptool.zone import Disc
 
 
+@pytest.mark.slow
 def test_an_unknown_whip_is_tried_with_every_method():
     """What is learned after one strike is better than the first; what nothing is learned from is the same again."""
     study = study_of()

@@ -50,6 +50,7 @@ class Told:
         return {"trials": [{"target": t, **row} for t in unit.targets], "transferred": further}
 
 
+@pytest.mark.slow
 def test_the_report_of_unknown_whips():
     scene = Scene(model=MODEL, controller=CONTROLLER)
     context = Context(Comparison(scene=scene), Told(), whips=5)

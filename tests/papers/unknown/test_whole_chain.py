@@ -11,6 +11,7 @@ from papers.unknown.whole_chain import ReachUnit, RigTransferUnit
 from whiptool.adaptation import options as options_of_adaptation
 
 
+@pytest.mark.slow
 def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
     study = study_of()
     own = study.within(study.twin("kin", 5))
@@ -28,6 +29,7 @@ def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
     assert unit.run(None, 1) == {"target": None, "passed": 5}
 
 
+@pytest.mark.slow
 def test_a_whip_learned_in_the_whole_chain_is_struck_at_other_targets(monkeypatch):
     """Once each, and those only that the motors reach; without rendering, which takes long."""
     prepare, study = whole_chain.prepared, study_of(strikes=1)
