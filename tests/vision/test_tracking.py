@@ -52,7 +52,10 @@ def film(name, trajectory, seed=0, **options):
     return frames, virtual.truths
 
 
-@pytest.fixture(scope="module", params=CAMERAS)
+FILMED = [pytest.param(name, marks=[pytest.mark.slow] * (name == "d435-color")) for name in CAMERAS]
+
+
+@pytest.fixture(scope="module", params=FILMED)
 def films(request, trajectories):
     return request.param, [film(request.param, x, seed=i) for i, x in enumerate(trajectories)]
 

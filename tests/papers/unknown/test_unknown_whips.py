@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from whip_study import study_of
 
 from papers.unknown.unknown_whips import OpeningUnit, WhipUnit

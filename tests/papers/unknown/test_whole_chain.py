@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import pytest
 from whip_study import study_of
 
 from papers.unknown import whole_chain
