@@ -168,14 +168,14 @@ def test_what_a_passive_swing_cannot_have_is_refused(tracks, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("held", list(HELD))
-def test_a_filmed_swing_from_the_command_line_alone(held, capsys, tmp_path):
+def test_a_filmed_swing_from_the_command_line_alone(capsys, tmp_path):
     """Films of the virtual camera, their calibration counted from the hand."""
     pytest.importorskip("cv2", reason="needs the extra `vision`")
     render = pytest.importorskip("whiptool.vision.render")
     from whiptool.vision.film_files import write_video
     from whiptool.vision.source import frames_of
 
+    held = "clamp"
     camera = camera_preset("d435-infrared").replace(width=424, cx=211.5, fps=60)
     hand = np.array([0.0, -WHIP.arm.length])
     t, names = np.arange(0, LASTS, 2e-3), []
