@@ -67,7 +67,7 @@ class Bench:
 
     Args:
         truth: As MuJoCo simulated it.
-        paths: Of all strikes, the last held out.
+        paths: Paths of all strikes, the last held out.
     """
 
     truth: Plant

@@ -60,7 +60,7 @@ class Unit(NamedTuple):
 
     Args:
         arm, whip: Which case: of KINDS and of WHIPS.
-        number: Of the strike.
+        number: Number of the strike.
         damped: Whether the whip is; otherwise its nodes have no moment of inertia, either.
     """
 

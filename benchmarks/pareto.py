@@ -76,7 +76,7 @@ class Case:
     """One model and two criteria; what is found stands in a folder, if there is one, and is not searched again.
 
     Args:
-        name: Of the model.
+        name: Name of the model.
         pair: Names of the criteria.
         folder: None: nothing is kept.
     """

@@ -134,7 +134,7 @@ def ours(
         checked: Of how many of them the errors are taken.
         bar: Says what is being done.
         name: The preset that the target is of.
-        median: Of the errors [m].
+        median: Median of the errors [m].
     """
     target, true_step = TARGETS[name], TRUE_STEP_LED if controller.prescribed else TRUE_STEP
     bar.set_postfix_str(f"{model.name}, truth")

@@ -106,7 +106,7 @@ class ArrivalRule:
         Args:
             positions: (B, d) [m].
             hit_radius: [m]
-            angles: Of arrival, where they are drawn [rad], (B,).
+            angles: Angles of arrival, where they are drawn [rad], (B,).
 
         Raises:
             InputError: Angles are missing or given in vain, or a target in space lies above or below the base.

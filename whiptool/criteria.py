@@ -256,7 +256,7 @@ def find_criterion(name: str, bounds: StrikeBounds, *, noise: Sequence[float] = 
 
     Args:
         name: One of `CRITERIA`.
-        bounds: Of the strikes that are judged.
+        bounds: Bounds of the strikes.
         noise: Standard deviations for `robustness` [rad, s]: one of all numbers of a strike, or one each.
 
     Raises:

@@ -120,7 +120,7 @@ def no_attribute(owner: object, name: str, cures: Mapping[str, str] | None = Non
 
     Args:
         owner: The object.
-        name: Of the attribute.
+        name: Name of the attribute.
         cures: What to write instead, by names that are guessed.
     """
     cure = (cures or {}).get(name)

@@ -86,7 +86,7 @@ def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
 
     Args:
         path: The file.
-        kind: Of the whole.
+        kind: Kind of the whole.
 
     Raises:
         InputError: It cannot be read, is not JSON, or holds something else.

@@ -29,7 +29,7 @@ def probability_within(
     Args:
         radius: [m]
         miss: Expected distance at which it passes [m], any shape.
-        scale: Of the error across the path [m], one number or like `miss`; positive.
+        scale: Scale of the error across the path [m], one number or like `miss`; positive.
         freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
 
     Returns:
@@ -47,7 +47,7 @@ def direction_error(error: np.ndarray | float, speed: np.ndarray) -> np.ndarray:
 
     Args:
         error: Standard error of the place [m], one number or like `speed`.
-        speed: Of the tip [m/s], any shape.
+        speed: Speed of the tip [m/s], any shape.
     """
     return np.arctan(error / (np.maximum(speed, _STILL) * PACE))
 
@@ -70,7 +70,7 @@ class Goals(NoArray, instead="its positions"):
     """Goals of B strikes, or one goal of them all (B = 1), in d = 2 or 3 dimensions.
 
     Args:
-        positions: Of the targets [m], (B, d).
+        positions: Positions of the targets [m], (B, d).
         hit_radius: A target is hit when the tip comes this close [m].
         directions: Unit vectors along which the tip has to arrive, (B, d); None: any.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
@@ -121,7 +121,7 @@ class Goals(NoArray, instead="its positions"):
         A tip that rests, as all do before a strike begins, arrives along none: its angle is pi.
 
         Args:
-            velocity: Of the tip [m/s], (B, d).
+            velocity: Velocity of the tip [m/s], (B, d).
         """
         if self.directions is None:
             return np.full(len(velocity), np.nan)
@@ -169,8 +169,10 @@ class Goals(NoArray, instead="its positions"):
         This is the one place where hits are decided: whatever shows, counts or rewards them asks it.
 
         Args:
-            distance: Of the tip from the target at the closest approach [m], (B,); not finite of a diverged strike.
-            velocity: Of the tip then [m/s], (B, d); None: not known, and only goals that are points can be hit.
+            distance: Distance of the tip from the target at the closest approach [m], (B,); not finite of a diverged
+                strike.
+            velocity: Velocity of the tip then [m/s], (B, d); None: not known, and only goals that are points can be
+                hit.
             error: Standard error of the distance where it was measured [m], (B,): a hit is claimed from a probability
                 of `CLAIMED`. None: the distance was computed.
         """
@@ -190,8 +192,8 @@ class Goals(NoArray, instead="its positions"):
 
         Args:
             distance: Expected distance of the tip from the target at the closest approach [m], any shape.
-            velocity: Of the tip then [m/s], one more axis, (..., d); None: not known, and of a goal that is more than a
-                point the probability is one half at most.
+            velocity: Velocity of the tip then [m/s], one more axis, (..., d); None: not known, and of a goal that is
+                more than a point the probability is one half at most.
             error: Scale of the place's error [m], one number or like `distance`; positive.
             freedom: Degrees of freedom of the place's error, see `probability_within`.
         """
@@ -223,7 +225,7 @@ class Goals(NoArray, instead="its positions"):
         it. Each of the three parts is at most the hit radius of a hit.
 
         Args:
-            tip, velocity: Of the tip at the closest approach [m], [m/s], (B, d).
+            tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).
         """
         parts = [tip - self.positions]
         if self.directions is not None:
@@ -240,8 +242,8 @@ class Goals(NoArray, instead="its positions"):
         """Return the norm of the residuals [m], (B,); of goals that are only points it is the distance itself.
 
         Args:
-            distance: Of the tip from the target at the closest approach [m], (B,).
-            velocity: Of the tip then [m/s], (B, d).
+            distance: Distance of the tip from the target at the closest approach [m], (B,).
+            velocity: Velocity of the tip then [m/s], (B, d).
         """
         if self.only_points:
             return distance
@@ -252,7 +254,7 @@ class Goals(NoArray, instead="its positions"):
         """Return the derivatives of the residuals by m parameters, (B, r, m).
 
         Args:
-            velocity: Of the tip at the closest approach [m/s], (B, d).
+            velocity: Velocity of the tip at the closest approach [m/s], (B, d).
             dtip, dvelocity: Derivatives of its place and velocity there, (B, d, m).
         """
         parts = [dtip]
@@ -285,7 +287,8 @@ class Goals(NoArray, instead="its positions"):
         """Return the derivatives of the arrival speeds by m parameters, (B, m).
 
         Args:
-            velocity, dvelocity: Of the tip at the closest approach [m/s], (B, d), and its derivatives, (B, d, m).
+            velocity, dvelocity: Velocity of the tip at the closest approach [m/s], (B, d), and its derivatives, (B, d,
+                m).
         """
         unit = self.directions
         if unit is None:
@@ -302,7 +305,7 @@ def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.nd
     angle turns from x, forward, to y, up, and all of the velocity counts.
 
     Args:
-        positions: Of targets [m], (B, d), from the base.
+        positions: Positions of targets [m], (B, d), from the base.
         angles: [rad], (B,).
 
     Raises:

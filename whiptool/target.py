@@ -170,8 +170,8 @@ class Target(Vector):
         What is met, or not asked for, is left out.
 
         Args:
-            distance: Of the tip at the closest approach [m].
-            velocity: Of the tip then [m/s], (2,) or (3,).
+            distance: Distance of the tip at the closest approach [m].
+            velocity: Velocity of the tip then [m/s], (2,) or (3,).
         """
         excess = self.goals.excess(np.array([distance]), np.array([velocity]))
         return {name: float(by[0]) for name, by in excess.items() if by[0] > 0}

@@ -356,7 +356,7 @@ def reachable_region(
         count: Strikes.
         cell: [m]
         rate: Samples of each path a second [1/s].
-        seed: Of the strikes.
+        seed: Seed of the strikes.
         progress: Show a bar.
     """
     reach = rollout.model.reach + cell

@@ -52,14 +52,14 @@ class Aimed:
 
     Args:
         positions: [m], (B, d).
-        angles: Of arrival [rad], (B,); NaN where none is asked for.
+        angles: Angles of arrival [rad], (B,); NaN where none is asked for.
         one_shot, refined: The best of the map's own strikes that keep the limits, and refined ones.
         one_shot_unchecked: Which of the map's best strikes hit, were they taken without a look at the limits, (B,).
         one_shot_by_joints: Which of these would hit if the limits of joints were all, (B,).
         strikes: The refined ones, (B, m).
-        rollouts, derivatives: Of refinement, in all.
+        rollouts, derivatives: Rollouts and derivatives of refinement, in all.
         followed: Trials and hits of the goals that are missed in one shot, by what follows a miss.
-        seconds, processor_seconds: Of one shot and of refinement, in all, (2,).
+        seconds, processor_seconds: Seconds and processor seconds of one shot and of refinement, in all, (2,).
         missed: What other searches came to, by the number of the goal that refinement missed.
         replayed: What came in MuJoCo, by the number of the goal.
         oracle: What came with a Cosserat rod, by the number of the goal.
@@ -206,9 +206,9 @@ def aim(
 
     Args:
         task: See there.
-        strike_map: Of the task.
-        folder: Of the map.
-        store: Of the results.
+        strike_map: Strike map of the task.
+        folder: Folder of the map.
+        store: Store of the results.
         goals: How many.
         replays: Strikes that are replayed in MuJoCo, the first that hit.
         oracle: Of the same, how many are played with a Cosserat rod.

@@ -32,16 +32,16 @@ class AimTask:
     """What strikes, and at what.
 
     Args:
-        name: Of it, fit for a file.
+        name: Name of it, fit for a file.
         model, controller: Whip, arm, and law.
-        tolerance, timestep: Of the compiled rollout, see there.
-        region: Of the goals.
+        tolerance, timestep: Tolerance and timestep of the compiled rollout, see there.
+        region: Region of the goals.
         limited: Whether strikes have to keep the arm's limits.
         clear: Whether arm, whip and floor have to keep clear of each other.
         drawn: Goals that are drawn; all together, so that the first of them are the same however many are struck at.
         goal_seed: They are drawn with it.
-        plan: Of the map.
-        seed: Of the map.
+        plan: Plan of the map.
+        seed: Seed of the map.
         corrected: Whether strikes are counted where a miss is followed by corrections.
         floor: Its height [m]; None: no floor.
         t_stay: A strike is watched this long after the movement ended [s].

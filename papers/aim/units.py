@@ -32,8 +32,8 @@ class KeptMap:
     """A map in its folder: results are those of the map, wherever the folder is.
 
     Args:
-        folder: Of the map.
-        label: Of the map, different for different ones.
+        folder: Folder of the map.
+        label: Label of the map, different for different ones.
     """
 
     folder: Path = field(compare=False)
@@ -114,7 +114,7 @@ class AloneUnit(MapUnit):
     """How long refined strikes take, one goal after the other.
 
     Args:
-        count: Of the first goals.
+        count: Count of the first goals.
     """
 
     count: int

@@ -34,7 +34,7 @@ class Bullwhip:
     Args:
         stiffness: EI at the handle [N m^2]; it goes with the fourth power of the diameter.
         taper: Diameter at the tip over that at the handle; mass per length goes with its square.
-        damping_time: Of the material: bending damping over stiffness [s].
+        damping_time: Damping time of the material: bending damping over stiffness [s].
     """
 
     stiffness: float

@@ -34,7 +34,7 @@ class Measured:
 
     Args:
         hand: Their mean hand.
-        peaks, times: Of the mean speeds, (M,).
+        peaks, times: Peaks and times of the mean speeds, (M,).
         first, last: Speeds at onset and at the closest approach [m/s], (M,).
         shape: Places when the hand is fastest, from the thong's beginning: forward and up [m], (M, 2).
         way: To the target from there [m], (2,).
@@ -81,7 +81,7 @@ class Explained:
     """A path and a whip.
 
     Args:
-        path, whip: Of the throw.
+        path, whip: Path and whip of the throw.
         x: The same as the vector that is fitted.
         cost: Half the sum of squared residuals, of the fit.
     """
@@ -162,8 +162,8 @@ def resampled(people: People, best: Explained, count: int, *, seed: int = 0) -> 
     Args:
         people: Everybody.
         best: The fit to all, where each repetition begins.
-        count: Of repetitions.
-        seed: Of the drawing.
+        count: Count of repetitions.
+        seed: Seed of the drawing.
     """
     rng = np.random.default_rng(seed)
     everybody = sorted({one.person for one in people.speeds})

@@ -70,8 +70,8 @@ def curve(label: str, misses: Sequence[Sequence[float | None]], *, seed: int = 0
 
     Args:
         label: Whose.
-        misses: Of each learner, trial by trial [m]; None where nothing was seen.
-        seed: Of the drawing.
+        misses: Misses of each learner, trial by trial [m]; None where nothing was seen.
+        seed: Seed of the drawing.
     """
     longest = max(len(one) for one in misses)
     table = np.full((len(misses), longest), np.nan)

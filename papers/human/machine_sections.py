@@ -25,7 +25,7 @@ class Effort:
     """How much is worked on.
 
     Args:
-        seeds: Of every method that strikes.
+        seeds: Seeds of every method that strikes.
         trials: Strikes at most of each search.
         whips: Unknown whips that are adapted to.
         draws: Noisy strikes of each size.

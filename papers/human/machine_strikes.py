@@ -43,7 +43,7 @@ class StrikeUnit(Unit):
 
     Args:
         method: A key of `METHODS`.
-        seed: Of what is random.
+        seed: Seed of what is random.
         hit_radius: [m]
         trials: Strikes at most, of which the best is kept.
     """

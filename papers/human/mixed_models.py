@@ -50,7 +50,7 @@ class MixedModel:
         random: What people differ in: of `mean`, `style`, `block`.
         between: Standard deviation between people of each of those.
         within: Standard deviation of throws about their person's line.
-        log_likelihood: Of the fit by maximum likelihood.
+        log_likelihood: Log likelihood of the fit by maximum likelihood.
         throws: How many there were.
     """
 

@@ -87,7 +87,7 @@ class People:
         throws: A row per throw; columns `person`, `style`, `block`, `trial`, `min_distance` [m], `hit`, times `onset`,
             `peak_hand_time`, `closest_time` and `interval` [s], `peak_hand_speed`, `peak_tip_speed` [m/s], `extension`
             [m], `whip_azimuth`, `hand_azimuth` [deg], and `duration` [s] from onset to closest approach.
-        speeds: Of every person in every style.
+        speeds: Speeds of every person in every style.
         shapes: By style, places of ten markers of the whip, tip first, and of two of the handle, when the hand is
             fastest [m], (throws, 3, 12), in the order of the table.
     """

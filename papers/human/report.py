@@ -34,7 +34,7 @@ def report(people: People, resamples: int, effort: Effort, store: Store) -> tupl
     Args:
         people: Their data.
         resamples: Number of bootstrap samples of people for the intervals of the whip's numbers.
-        effort: Of the machines' part.
+        effort: Effort of the machines' part.
         store: Where what takes long is kept.
     """
     styles = all_styles(people)

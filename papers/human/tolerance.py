@@ -94,7 +94,7 @@ def tolerance(rollout: Rollout, target: Target, strikes: np.ndarray, *, draws: i
         target: What is to be hit, with its hit radius.
         strikes: The method's.
         draws: Noisy strikes of each size.
-        seed: Of the noise.
+        seed: Seed of the noise.
     """
     m = strikes.shape[1]
     normal = np.random.default_rng(seed).standard_normal((draws, m))
@@ -143,9 +143,9 @@ def costs(
         target: What is to be hit.
         strike: Whose executions have independent normal noise, (m,).
         places: Strikes at which the same scatter is tried for the cost of tolerance.
-        size: Of the noise [rad, s].
+        size: Size of the noise [rad, s].
         executions: Their number.
-        seed: Of the noise.
+        seed: Seed of the noise.
     """
     rng = np.random.default_rng(seed)
     draws = rng.standard_normal((executions, len(strike)))

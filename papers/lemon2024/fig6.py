@@ -26,7 +26,7 @@ class Standings:
 
     Args:
         series: At one hit radius, learners under one convention.
-        observation: Of the learners.
+        observation: Observation of the learners.
     """
 
     def __init__(self, series: Sequence[Series], observation: str) -> None:

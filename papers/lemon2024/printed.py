@@ -33,7 +33,7 @@ def compared(rows: Sequence[Sequence[str]], caption: str, *here: str) -> Table:
 
     Args:
         rows: What, the paper's, and ours, in as many columns as `here` names.
-        caption: Of the table.
+        caption: Caption of the table.
         here: Heads of our columns; none: one that is called `here`.
     """
     return Table([["", "the paper", *(here or ("here",))], *rows], caption)

@@ -52,7 +52,7 @@ def shares(
     """Return a claim on a measure of the hand's movement.
 
     Args:
-        name: Of the claim, and after a colon of the measure.
+        name: Name of the claim, and after a colon of the measure.
         paper: What the paper says.
         solutions: By target: values by measure, shares from 0 to 1.
         holds: Whether it holds of a solution, from its value.

@@ -68,7 +68,7 @@ def task_compliance(arm: SpatialArm, K: np.ndarray, q: np.ndarray) -> tuple[np.n
     Its inverse is the stiffness at the hand, whose softest direction is that of the largest compliance.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         K: Joint stiffness (a, a) [N m/rad].
         q: Joint positions (..., a) [rad].
 
@@ -107,7 +107,7 @@ def measure(arm: SpatialArm, K: np.ndarray, path: Trajectory, D: float) -> HandM
     """Measure a strike's movement.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         K: Joint stiffness (a, a) [N m/rad].
         path: The strike.
         D: Duration of the movement [s].

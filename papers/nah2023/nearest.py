@@ -34,7 +34,7 @@ class TrialsUnit(Unit):
 
     Args:
         target: Which, from 0.
-        seed: Of the random strikes.
+        seed: Seed of the random strikes.
         trials: How many.
         random: Random strikes of each.
     """
@@ -70,7 +70,7 @@ class EvolutionUnit(Unit):
 
     Args:
         target: Which, from 0.
-        seed: Of the search.
+        seed: Seed of the search.
         cap: Rollouts.
     """
 

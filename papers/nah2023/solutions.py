@@ -74,7 +74,7 @@ def model_rows(links: LinksThen, r: np.ndarray, width: np.ndarray) -> np.ndarray
     Args:
         links: k links of B strikes.
         r: From the target to the tip (B, 3) [m].
-        width: Of the box (m,).
+        width: Width of the box (m,).
 
     Returns:
         By parameters in widths of the box, (B, 3 + 3 k, m).

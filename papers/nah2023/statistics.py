@@ -15,7 +15,7 @@ class Share:
     """How many of some solutions have a property.
 
     Args:
-        count: Of those that have it.
+        count: Count of those that have it.
         of: All.
     """
 

@@ -89,7 +89,7 @@ class UnknownRope:
     Args:
         family: One of `IN_SPACE`.
         seed: A whole number.
-        material: Of `whiptool.adaptation.materials`.
+        material: Material of `whiptool.adaptation.materials`.
     """
 
     family: str

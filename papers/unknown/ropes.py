@@ -110,7 +110,7 @@ class RopeUnit(Unit):
 
     Args:
         study: See there.
-        family, seed: Of the rope.
+        family, seed: Family and seed of the rope.
         wiggle: What it is known by.
         count: Number of its goals that are struck at.
         first: The first of them.
@@ -150,7 +150,7 @@ class UnseenRopeUnit(Unit):
 
     Args:
         study: See there.
-        family, seed: Of the rope.
+        family, seed: Family and seed of the rope.
         goal: Number of the goal in its order.
     """
 

@@ -13,7 +13,7 @@ class Forecast:
     """What was stated about one strike beforehand, and what came.
 
     Args:
-        probability: Of a hit, as stated.
+        probability: Stated hit probability.
         misses: Predictive sample of the miss distance [m]; None for a sample that diverges.
         miss: True miss distance [m]; None: there was none.
         hit: Whether it hit.

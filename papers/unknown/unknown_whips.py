@@ -154,7 +154,7 @@ class WhipUnit(Unit):
 
     Args:
         study: See there.
-        family, seed: Of the whip.
+        family, seed: Family and seed of the whip.
         method: One of `METHODS`, not `sac`.
         targets: Their numbers.
         openings: First plans, by target; empty: each whip has its own.
@@ -266,9 +266,9 @@ class PolicyUnit(Unit):
 
     Args:
         study: See there.
-        material: Of the whips.
+        material: Material of the whips.
         whips: Family, seed, and numbers of the targets of each.
-        episodes: Of training, of 100 strikes.
+        episodes: Episodes of training, of 100 strikes.
     """
 
     study: Study

@@ -62,14 +62,14 @@ class Size:
     """How much is tried.
 
     Args:
-        whips: Of each family.
-        targets: Of each whip.
+        whips: Whips of each family.
+        targets: Targets of each whip.
         rigs: Whips of each family that go through the whole chain, at one target each.
         transfers: Whips of each family that are struck at further targets; and those of `strange` that are tried with
             `uniform`.
         further: How many.
         rig_transfers: Whips of each family that are struck at further targets through the whole chain.
-        episodes: Of SAC's training.
+        episodes: Episodes of SAC's training.
     """
 
     whips: int = 100

@@ -93,7 +93,7 @@ class RigUnit(Unit):
 
     Args:
         study: See there.
-        family, seed: Of the whip.
+        family, seed: Family and seed of the whip.
         target: Its number.
         method: `adapt`, `still`, `wiggle` or `uniform`.
     """
@@ -133,7 +133,7 @@ class RigTransferUnit(Unit):
 
     Args:
         study: See there.
-        family, seed: Of the whip.
+        family, seed: Family and seed of the whip.
         target: Its number.
         further: Numbers of the others; those that the motors do not reach are left out.
     """

@@ -112,7 +112,7 @@ class Adapter:
         opening: The first plan, if it was made before; None: it is computed.
 
     Attributes:
-        number: Of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
+        number: Number of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
         belief: About the whip, after all that was reported.
         steps: All that were reported.
         done: Whether all strikes have been made, or the last one hit.

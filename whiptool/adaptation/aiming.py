@@ -45,7 +45,7 @@ class Passes:
 
     Args:
         distance: Closest approach [m], (B, S); infinite where it is not known.
-        velocity: Of the tip there [m/s], (B, S, d).
+        velocity: Velocity of the tip there [m/s], (B, S, d).
     """
 
     distance: np.ndarray

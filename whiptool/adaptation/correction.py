@@ -34,7 +34,7 @@ def correct(
     Args:
         strike: What was struck.
         recording: Its tip.
-        rollout: Of the model, which is not the whip that was struck with.
+        rollout: Rollout of the model, which is not the whip that was struck with.
         target: [m]
         t_stay: A strike is watched so long after the movement ended [s].
         bounds: Box of strikes; default: `default_bounds`.

@@ -30,9 +30,9 @@ def search_around(
     Args:
         best: Strike to begin at, (m,).
         value: What it is worth.
-        worth: Of strikes (B, m), (B,); the larger the better.
+        worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
         rng: Generator of the draws.
-        width: Of the box of strikes, by number, (m,).
+        width: Width of the box of strikes, by number, (m,).
         spread: Standard deviation of the first draws, in parts of the width.
         population: Strikes in a round.
         rounds: At most so many.

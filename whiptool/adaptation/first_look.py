@@ -85,7 +85,7 @@ def choose_wiggle(
 
     Args:
         belief: Beforehand.
-        rng: Of the candidates.
+        rng: Random generator of the candidates.
         bounds: Box of strikes, that the arm starts in and stays in; default: `default_bounds`.
         t_stay: As in `information`.
         candidates: How many are compared.

@@ -46,7 +46,7 @@ def judge(
         belief: The posterior of the whip, this strike included; None: the strike is judged by the frames alone.
         until: Later frames are not looked at, unless the tip comes nearest there [s]: a whip that met its target moves
             on as no model does. None: all are.
-        seed: Of the whips that are drawn.
+        seed: Seed of the whips that are drawn.
 
     Returns:
         None where too few frames show the tip.

@@ -121,7 +121,7 @@ class Stock:
     """Distribution of the whips of a material: the logarithms of their numbers depend on independent causes.
 
     Args:
-        name: Of the material, or of the model.
+        name: Name of the material, or of the model.
         centre: Logarithms of `NUMBERS`, (6,).
         spread: How far each cause moves them, from its middle to its end, (6, 7).
     """

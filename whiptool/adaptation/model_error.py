@@ -61,7 +61,7 @@ class ModelError:
         Args:
             goal: One.
             miss: Predicted miss distances [m], any shape.
-            velocity: Of the tip then [m/s], (..., d); None: see `Goals.hit_probability`.
+            velocity: Velocity of the tip then [m/s], (..., d); None: see `Goals.hit_probability`.
             blur: Least scale [m], which a search needs: without it the objective is constant over all strikes that hit
                 with certainty.
 

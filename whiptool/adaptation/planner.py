@@ -33,7 +33,7 @@ class Squeeze:
     Args:
         rounds: Rounds of steps.
         children: Strikes that are tried in each.
-        kept: Of them and those before, the best.
+        kept: Number of the best of them and the former ones that are kept.
         shrink: Factor of the steps from round to round.
         near: Miss on the mean [m] that steps along derivatives mend: no more random ones.
         last_steps: Such steps.
@@ -104,7 +104,7 @@ class Demands:
 
     Args:
         bounds: Box of strikes; default: `default_bounds`.
-        limits: Of the motors; a strike beyond them on the mean is only taken if there is no other.
+        limits: Limits of the motors; a strike beyond them on the mean is only taken if there is no other.
         speed: The tip is at least this fast at the closest approach, on the mean [m/s]; a slower strike is only taken
             if there is no other.
         check: Says why a strike must not be made, or None; called for the best strikes, one after the other. Where it
@@ -161,7 +161,7 @@ def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
 
     Args:
         look: Search for a strike with an effort.
-        efforts: Of the searches, at least one.
+        efforts: Efforts of the searches, at least one.
     """
     began, found = time.perf_counter(), list[Plan]()
     for effort in efforts:

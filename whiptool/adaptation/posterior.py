@@ -119,7 +119,7 @@ def update(
         contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
         starts: How many.
         screened: Samples of the prior among which the other starts are sought.
-        seed: Of the samples.
+        seed: Seed of the samples.
 
     Raises:
         InputError: A recording lacks its command or its tip.
@@ -179,7 +179,7 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
     is the same in all frames, and one is left of them: their median.
 
     Args:
-        recording: Of one strike.
+        recording: Recording of one strike.
         contact: When the closest approach was planned [s]: frames are kept until then, too, if it came earlier.
 
     Raises:

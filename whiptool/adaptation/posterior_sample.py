@@ -33,11 +33,11 @@ class PosteriorSample:
     """Draws of m numbers, weighted.
 
     Args:
-        names: Of the numbers, as in the belief.
+        names: Names of the numbers, as in the belief.
         z: Draws, each number as a solver sees it, (S, m).
         values: The same in their own units, (S, m).
         weights: They sum to 1, (S,).
-        log_density: Of the posterior at the draws, up to a constant, (S,).
+        log_density: Log density of the posterior at the draws, up to a constant, (S,).
     """
 
     names: tuple[str, ...]
@@ -87,7 +87,7 @@ def sample_posterior(
         prior: Before any recording.
         recordings, contacts: As given to `whiptool.adaptation.posterior.update`.
         learned: What it returned; recordings that it refused are left out here, too.
-        rng: Of the draws.
+        rng: Random generator of the draws.
         rounds, size: As in `importance_sample`.
 
     Raises:
@@ -112,7 +112,7 @@ def log_posterior(
 
     Args:
         prior: Before the recordings; no number lies beyond its bounds.
-        recordings: Of the whip.
+        recordings: Recordings of the whip.
         redundancy: So many readings are worth one: their errors correlate.
         contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
 
@@ -159,9 +159,9 @@ def importance_sample(
     first covariance.
 
     Args:
-        log_density: Of draws (S, m), up to a constant; minus infinity where nothing lies.
-        centre, covariance: Of the first proposal, (m,) and (m, m).
-        rng: Of the draws.
+        log_density: Log density of draws (S, m), up to a constant; minus infinity where nothing lies.
+        centre, covariance: Centre and covariance of the first proposal, (m,) and (m, m).
+        rng: Random generator of the draws.
         rounds, size: How many proposals, and draws of each.
 
     Returns:

@@ -33,24 +33,24 @@ class Spread:
     """Standard errors of the prior of a whip, relative where no unit is given.
 
     Args:
-        thickness_taper: Of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
-        own_taper: Of a quantity's own taper in addition, where it goes by the square.
+        thickness_taper: Error of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
+        own_taper: Error of a quantity's own taper in addition, for quantities that go by the square.
         rest_curvature: [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps.
-        air_form: Of drag in the plane, where the prior's air resists alike along the whip and across, real air mostly
-            across.
-        along: Of drag along a whip in space over that across; anything between 0 and 1 is half as much, give or take
-            this.
-        bead: Of the mass of a bead or knot in space, over the whip's; it is about as large as this.
-        bead_place: Of its place, in parts of the length.
+        air_form: Error of drag in the plane, where the prior's air resists alike along the whip and across, real air
+            mostly across.
+        along: Error of drag along a whip in space over that across; anything between 0 and 1 is half as much, give or
+            take this.
+        bead: Error of the mass of a bead or knot in space, over the whip's; it is about as large as this.
+        bead_place: Error of its place, as a fraction of the length.
         density_wave, stiffness_wave: In space, of the first wave that a taper leaves out; a thickness that is off by
             7 % weighs 15 % and bends by 30 %.
         wave_falls: The error of each further wave over the one before it.
         arm_friction: [N m s/rad]
-        arm_mass: Of the arm's links.
-        gain: Of the controller's gains.
-        clock: Of the camera's clock [s].
-        usual_speed: Of a joint in a strike [rad/s]; no error, but what friction is compared at.
-        inertia: Of a motor's inertia.
+        arm_mass: Error of the masses of the arm's links.
+        gain: Error of the controller's gains.
+        clock: Error of the camera's clock [s].
+        usual_speed: Usual speed of a joint in a strike [rad/s]; no error, but what friction is compared at.
+        inertia: Error of a motor's inertia.
     """
 
     thickness_taper: float = 0.35
@@ -83,9 +83,9 @@ class Belief:
 
     Args:
         plant: Model and controller; every number of theirs that is not in `names` is taken as known.
-        names: Of `Plant.values()`, or `delay`.
+        names: Names of `Plant.values()`, or `delay`.
         z: Mean, (m,), of the solver's variables: logarithms of positive numbers, others divided by their usual size.
-        covariance: Of z, (m, m), positive definite.
+        covariance: Covariance of z, (m, m), positive definite.
         model_error: Distribution of the distance between the true path of the tip and that of the best-fitting whip.
 
     Raises:
@@ -187,11 +187,11 @@ def default_prior(
 
     Args:
         model: Its whip is uniform.
-        controller: Of the arm.
+        controller: Controller of the arm.
         whip: `profile`: length, density, stiffness, damping, a taper each, drag, dry friction, rest curvature;
             `uniform`: k, b, m and l of a uniform whip.
-        motor: Of the arm's joints, as its makers describe it: its rotor turns with its link, its friction counts as
-            viscous; None: ideal.
+        motor: Motor of the arm's joints, as its makers describe it: its rotor turns with its link, its friction counts
+            as viscous; None: ideal.
         stock: What the whip is of; None: around the model's own, as wide as materials are on average.
 
     Raises:

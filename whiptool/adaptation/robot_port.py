@@ -42,7 +42,7 @@ class RobotPort:
     """A position-controlled robot that the user commands and records.
 
     Args:
-        model: Of its arm.
+        model: Model of its arm.
         target: For the miss distance.
         rate: Samples a second of the trajectory [1/s].
         rest: Before the strike, in which the whip comes to hang still [s].

@@ -22,8 +22,8 @@ def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag 
     c by least squares, and c gives the errors elsewhere.
 
     Args:
-        law: Of the arm's controller.
-        recordings: Of earlier strikes; those without measured joints tell nothing.
+        law: Law of the arm's controller.
+        recordings: Recordings of earlier strikes; those without measured joints tell nothing.
 
     Returns:
         A function of q_i; None where nothing was measured.

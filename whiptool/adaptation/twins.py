@@ -80,7 +80,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions, and has
             the same numbers from the stock.
         model, controller: The nominal model and its controller; the twin has the model's arm.
-        stock: Of the whip; None: around the model's own.
+        stock: Stock of the whip; None: around the model's own.
 
     Raises:
         InputError: The family or seed is not allowed, or there is no stock and the model has values per node.

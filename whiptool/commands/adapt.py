@@ -96,7 +96,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     """Go on to the next strike that has not been recorded, or to the end.
 
     Args:
-        options: Of the run.
+        options: Options of the run.
         told: Recordings of the robot's last requested strike.
     """
     adaptation = prepare(options)

@@ -322,7 +322,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
 
     Args:
         options: Where it goes.
-        name: Of the folder, unless `--out` gives another.
+        name: Name of the folder, unless `--out` gives another.
         config: See `configuration`.
 
     Raises:
@@ -372,7 +372,7 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
 
     Args:
         options: Where it goes.
-        name: Of a new folder, unless `--out` names it.
+        name: Name of a new folder, unless `--out` names it.
         config: The configuration as it is resolved now, see `configuration`.
 
     Raises:

@@ -34,7 +34,7 @@ def help_text(options: type[OptionGroup], *, prog: str, description: str, whole:
     """Return what is printed for `--help` or, as a whole, for `--help-all`.
 
     Args:
-        options: Of the command; those that its groups name in `first` stand on the first screen.
+        options: Options of the command; those that its groups name in `first` stand on the first screen.
         prog: The command, such as `whiptool optimize`.
         description: What it does.
         whole: Whether all options are shown.

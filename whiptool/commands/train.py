@@ -221,7 +221,7 @@ def train(
         trials: Strikes per episode, all in one batch.
         random_episodes: Episodes at the start with random strikes; None: a tenth of them.
         hindsight: Relabelled copies of every strike, see `whiptool.rl.settings.Plan`.
-        seed: Of everything random.
+        seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
         task: Others of `whiptool.rl.task.StrikeTask`, by name, such as `hit_radius` and `arrival`.

@@ -37,7 +37,7 @@ def compare(
 
     Args:
         rollout: What strikes.
-        methods: Of `METHODS`. Capital letters, hyphens and underscores make no difference.
+        methods: Methods of `METHODS`. Capital letters, hyphens and underscores make no difference.
         zone: Where the targets lie; None: the paper's disc, in space a ball around the usual target.
         targets: Their number, the same for all methods.
         target_seed: They are drawn with it.

@@ -90,7 +90,7 @@ def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) ->
     """Return the tip's velocities where it is nearest to targets, (B, d) [m/s].
 
     Args:
-        path: Of the tip at `RATE`, (S, d) [m], NaN after the strike's end.
+        path: Path of the tip at `RATE`, (S, d) [m], NaN after the strike's end.
         samples: Those that are nearest to the targets, (B,).
         targets: (B, d) [m].
     """

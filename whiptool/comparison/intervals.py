@@ -74,7 +74,7 @@ def needs_fewer(one: np.ndarray, other: np.ndarray, *, share: float = 1.0) -> bo
 
     Args:
         one, other: As in `ratio_interval`.
-        share: Of the other's mean trials.
+        share: Share of the other's mean trials.
     """
     return ratio_interval(one, share * other)[1] < 1
 

@@ -30,7 +30,7 @@ class LearnerUnit(Unit):
         scene: See there.
         method: sac, td3, ddpg or ppo.
         observation: What it sees.
-        seed: Of its training.
+        seed: Seed of its training.
         episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.Plan`.
         reward: See `whiptool.rl.task.StrikeTask`.
         settings: Hyperparameters other than the usual ones, by name.
@@ -144,7 +144,7 @@ class Checkpoint:
     """A training and its history, in two files.
 
     Args:
-        path: Of the training.
+        path: Path of the training.
     """
 
     def __init__(self, path: Path) -> None:

@@ -26,8 +26,8 @@ class Comparison:
 
     Args:
         scene: Model, targets, hit radii, cap.
-        methods: Of `whiptool.optimizers`; `random` is always among them.
-        observations: Of the learners.
+        methods: Methods of `whiptool.optimizers`; `random` is always among them.
+        observations: Observations of the learners.
         seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
         further_episodes: Episodes under observations other than `tip`; None for as many, which is the most.

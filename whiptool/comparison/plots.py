@@ -110,7 +110,7 @@ def plot_rewards(
         rewards: For each method (S, E), seeds by episodes.
         random_episodes: Marked: before them nothing is learned.
         window: Episodes of the running mean.
-        title: Of the axes.
+        title: Title of the axes.
     """
     for method, values in rewards.items():
         color, episode = LEARNER_COLORS[method], np.arange(1, values.shape[1] + 1)

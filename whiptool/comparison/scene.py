@@ -28,7 +28,7 @@ class Scene:
         radii: Hit radii [m]; with the first one learners are trained.
         cap: Trials at most at each target.
         t_stay: [s]
-        tolerance, timestep: Of the compiled rollout.
+        tolerance, timestep: Tolerance and timestep of the compiled rollout.
 
     Raises:
         InputError: Zone or hit radius do not fit the model.

@@ -30,8 +30,8 @@ class SearchUnit(Unit):
 
     Args:
         scene: See there.
-        method: Of `whiptool.optimizers`; or `library`: what passed nearest, nearest first.
-        seed: Of the search, and of the library.
+        method: Method of `whiptool.optimizers`, or `library`: strikes of a library, nearest first.
+        seed: Seed of the search, and of the library.
         first, last: The part of the targets.
         library: Random strikes of the past that the search begins from; 0: it begins from nothing.
     """

@@ -29,7 +29,7 @@ class Results:
         rewards: By observation and learner: mean reward of every episode, (S, E), to two digits after the point.
         random_episodes: By observation: episodes before anything is learned.
         cap: Trials at most at each target.
-        version: Of the code that ran.
+        version: Version of the code that ran.
     """
 
     series: tuple[Series, ...]

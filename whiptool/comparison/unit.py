@@ -35,7 +35,7 @@ class Unit(ABC):
 
         Args:
             folder: For checkpoints of what takes long; None, or not there (another machine): none are kept.
-            threads: Of the simulator; the result does not depend on it.
+            threads: Threads of the simulator; the result does not depend on it.
 
         Returns:
             Plain data, which JSON can hold.

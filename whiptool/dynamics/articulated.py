@@ -276,7 +276,7 @@ def give_way(
     Args:
         carried: By the hinges.
         axes: In the world's axes, (3, K).
-        torque, armature: Of each hinge [N m], [kg m^2], (K, 1).
+        torque, armature: Torque and armature of each hinge [N m], [kg m^2], (K, 1).
     """
     K, world = axes.shape[1], ca.horzsplit(axes)
     sides = [ca.vertcat(ca.mtimes(carried.J, s), ca.mtimes(carried.H.T, s)) for s in world]  # moment and force

@@ -133,7 +133,7 @@ def slopes(
     Each of the N links is described by two numbers, and its torques are those on the turns that these two make.
 
     Args:
-        loop: Of a structure in space.
+        loop: Loop of a structure in space.
         p: Its parameters, (P,).
         start, rate: Positions of the arm's a joints and numbers of the links, and how fast they change, (a + 2 N,);
             nothing accelerates.

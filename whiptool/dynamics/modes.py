@@ -44,7 +44,7 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
     zero, elsewhere they are `bias_forces - passive_torque`. Air drag is quadratic and has no part in C at rest.
 
     Args:
-        chain: Of numbers; or a model, whose whole chain of arm and whip is meant.
+        chain: Chain of numbers; or a model, whose whole chain of arm and whip is meant.
         q0: Coordinates as a trajectory holds them: joint positions [rad], of rods unit vectors, (coordinates,).
         v0: How fast they change [rad/s], (coordinates,); default: at rest.
 
@@ -193,13 +193,15 @@ class Modes:
     """Natural modes, lowest frequency first.
 
     Args:
-        frequencies: Of the undamped whip [Hz], (k,).
-        damping_ratios: Of the damped whip, (k,): `-Re(lambda) / |lambda|` of the pair of complex eigenvalues whose
-            motion is most like the undamped mode. NaN where no pair is left for a mode: an overdamped mode does
-            not swing, its eigenvalues are real, and with several such modes nothing says which two belong together.
+        frequencies: Frequencies of the undamped whip [Hz], (k,).
+        damping_ratios: Damping ratios of the damped whip, (k,): `-Re(lambda) / |lambda|` of the pair of complex
+            eigenvalues whose motion is most like the undamped mode. NaN where no pair is left for a mode: an overdamped
+            mode does not swing, its eigenvalues are real, and with several such modes nothing says which two belong
+            together.
         shapes: Joint angles of each undamped mode, of rods their tilts towards x and y, (k, n), the largest being 1;
             zero for locked joints.
-        displacements: Of hand, nodes and tip in each undamped mode, per unit of its shape [m], (k, N + 1, 2 or 3).
+        displacements: Displacements of hand, nodes and tip in each undamped mode, per unit of its shape [m], (k, N + 1,
+            2 or 3).
         eigenvalues: All 2 m of the damped motion of the m free joints [1/s], slowest first, (2 m,): complex in
             conjugate pairs, or real for overdamped motion.
     """

@@ -41,7 +41,7 @@ class Stored(Generic[R]):
     Attributes:
         symbols: A column of symbols, (size, 1).
         record: The record of these symbols and the constants.
-        where: Of each entry, its column; None where it is a constant.
+        where: Column of each entry; None for a constant.
     """
 
     def __init__(self, record: R, where: Sequence[int | None], name: str) -> None:
@@ -82,7 +82,7 @@ class Stored(Generic[R]):
 
         Args:
             start: The first record.
-            name: Of the symbols.
+            name: Name of the symbols.
             follow: Gives the record after one.
             always: Entries that stand in columns in any case.
         """
@@ -100,7 +100,7 @@ class Stored(Generic[R]):
 
         Args:
             start: The first record.
-            name: Of the symbols.
+            name: Name of the symbols.
             uses: What is wanted of a record.
             follow: Gives the record after one.
         """

@@ -30,7 +30,7 @@ def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray)
     """Return what brakes the joints of rods that turn.
 
     Args:
-        whip: Of N rods.
+        whip: Whip of N rods.
         directions: Unit vectors: the hand's -z, and the rods, (..., N + 1, 3).
         turns: Angular velocities of hand and rods [rad/s], (..., N + 1, 3); what is along a rod does not count.
     """

@@ -48,13 +48,14 @@ class RodFrame(NamedTuple):
     """Where a rod begins, behind another or the hand; (3, 1) each unless said otherwise.
 
     Args:
-        direction, speed: Of the rod before, and how it turns where the first rod has the hand's spin.
+        direction, speed: Direction and speed of the rod before, and how it turns where the first rod has the hand's
+            spin.
         before: In the second stage, its angular acceleration without spin in the first.
         sums: Over the joints so far, (2, 1): of b d . e and b e . e, b being the damping, d how a joint turns, and e by
             how much more per spin of the first rod.
         spun: How much it spins per spin of the first rod, (1, 1).
         twists: Whether it passes twist on (1, 1): 1; the hand 0.
-        velocity, place: Of its end.
+        velocity, place: Velocity and place of its end.
     """
 
     direction: ca.SX
@@ -191,7 +192,7 @@ def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> t
     Args:
         carried: By the joint.
         d: The rod's direction (3, 1).
-        torque, gain: Of the joint, as `torque_of` and `torques_and_gain` give them.
+        torque, gain: Torque and gain of the joint, as `torque_of` and `torques_and_gain` give them.
     """
     inverse = _inverse_across(carried.J, gain, d)
     across = ca.mtimes(inverse, carried.H)

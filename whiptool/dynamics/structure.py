@@ -32,7 +32,7 @@ class ArmShape:
 
     Args:
         kinds, axes, rotations, hand_rotation: As the links have them: numbers of the generated code.
-        present: Of each quantity its numbers that are not zero, as columns of its block.
+        present: Numbers of each quantity that are not zero, as columns of its block.
     """
 
     kinds: tuple[str, ...]
@@ -191,7 +191,7 @@ class Structure:
         """Parameter vectors of many strikes of one model and controller.
 
         Args:
-            model, controller: Of this structure.
+            model, controller: Model and controller of this structure.
             strikes: Numbers of strikes, as `strike_layout` has them: in joint space strike vectors, (B, 2 n_arm + 1).
 
         Returns:

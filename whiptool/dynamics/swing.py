@@ -49,7 +49,7 @@ class SwingStructure:
         moving: The base moves; its motion is the input.
         point_masses: Every link is a point mass at its far end: com is the length, and there is no inertia.
         optional: Which of `_OPTIONAL` there are.
-        joints: Of the links: a `hinge` in the plane; in space `universal` or `rod`.
+        joints: Joints of the links: a `hinge` in the plane; in space `universal` or `rod`.
     """
 
     n: int

@@ -88,7 +88,7 @@ def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca
         carried: At its end.
         moving: How it moves.
         link: Its length and mass.
-        torque: Of its joint (3, 1).
+        torque: Torque of its joint (3, 1).
     """
     d, after = moving.axes[:, 0], carried.direction
     per_mass, per_length = 1 / link.mass, 1 / link.length

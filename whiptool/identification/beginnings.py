@@ -97,7 +97,7 @@ def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
     """Refuse recordings whose readings a slip explains, and return what else is odd about their first readings.
 
     Args:
-        predictor: Of all recordings.
+        predictor: Predictor of all recordings.
         plant: Where the fit starts.
 
     Raises:

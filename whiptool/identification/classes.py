@@ -55,7 +55,7 @@ def classify(
     Args:
         uncertainty: At the best end of all starts.
         starts: First value of each unknown.
-        level: Of the intervals.
+        level: Level of the intervals.
         withdrawn: Whether nothing of it holds.
     """
     U = uncertainty

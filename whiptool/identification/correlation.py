@@ -25,7 +25,7 @@ class Grid:
 
     Args:
         channels: Names of its C channels, (C,).
-        place: Of each reading, its channel's and its frame's number, 2 x (K,).
+        place: Place of each reading, its channel's and its frame's number, 2 x (K,).
         frames: How many, F.
     """
 
@@ -120,7 +120,7 @@ def error_correlation(
     covariance of independent errors is then the larger one.
 
     Args:
-        grids: Of each recording.
+        grids: Grids of each recording.
         residuals: Whitened, (K,).
         followed: Columns U (K, G + L) such that the fit takes `U U' errors` away from a recording's errors.
         shared: How many columns, the first G, are of unknowns that all recordings share.
@@ -167,7 +167,7 @@ def spread(
     Channels of a recording correlate as their residuals do, at any lag times the correlation in time.
 
     Args:
-        grids: Of each recording.
+        grids: Grids of each recording.
         residuals: (K,).
         slopes: (K, G).
         errors: How they correlate in time.

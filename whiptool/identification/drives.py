@@ -79,7 +79,7 @@ class Drive:
     """Of one recording.
 
     Attributes:
-        structure: Of the system that is rolled out.
+        structure: Structure of the system that is rolled out.
         start: First time of the path [s].
         steps: Steps of the path.
         unknowns: Name and first guess of what is unknown about this recording and moves the system: `motion`, `start`.

@@ -53,7 +53,7 @@ def tracked(
 
     Args:
         found: What `opened` returned.
-        name: Of its file.
+        name: Name of its file.
         tip: Looks of the tip's marker; default: those of the virtual camera.
 
     Returns:

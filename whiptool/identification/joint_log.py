@@ -16,7 +16,7 @@ def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: fl
     """Refuse a log in which the arm's motion would have to be guessed.
 
     Args:
-        name: Of the log, for messages.
+        name: Name of the log, for messages.
         t, q: Samples, (S,) [s], (S, a) [rad] or [m].
         first, last: Readings that are to be predicted lie between [s].
 

@@ -51,7 +51,7 @@ class Judgement:
     Args:
         miss: Most credible miss distance [m]: the mean over what is possible.
         error: Its standard error [m].
-        probability: Of a hit.
+        probability: Hit probability.
         nearest: When and where that is; None where a distance is all that is known.
     """
 

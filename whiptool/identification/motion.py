@@ -116,7 +116,7 @@ class Moved:
 
     Args:
         inputs, d_inputs: As a swing takes them, (I, 7), (C, I, 7); in space (I, 21), (C, I, 21).
-        place, d_place: Of the base [m], (I, d), (C, I, d).
+        place, d_place: Place and d place of the base [m], (I, d), (C, I, d).
         q_i, d_q_i: The arm's joints at the first instant [rad], (a,), (C, a).
     """
 
@@ -151,7 +151,7 @@ class StillMotion:
     """The base stays where it is: nothing of its motion is unknown.
 
     Args:
-        place: Of the base [m], (2,).
+        place: Place of the base [m], (2,).
         instants: How many the base is wanted at.
         joints: Number of joints of the arm that is not there.
     """

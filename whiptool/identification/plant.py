@@ -49,7 +49,7 @@ class Plant:
 
     Args:
         model: Whip, arm, gravity.
-        controller: Of the arm; needed where the command drives the whip.
+        controller: Controller of the arm; needed where the command drives the whip.
         profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
         clamp: Where a clamp points that holds the whip, 0 straight down [rad]; the whip bends there as it does further
             on, see `held`. None: its hinge is as the model says.

@@ -50,12 +50,13 @@ class Predictor:
 
     Args:
         recordings: What was measured.
-        plant: Of which some numbers vary; its structure is kept.
+        plant: Plant of which some numbers vary; its structure is kept.
         drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
-        own: Of `NUISANCE`, what is free for each recording on its own; and `start`, its state at the start.
-        timestep: Of equal steps [s]; None: of strikes that a command drives they are chosen by their errors, and the
-            other drives, which are tabulated at the steps, take 1 ms.
+        own: Names in `NUISANCE` of parameters that are free for each recording separately; and `start`, its state at
+            the start.
+        timestep: Equal steps of this length [s]; None: of strikes that a command drives they are chosen by their
+            errors, and the other drives, which are tabulated at the steps, take 1 ms.
         knots: Spacing of the spline of a prescribed motion [s].
 
     Raises:

@@ -39,17 +39,17 @@ class Options:
             it is held still and was released), `free` (of a pendulum's angles).
         per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
             `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
-        bounds: Of free numbers, by name.
+        bounds: Bounds of free numbers, by name.
         prior: On shared free numbers.
         loss: Where Huber's loss turns linear, in standard errors; None: least squares.
         starts: How many; the first is the plant as given.
         dispersion: The others are drawn within this factor of it.
         pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
             they are come last. For swings that forget their start.
-        timestep: Of equal steps [s]; None: see `Predictor`.
+        timestep: Equal steps of this length [s]; None: see `Predictor`.
         knots: Spacing of the spline of a prescribed motion [s]; None: of joints and hand as their log tells, of a
             tracked handle 1.5 frames.
-        seed: Of the starts.
+        seed: Seed of the starts.
         check: Whether recordings are judged: which controller struck them, where their first readings are
             (`whiptool.identification.beginnings`), and whether their times are right
             (`whiptool.identification.time_base`).

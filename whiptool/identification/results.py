@@ -102,7 +102,7 @@ class Run:
     Args:
         start: First values of the shared free numbers by name.
         values: Last ones.
-        solution: Of the last stage; its history holds the convergence.
+        solution: Solution of the last stage; its history holds the convergence.
         over_best: Its cost over that of the best start, 1 for the best.
         failed: Whether it ended so far above the best start that its values lie outside what the best one leaves open.
     """

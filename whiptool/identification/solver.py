@@ -68,8 +68,8 @@ class Solution:
         own: Of each recording.
         cost: Half the sum of Huber's loss.
         status: Why it ended.
-        history: Of each accepted step: cost, damping, length of the step in z.
-        evaluations: Of the model, with or without derivatives.
+        history: Record of each accepted step: cost, damping, length of the step in z.
+        evaluations: Evaluations of the model, with or without derivatives.
     """
 
     z: np.ndarray

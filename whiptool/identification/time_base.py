@@ -72,7 +72,7 @@ class Readings:
     Args:
         block: Whitened residuals and derivatives, then what regularises the recording's own unknowns.
         channel: Which series each residual belongs to, (K,).
-        t: Of each reading [s], (K,).
+        t: Time of each reading [s], (K,).
         slope: By the time of a reading, whitened, (K,).
         clock: The recording's own delay [s] and clock rate less 1, if they are to be judged: column of the block's B,
             and value, by kind.
@@ -98,7 +98,7 @@ def likeliest_fault(
     Less scatter than the recordings state is taken for chance.
 
     Args:
-        readings: Of each recording.
+        readings: Readings of each recording.
         prior: Rows of the prior on the shared unknowns, (m, G).
         fitted: Kinds that were fitted and are not to be judged.
         correlated: Whether successive errors correlate, as the residuals do that the fault leaves.
@@ -147,7 +147,7 @@ class _Regression:
     """The residuals on one fault, all that was fitted taken out.
 
     Args:
-        size: Of the fault.
+        size: Size of the fault.
         information: Its square, of all that is left of it.
         left: What is left of it in each recording's readings.
     """

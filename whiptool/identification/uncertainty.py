@@ -22,16 +22,16 @@ class Uncertainty:
     """How well the shared unknowns z are known; z is a logarithm or a scaled number (see `Variable`).
 
     Args:
-        variables: Of the G shared unknowns.
+        variables: Variables of the G shared unknowns.
         z: Their estimate, (G,).
-        covariance: Of z, flat directions left out, (G, G).
+        covariance: Covariance of z, flat directions left out, (G, G).
         correlation: The same, scaled, (G, G).
-        singular_values: Of the Jacobian of the whitened residuals by z, largest first, (G,).
+        singular_values: Singular values of the Jacobian of the whitened residuals by z, largest first, (G,).
         directions: Which combination of z each one is for, rows, (G, G).
         units: What singular values and directions count z in, (G,), see `variables.room`.
         flat: Which directions are unseen, (G,).
-        condition_number: Of the Jacobian with columns of unit length: what correlation alone does.
-        residual_variance: Of the whitened residuals; 1 if the stated errors are right.
+        condition_number: Condition number of the Jacobian with columns of unit length: what correlation alone does.
+        residual_variance: Residual variance of the whitened residuals; 1 if the stated errors are right.
         freedom: Degrees of freedom of that variance, fewer where errors correlate; intervals use Student's t of them.
         sandwich: Covariance of z if successive errors correlate as `errors` says; without, that of independent errors.
         whiteness: Correlation of successive residuals of one channel, 0 if independent.
@@ -87,7 +87,7 @@ class Uncertainty:
 
         Args:
             powers: By name, such as `{"whip.k": 1, "whip.m": -1}`.
-            level: Of the interval.
+            level: Level of the interval.
         """
         weights = np.zeros(len(self.z))
         names = [v.name for v in self.variables]
@@ -115,7 +115,7 @@ def assess(
     Args:
         variables, z: Shared unknowns, G.
         blocks: Weighted residuals and derivatives of the data, then what regularises a recording's own unknowns.
-        channels: Of each block, which series each of its first residuals belongs to, (K,) whole numbers.
+        channels: Channels of each block, which series each of its first residuals belongs to, (K,) whole numbers.
         times: When they were measured [s], (K,).
         prior: Rows of the prior on z, (m, G).
         values: All numbers of the plant by name, where the room of an unknown depends on others.
@@ -200,7 +200,7 @@ def _sandwich(
     Args:
         blocks, channels, times, prior: As for `assess`.
         root: R (G, directions seen) such that `R R'` is the covariance for independent errors.
-        variance, freedom: Of the residuals.
+        variance, freedom: Variance and freedom of the residuals.
     """
     grids = [Grid.of(channel, t) for channel, t in zip(channels, times, strict=True)]
     seen, followed, rest = [], [], []

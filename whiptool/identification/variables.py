@@ -105,7 +105,8 @@ class Prior:
     Args:
         names: m of the free numbers that are the same for all recordings.
         mean: Their values, (m,), in their own units.
-        covariance: Of the logarithms of positive numbers (relative errors), of the others themselves, (m, m).
+        covariance: Covariance of the logarithms of positive numbers (relative errors), of the others themselves, (m,
+            m).
 
     Raises:
         InputError: Shapes do not fit, or the covariance is not positive.

@@ -21,7 +21,7 @@ def pinocchio_chain(
     """Return links in a row as a Pinocchio model in the x-y plane: joint axes along z, gravity along -y.
 
     Args:
-        length: Of each link [m], (n,).
+        length: Length of each link [m], (n,).
         mass: [kg], (n,).
         com: Distance of the centre of mass from the joint [m], (n,).
         inertia: About the centre of mass [kg m^2], (n,).
@@ -127,7 +127,7 @@ class Arm:
 
         Args:
             q: Posture [rad], (n,).
-            masses: Of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
+            masses: Masses of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
         """
         carried = self._masses if masses is None else tuple(masses)
         if carried not in self._loaded:

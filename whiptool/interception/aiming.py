@@ -25,9 +25,9 @@ class Aiming:
         ahead: Instants of the track that are looked at, a second [1/s].
         near: Distance of a path of the library from the track [m].
         window: Before and after the contact, in which the tip may hit [s].
-        start: Of t0, what weighs as much as a strike number's whole range [s].
+        start: Scale of t0, a change that weighs as much as a strike number's whole range [s].
         contact: Likewise of the contact [s].
-        step: Of a strike number's range, per Gauss-Newton step.
+        step: Largest Gauss-Newton step, as a share of a strike number's range.
         bin: Starts that see the target equally well lie as near [s].
         pull: Probability that a metre of expected miss costs.
         far: A miss beyond costs no more [m].
@@ -79,7 +79,7 @@ class Interception:
         probability: Predicted probability of a hit, over tracks other than those that chose the strike.
         expected_miss: Mean over the same tracks, each at most half a metre [m].
         mean_miss: On the most probable track [m].
-        warning: Of the track that it is planned on (`Track.warning`); empty: none.
+        warning: Warning of the track that it is planned on (`Track.warning`); empty: none.
         wall_time: That planning took [s].
     """
 

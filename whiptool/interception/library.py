@@ -22,17 +22,17 @@ class Library:
     """Where the tip comes, when, and how fast, over many strikes.
 
     Args:
-        rollout: Of the whip.
+        rollout: Rollout of the whip.
         strikes: (B, 2 a + 1).
         box: Lower and upper bounds of the strikes, (2 a + 1,) each.
         free: Which of a strike's numbers may be chosen, (2 a + 1,).
-        limits: Of the motors, if any.
+        limits: Limits of the motors, if any.
         t_stay: A strike is watched so long after the movement ended [s].
-        speed: Of the tip, at least, where it is to hit [m/s].
+        speed: Speed of the tip, at least, where it is to hit [m/s].
         owner: Which strike each of the N points belongs to, (N,).
         tau: When the tip is there, from the strike's start [s], (N,).
-        points, velocities: Of the tip [m], [m/s], (N, 2).
-        tree: Of the points.
+        points, velocities: Points and velocities of the tip [m], [m/s], (N, 2).
+        tree: Tree of the points.
     """
 
     rollout: CompiledRollout
@@ -64,13 +64,13 @@ class Library:
         """Roll out random strikes.
 
         Args:
-            rollout: Of the whip.
+            rollout: Rollout of the whip.
             size: How many strikes.
-            seed: Of the strikes.
+            seed: Seed of the strikes.
             q_i: Where the arm waits [rad]: all strikes begin there. Default: wherever the strike wants to begin, and
                 the arm has to be there, the whip at rest, when it starts.
             bounds: Box of strikes; default: `default_bounds`.
-            limits: Of the motors; strikes beyond them are left out.
+            limits: Limits of the motors; strikes beyond them are left out.
             t_stay, speed: As above.
 
         Raises:

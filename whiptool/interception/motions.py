@@ -20,7 +20,7 @@ class Motion(Protocol):
 
     Args:
         name: What it is called.
-        names: Of the p numbers.
+        names: Names of the p numbers.
         loosely: Mean and weight (1 / standard error, 0: none) of what is known of them beforehand, (p,) each.
     """
 

@@ -44,17 +44,17 @@ def plan(
     hits most of the tracks that are still possible is chosen.
 
     Args:
-        track: Of the target.
+        track: Track of the target.
         library: Strikes of the whip.
         now: Time of the decision [s], on the track's clock, no sooner than its last frame.
-        rng: Of the tracks that are still possible.
+        rng: Random generator for samples of the track.
         hit_radius: [m]
         latency: The strike starts no sooner than `now + latency` [s].
         horizon: It hits no later than `now + horizon` [s], at most `LONGEST`.
         camera: It goes on seeing the target, and the strike will be aimed again (`refresh`) until it starts: doubt is
             counted as it will be then. Default: as it is now.
         polished: Crossings that are looked into.
-        steps: Of Gauss-Newton.
+        steps: Steps of Gauss-Newton.
         samples: Tracks that are still possible, which choose; the probability is stated from others.
 
     Returns:

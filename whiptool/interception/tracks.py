@@ -23,8 +23,8 @@ class Track:
 
     Args:
         motion: Which.
-        numbers: Of the motion, (p,), with its time 0 at `epoch`.
-        covariance: Of the numbers, (p, p), the misfit included.
+        numbers: Numbers of the motion, (p,), with its time 0 at `epoch`.
+        covariance: Covariance of the numbers, (p, p), the misfit included.
         epoch: [s]
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Measured coordinates less p.
@@ -134,7 +134,7 @@ def fit_track(
         points: Positions in the strike plane [m], (T, 2); NaN where it was not seen.
         sigma: Standard error of each coordinate [m].
         motion: `still`, `straight`, `ballistic`, `pendulum`, or `auto`: the most plausible of these by BIC.
-        pivot: Of the pendulum (x, y) [m], if known.
+        pivot: Pivot of the pendulum (x, y) [m], if known.
         gravity: [m/s^2]
 
     Raises:

@@ -65,7 +65,7 @@ class ArmChoice:
         """Refuse a locked joint's position that is beyond its limits, as degrees and millimetres are.
 
         Args:
-            name: Of the joint.
+            name: Name of the joint.
             low, high: Its limits [rad or m]; infinite: none, and an angle is within two turns.
             turns: Whether it is a hinge, not a slide.
 

@@ -57,7 +57,7 @@ def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
     Links in space have a `position`; those in the plane have none.
 
     Args:
-        table: Of an arm.
+        table: Table of an arm.
         folder: Where `file` is looked for.
 
     Raises:

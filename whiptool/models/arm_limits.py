@@ -49,9 +49,10 @@ class ArmLimits:
     best.
 
     Args:
-        joints: Of each joint; see `JointLimits`.
+        joints: Limits of each joint; see `JointLimits`.
         words: The limits for people.
-        share: Of the velocities, that searches command: less than all where joints only follow what is commanded.
+        share: Share of the velocity limits that searches command: less than all where joints only follow what is
+            commanded.
         slides: Which joints slide, counted from 0; the others turn.
 
     Raises:

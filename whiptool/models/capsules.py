@@ -19,12 +19,12 @@ class Capsule:
     """All points that are no farther than a radius from a segment; or a cylinder or a box that it holds.
 
     Args:
-        start, end: Of the segment, in the frame of the link that it belongs to [m], (3,) each; a ball, where they are
-            the same.
+        start, end: Start and end of the segment, in the frame of the link that it belongs to [m], (3,) each; a ball,
+            where they are the same.
         radius: [m]
         flat: Whether only the cylinder about the segment is meant, without round ends.
-        width: Of a box along the segment, half of one of its sides across [m], (3,); the other side reaches as far as
-            the radius lets its edges.
+        width: Width of a box along the segment, half of one of its sides across [m], (3,); the other side reaches as
+            far as the radius lets its edges.
 
     Raises:
         InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
@@ -100,7 +100,7 @@ class Capsule:
         """Return the capsule, or cylinder, about the z axis of a frame.
 
         Args:
-            rotation, position: Of the frame in the link's, (3, 3) and (3,) [m].
+            rotation, position: Rotation and position of the frame in the link's, (3, 3) and (3,) [m].
             half: Length of the segment to either side of the frame's origin [m].
             radius: [m]
             flat: Whether it is a cylinder.
@@ -114,7 +114,7 @@ class Capsule:
         """Return a box in the capsule that holds it: along its longest side, and as thick as the diagonal across that.
 
         Args:
-            rotation, position: Of the box in the link's frame, (3, 3) and (3,) [m].
+            rotation, position: Rotation and position of the box in the link's frame, (3, 3) and (3,) [m].
             halves: Half of each side [m], (3,).
         """
         longest = int(np.argmax(halves))

@@ -123,7 +123,7 @@ class Clearance:
         """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
 
         Args:
-            trajectory: Of the strike.
+            trajectory: Trajectory of the strike.
             enough: Clearance from which it does not matter how large it is [m].
 
         Returns:

@@ -27,7 +27,8 @@ class CommandLimits:
 
     Args:
         joints: What each joint can do; see `JointLimits`.
-        share: Of the velocities, that searches command; the rest is left for how joints depart from the command.
+        share: Share of the velocity limits that searches command; the rest is left for how joints depart from the
+            command.
         slides: Which joints slide, counted from 0; the others turn.
     """
 

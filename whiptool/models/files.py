@@ -30,7 +30,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     """A model from nested mappings, as TOML gives them; `whip.profile` and `whip.N` describe a profile to lump.
 
     Args:
-        table: Of a model.
+        table: Table of a model.
         folder: Where the file of an arm is looked for, if the table names one.
 
     Raises:
@@ -123,8 +123,8 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     """A preset by its name, or a model from a file: a TOML table, or a robot in URDF or MJCF with the presets' rope.
 
     Args:
-        name: Of the preset, in capital or small letters, or the file's path.
-        tip: Of a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
+        name: Name of the preset, in capital or small letters, or the file's path.
+        tip: For a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
 
     Raises:
         InputError: There is neither, or the file says something that is not allowed.

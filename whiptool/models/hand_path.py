@@ -22,9 +22,9 @@ class HandPath:
     """A strike of the hand for its arm: the joints' path that holds the hand on its own.
 
     Args:
-        strike: Of the hand.
+        strike: Strike of the hand.
         nodes: Joint positions (DEGREE + 1, a) where the hand is at the nodes of its path.
-        way: Of the hand, from pose to pose.
+        way: Path of the hand, from pose to pose.
     """
 
     def __init__(self, strike: HandStrike, nodes: np.ndarray, way: HandWay) -> None:

@@ -23,8 +23,8 @@ class HandStrike(Vector):
     `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
 
     Args:
-        x_i: Of the hand at the start: its place [m] and, where the strike holds its orientation, how it is turned from
-            the home posture's [rad]; length m.
+        x_i: Coordinates of the hand at the start: its place [m] and, where the strike holds its orientation, how it is
+            turned from the home posture's [rad]; length m.
         x_f: At the end, likewise.
         D: Duration of the movement [s].
 

@@ -12,7 +12,7 @@ class HandWay:
     """Ways of the hand between coordinates; they turn by the rotation that is left, the shortest in space.
 
     Args:
-        kinematics: Of the hand.
+        kinematics: Kinematics of the hand.
         ends: Its coordinates at the start and at the end, (..., 2, m).
 
     Attributes:

@@ -78,7 +78,7 @@ class HandKinematics:
         orientation: Whether the coordinates hold the hand's orientation.
 
     Attributes:
-        rows: Of the hand's velocity and angular velocity in space (6,), those of its coordinates, (m, 6).
+        rows: Rows of the hand's velocity and angular velocity in space (6,), those of its coordinates, (m, 6).
         upright: The hand's rotation in the given posture, (3, 3).
     """
 

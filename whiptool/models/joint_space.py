@@ -103,7 +103,7 @@ class JointSpace:
     """Strikes of an arm's joints: vectors `[q_i, q_f, D]` of 2 a + 1 numbers, which rollouts take as they are.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
     """
 
     def __init__(self, arm: ArmParameters | SpatialArm) -> None:
@@ -168,9 +168,9 @@ def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> N
 
     Args:
         name: What they are called where they were given.
-        positions: Of the arm's joints in their order, once or several times in a row, (k a,) or (B, k a); of joints
-            that slide they are lengths, and not looked at.
-        arm: Of a joints.
+        positions: Positions of the arm's joints in their order, once or several times in a row, (k a,) or (B, k a); of
+            joints that slide they are lengths, and not looked at.
+        arm: Arm of a joints.
 
     Raises:
         InputError: An angle is more than two turns from 0.

@@ -91,7 +91,7 @@ class JointTrajectory:
             strike: What is to be struck; of a strike of the hand its joints' path.
             joints: Names of its n joints.
             start: Present posture [rad or m], (n,); default: the strike's start, so that there is no way to it.
-            limits: Of each joint; see `lead_in_time`. Default: none.
+            limits: Limits of each joint; see `lead_in_time`. Default: none.
             rate: Samples a second [1/s]; parts of the trajectory begin at samples.
             rest: Between the way and the strike [s], at least.
             t_stay: At the end, after the strike [s], at least.
@@ -128,7 +128,7 @@ class JointTrajectory:
         The jerk is that of differences of the accelerations. None: nothing is.
 
         Args:
-            limits: Of each joint, (n,); empty without limits.
+            limits: Limits of each joint, (n,); empty without limits.
             slides: Which joints slide, (n,); empty: none.
         """
         slides = slides or [False] * len(self.joints)
@@ -219,7 +219,7 @@ def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimit
 
     Args:
         start, end: Postures [rad or m], (n,).
-        limits: Of each joint, (n,); default: none.
+        limits: Limits of each joint, (n,); default: none.
     """
     longest = 0.0
     for span, limit in zip(np.abs(end - start), limits or [JointLimits()] * len(start), strict=True):

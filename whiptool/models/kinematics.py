@@ -19,7 +19,7 @@ class MovingFrame(NamedTuple):
     Args:
         origin: [m], (..., 3).
         rotation: (..., 3, 3).
-        velocity: Of the origin [m/s], (..., 3).
+        velocity: Velocity of the origin [m/s], (..., 3).
         spin: Angular velocity [rad/s], (..., 3).
     """
 
@@ -67,7 +67,7 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
     """Return the frame of every link, behind its joint, and last the hand's.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         q: Joint positions [rad or m], (..., a).
         v: Their speeds, (..., a); default: at rest.
     """
@@ -88,7 +88,7 @@ def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the places of every link's frame and, last, the hand's, as `arm_frames` does, and nothing of their motion.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         q: Joint positions [rad or m], (T, a).
 
     Returns:
@@ -165,7 +165,7 @@ def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.nd
 
     Args:
         model: With the whip.
-        origin, rotation: Of the hand's frame, (T, 3) and (T, 3, 3).
+        origin, rotation: Origin and rotation of the hand's frame, (T, 3) and (T, 3, 3).
         q: Positions of the whip's joints, as in `chain_motion` behind the arm's.
     """
     if model.whip.joints == "rod":
@@ -180,7 +180,7 @@ def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: n
 
     Args:
         hand: The frame of the hand, for states of any shape (...).
-        lengths: Of the links [m], (N,).
+        lengths: Lengths of the links [m], (N,).
         q, v: Positions and speeds of the hinges [rad, rad/s], (..., 2 N).
     """
     frame, frames = hand, []
@@ -209,7 +209,7 @@ def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
     """Return the positions of joints and universal nodes (..., a + 2 N) where rods (..., a + 3 N) point as they do.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         q: The arm's joint positions, then the directions of N rods in the base's axes; of any length.
     """
     a, frame = arm.n, arm_frames(arm, q[..., : arm.n])[-1]
@@ -228,7 +228,7 @@ def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
     """Return the angles (..., 2) [rad] of the first universal node at which the whip hangs straight down in the world.
 
     Args:
-        arm: Of a joints.
+        arm: Arm of a joints.
         q: Its joint positions, (..., a).
     """
     down = -arm_frames(arm, q)[-1].rotation[..., 2, :]  # the world's -z in the hand's frame

@@ -37,7 +37,7 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     `gravcomp` and the air have no part in the model, as the arm's `notes` say, nor have loops beyond the tip.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         choice: Which chain; default: all of a robot that does not branch.
 
     Raises:
@@ -74,7 +74,7 @@ def _without_meshes(path: Path, *, needed: bool) -> tuple[Any, set[str]]:
     """The file without the shapes of meshes, and the names of moving bodies that have lost their inertia by that.
 
     Args:
-        path: Of the file.
+        path: Path of the file.
         needed: Whether those stay that tell an inertia, or what a simple shape is fitted to.
     """
     import mujoco

@@ -20,7 +20,7 @@ def refuse_tendons(
     Args:
         model: MuJoCo's.
         movers: Joints of the arm.
-        names: Of all joints.
+        names: Names of all joints.
         joints_to: Returns the joints between the world and a body.
 
     Raises:
@@ -93,7 +93,7 @@ def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodie
     Args:
         model: MuJoCo's.
         movers: Joints of the arm.
-        names: Of all joints.
+        names: Names of all joints.
         bodies: Names of the bodies that the arm moves, by their numbers.
     """
 
@@ -119,10 +119,10 @@ def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -
     """Say where a joint's torque has not the same limit in both directions.
 
     Args:
-        name: Of the joint.
+        name: Name of the joint.
         span: Lowest and highest torque in the file.
         taken: Largest magnitude in the model.
-        unit: Of all of these.
+        unit: Unit of all of these.
     """
     low, high = span
     if np.isclose(-low, high):

@@ -147,7 +147,7 @@ class Model(NoArray, instead="its parameters()"):
         """Return a copy whose whip is of the same material, with another length, number of nodes or taper.
 
         Args:
-            length: Of the stretched whip [m].
+            length: Length of the stretched whip [m].
             nodes: Their number.
             taper: Thickness of the tip over that of the handle; see `whiptool.models.resized.resized`.
 

@@ -40,7 +40,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         rest_curvature: Curvature of the slack whip [1/m].
         drag: Quadratic drag per length [N s^2/m^3].
         tip_mass: At the tip, such as a cracker or a marker [kg].
-        bead_mass: Of a bead or knot somewhere along the whip [kg].
+        bead_mass: Bead mass of a bead or knot somewhere along the whip [kg].
         bead_place: Where it is, in parts of the length from the handle.
         density_waves: w_1, w_2, w_3 of the mass per length.
         stiffness_waves: Those of bending stiffness and damping alike: a thicker place has more of both.
@@ -244,7 +244,7 @@ def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarra
     """Return what each of N + 1 points at equal distances carries of a mass between two of them, (N + 1, 1).
 
     Args:
-        place: Of the mass, in parts of the length.
+        place: Place of the mass, in parts of the length.
         N: Links between the points.
         constant: See `graded`.
     """

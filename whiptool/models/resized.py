@@ -35,7 +35,7 @@ def resized(
 
     Args:
         whip: As it is.
-        length: Of the stretched whip [m]; None: as it is.
+        length: Length of the stretched whip [m]; None: as it is.
         nodes: None: as many.
         taper: Thickness of the tip over that of the handle, which stays: mass goes with its square, bending stiffness
             and damping with its fourth power, as of a round whip; None: as it is.

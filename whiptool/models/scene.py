@@ -35,7 +35,7 @@ class _Body:
         name: For people.
         link: Its number.
         capsule: In the link's frame; of the whip one of its length anywhere.
-        segment: Of the whip, from the hand.
+        segment: Segment of the whip, from the hand.
     """
 
     name: str
@@ -51,7 +51,7 @@ class NearestPair:
     Args:
         clearance: Their distance [m]; negative: how deep one is in the other.
         instant: Number of the state.
-        names: Of both.
+        names: Names of both.
     """
 
     clearance: float
@@ -95,7 +95,7 @@ class Scene:
     Attributes:
         bodies: All, those of the whip last.
         pairs: Numbers of the bodies that are compared; the floor's is one more than the last.
-        kinds: Of which kind each pair is.
+        kinds: Kind of each pair.
     """
 
     model: Model
@@ -226,8 +226,8 @@ class Scene:
 
         Args:
             q: States, (T, n).
-            groups: Of each pair the number of its group, (pairs,).
-            enough: Of each group, see `nearest`.
+            groups: Number of each pair's group, (pairs,).
+            enough: A distance for each group, see `nearest`.
         """
         best: list[NearestPair | None] = [None] * len(enough)
         for first in range(0, len(q), _AT_ONCE):
@@ -246,8 +246,8 @@ class Scene:
 
         Args:
             q: Successive states, (T, n).
-            groups: Of each pair the number of its group, (pairs,).
-            enough: Of each group, distance from which it does not matter how large it is [m].
+            groups: Number of each pair's group, (pairs,).
+            enough: Distance for each group above which larger values do not matter [m].
         """
         starts, ends = self.segments(q)
         instants, pairs = self._candidates((starts + ends) / 2, groups, np.array(enough))
@@ -274,7 +274,7 @@ class Scene:
         """Return instants and pairs, (C,) each, among which the nearest of each group is.
 
         Args:
-            middles: Of the bodies [m], (T, bodies, 3).
+            middles: Middles of the bodies [m], (T, bodies, 3).
             groups, enough: As in `contacts`.
         """
         T = len(middles)
@@ -302,7 +302,8 @@ class Scene:
         """Return among which pairs the nearest of each group may be, (C,), by balls around bodies and in them.
 
         Args:
-            middles, spread: Of the bodies, and how far from there they go [m], (R, bodies, 3) and (R, bodies).
+            middles, spread: Middles and spread of the bodies, and how far from there they go [m], (R, bodies, 3) and
+                (R, bodies).
             rows, pairs: Which of them, and the numbers of the pairs, (C,) each.
             groups, enough: As in `contacts`.
         """
@@ -339,7 +340,7 @@ class Scene:
         """Return how near a pair of which one is a cylinder or a box comes, as `_distances` does.
 
         Args:
-            places: Of the bodies at one state, see `_places`, (bodies, 3, 3).
+            places: Places of the bodies at one state, see `_places`, (bodies, 3, 3).
             pair: Its number.
         """
         bodies = int(self._first[pair]), int(self._second[pair])
@@ -352,7 +353,7 @@ class Scene:
         """Return how near pairs come at instants, as `distances` does, (C, ...) each.
 
         Args:
-            starts, ends: Of the bodies [m], (T, bodies, 3) each.
+            starts, ends: Starts and ends of the bodies [m], (T, bodies, 3) each.
             instants, pairs: Numbers of the states and of the pairs, (C,) each.
         """
         first, second, floor = self._first[pairs], self._second[pairs], self._floor[pairs]

@@ -14,8 +14,8 @@ class Solids:
     """The shapes of bodies as coal has them, and a floor behind the last.
 
     Args:
-        shapes: Of the bodies.
-        height: Of the floor [m].
+        shapes: Shapes of the bodies.
+        height: Height of the floor [m].
     """
 
     def __init__(self, shapes: Sequence[Capsule], height: float) -> None:
@@ -29,7 +29,7 @@ class Solids:
 
         Args:
             bodies: Their numbers, that of the floor last.
-            poses: Of each of both the axes (3, 3) and the middle (3,) [m]; the floor's are not looked at.
+            poses: Poses of each of both the axes (3, 3) and the middle (3,) [m]; the floor's are not looked at.
         """
         posed = [coal.Transform3s(np.asarray(R, float), np.asarray(p, float)) for R, p in poses]
         if bodies[1] == len(self._shapes) - 1:

@@ -114,8 +114,8 @@ class SpatialLink:
         com: Centre of mass in the link's frame [m], (3,).
         inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in the link's axes [kg m^2].
         axis: Unit vector of the joint in the link's frame, (3,).
-        position: Of the joint in the frame of the link before, for the first in the base's [m], (3,).
-        rotation: Of the link's frame in that of the link before where the joint's position is 0, (3, 3).
+        position: Position of the joint in the frame of the link before, for the first in the base's [m], (3,).
+        rotation: Rotation of the link's frame in that of the link before where the joint's position is 0, (3, 3).
         kind: Whether the joint turns about its axis or slides along it.
         friction: Viscous friction of the joint [N m s/rad or N s/m].
         armature: Inertia of the rotor, as the joint feels it [kg m^2 or kg].

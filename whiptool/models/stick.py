@@ -18,9 +18,9 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
 
     Args:
         arm: Its hand holds the stick.
-        length: Of the stick [m].
+        length: Length of the stick [m].
         mass: [kg]
-        radius: Of the capsule that it is where the arm has any [m]; its inertia is that of a thin one.
+        radius: Radius of the capsule that it is where the arm has any [m]; its inertia is that of a thin one.
 
     Raises:
         InputError: A number is negative or not finite.

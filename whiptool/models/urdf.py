@@ -41,7 +41,7 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     the model. What was assumed is in the arm's `notes`.
 
     Args:
-        path: Of the file; xacro has to be expanded.
+        path: Path of the file; xacro has to be expanded.
         choice: Which chain; default: all of a robot that does not branch, or the one to its only tool frame.
 
     Raises:
@@ -255,7 +255,7 @@ def _weightless(model: Any, carried: list[set[str]], without: set[str], main: se
     """Return the joints whose bodies' inertia is not known.
 
     Args:
-        model: Of the arm.
+        model: Model of the arm.
         carried: Names of the links that each joint carries, (joints,).
         without: Names of the links that have shapes, and no mass.
         main: Names of the links that joints move, except what is fixed to them.

@@ -74,7 +74,7 @@ def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) ->
     Args:
         model: Changed in place.
         robot: What it was read from.
-        folder: Of the file, from which meshes are looked for.
+        folder: Folder of the file, from which meshes are looked for.
         main: Names of the links that joints move, except what is fixed to them.
     """
     import pinocchio as pin

@@ -90,13 +90,14 @@ def search(
 
     Args:
         objective: What is searched: an `Objective`, or the rollout that is to strike.
-        target: Of a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual one. An objective has
-            its own, and the method may stand here.
+        target: Target of a search with a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual
+            one. An objective has its own, and the method may stand here.
         method: One of `METHODS`, or `nlopt:NAME`; default: `usual_method`. Capital letters, hyphens and underscores
             make no difference.
-        seed: Of what is random in the method.
+        seed: Seed of what is random in the method.
         first: A strike vector to try before the method begins.
-        options: Of a rollout: others of `Objective`, by name, such as `max_trials`, `bounds` and `limits`.
+        options: Options of a search with a rollout: those of `Objective`, by name, such as `max_trials`, `bounds` and
+            `limits`.
 
     Raises:
         InputError: The method is unknown, or does not fit the objective, the target is out of reach, or an option is

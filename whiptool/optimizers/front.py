@@ -65,7 +65,7 @@ class Front:
         """Return the front as plain data for JSON.
 
         Args:
-            names: Of the numbers of a strike.
+            names: Names of the numbers of a strike.
         """
         criteria = [{"name": x.name, "unit": x.unit, "maximised": x.largest} for x in self.criteria]
         hits = [
@@ -84,7 +84,7 @@ class Front:
         """Return the front as CSV: number of the trial, both criteria, and the strike.
 
         Args:
-            names: Of the numbers of a strike.
+            names: Names of the numbers of a strike.
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -102,8 +102,8 @@ def dominated_by(criteria: Sequence[Criterion], front: np.ndarray, values: np.nd
 
     Args:
         criteria: Two.
-        front: Of the hits on the front, (P, 2).
-        values: Of the other hits, (Q, 2).
+        front: Values of the hits on the front, (P, 2).
+        values: Values of the other hits, (Q, 2).
     """
     costs = oriented(criteria, front)
     span = np.where(np.ptp(costs, axis=0) > 0, np.ptp(costs, axis=0), 1.0)

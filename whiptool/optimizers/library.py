@@ -94,9 +94,9 @@ def warm_search(
     Args:
         objective: What is to be hit; its bounds are narrowed.
         method: As in `search`.
-        library: Of past strikes.
-        seed: Of the method.
-        width: Of the box around the library's strike, in widths of the objective's box.
+        library: Library of past strikes.
+        seed: Seed of the method.
+        width: Width of the box around the library's strike, in widths of the objective's box.
 
     Raises:
         InputError: The method is unknown, or does not fit the objective.

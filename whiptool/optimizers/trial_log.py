@@ -29,7 +29,7 @@ class TrialLog:
     Args:
         path: The file; made with its header if it is not there.
         arm: Names the columns.
-        names: Of a strike's numbers; default: those of the arm's joints.
+        names: Names of a strike's numbers; default: those of the arm's joints.
         measured: Miss distances were measured, and have a column of standard errors, NaN where unknown.
         arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
             strike was lost, and of the cost.

@@ -32,7 +32,7 @@ def spell_methods(options: OptionGroup, name: str) -> None:
 
     Args:
         options: That are being made.
-        name: Of the field that holds one method or several.
+        name: Name of the field that holds one method or several.
     """
     written = getattr(options, name)
     spelled = method_name(written) if isinstance(written, str) else tuple(map(method_name, written))
@@ -69,7 +69,7 @@ class SearchOptions(OptionGroup):
 
         Args:
             model: Whose arm strikes.
-            space: Of the strikes; default: that of the arm's joints.
+            space: Space of the strikes; default: that of the arm's joints.
 
         Raises:
             InputError: They are not of this arm, or cross.

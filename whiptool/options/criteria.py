@@ -57,7 +57,7 @@ class CriteriaOptions(OptionGroup):
         """Return what hits are judged by: two criteria for a front, one, or none for the cost alone.
 
         Args:
-            bounds: Of the strikes.
+            bounds: Bounds of the strikes.
 
         Raises:
             InputError: The noise does not fit them.

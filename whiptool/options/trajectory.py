@@ -71,7 +71,7 @@ class TrajectoryOptions(OptionGroup):
         """Return a strike with the way to its start and a rest before it; None: the options ask for none.
 
         Args:
-            model: Of the arm, whose own limits the samples always keep.
+            model: Model of the arm, whose own limits the samples always keep.
             strike: What is to be struck.
             t_stay: At the end, after the strike [s].
             given: What it has to keep besides; what the whip does is not looked at, see `refuse_beyond`.

@@ -92,7 +92,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
     """Refuse times that no recording of a strike has, before anything is made of their length.
 
     Args:
-        name: Of the times, for errors.
+        name: Name of the times, for errors.
         t: (T,) [s], strictly increasing.
         longest: That they may span [s].
 

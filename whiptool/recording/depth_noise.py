@@ -27,7 +27,7 @@ def depth_error(
 
     Args:
         depth: Along the optical axis [m].
-        focal_length: Of the camera that measures it [pixels].
+        focal_length: Focal length of the camera that measures it [pixels].
         baseline: Between the two cameras of the pair [m].
         subpixel: Standard error of the disparity [pixels].
     """
@@ -47,7 +47,7 @@ def stereo_depth(
     Args:
         depth: Along the optical axis [m]; NaN stays NaN.
         focal_length, baseline, subpixel: As for `depth_error`.
-        rng: Of the errors.
+        rng: Random generator of the errors.
     """
     disparity = focal_length * baseline / np.asarray(depth, float)
     measured = disparity + subpixel * rng.standard_normal(disparity.shape)

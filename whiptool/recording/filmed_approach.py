@@ -21,10 +21,10 @@ class FilmedApproach:
     """Where a filmed tip came nearest to a target.
 
     Args:
-        distance: Of the tip from the target [m].
+        distance: Distance of the tip from the target [m].
         time: When [s].
         place: Where, (d,) [m].
-        velocity: Of the tip then, (d,) [m/s].
+        velocity: Velocity of the tip then, (d,) [m/s].
     """
 
     distance: float

@@ -88,8 +88,8 @@ def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = Fals
     """Return which of a log's columns each joint of an arm is.
 
     Args:
-        names: Of the columns.
-        joints: Of the arm.
+        names: Names of the columns.
+        joints: Joints of the arm.
         listed: Whether the user listed the columns in the arm's order; names of other joints are then allowed.
 
     Raises:

@@ -25,10 +25,10 @@ class SpaceCamera:
 
     Args:
         name: For people and for files.
-        width, height: Of its images [pixels].
+        width, height: Width and height of its images [pixels].
         camera_matrix: Intrinsics [pixels], (3, 3): focal lengths on the diagonal, principal point in the last column.
         rotation: From the world's axes to the camera's (right, down, forward), (3, 3).
-        position: Of its centre of projection in the world [m], (3,).
+        position: Position of its centre of projection in the world [m], (3,).
         distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
         fps: Frames per second.
         exposure: How long each row collects light [s].
@@ -137,7 +137,7 @@ def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | 
     """Return the rotation (3, 3) from the world's axes to those of a camera that looks upright at a point.
 
     Args:
-        position: Of the camera [m], (3,).
+        position: Position of the camera [m], (3,).
         point: That its optical axis goes through [m], (3,).
 
     Raises:

@@ -18,7 +18,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
     """Refuse parts that have no time in common.
 
     Args:
-        t: Of the frames (T,) [s].
+        t: Times of the frames (T,) [s].
         logs: Times of what was logged in addition, by what it is called where its start is given (`joints`, `hand`).
         command: Start and end of the strike, if it is known [s].
 

@@ -27,8 +27,8 @@ class StrikePlane:
 
     Args:
         axes: Its x axis, y axis and normal in the recordings' axes, rows, (3, 3).
-        offset: Of the plane from the shoulder along the normal [m].
-        tilt: Of the plane against the vertical [rad].
+        offset: Offset of the plane from the shoulder along the normal [m].
+        tilt: Tilt of the plane against the vertical [rad].
         rms, largest: Distances of the points from it [m].
     """
 

@@ -61,7 +61,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             different times); default: t for all, with a view when its row was read.
         exposure: A point is the mean of its marker's path over this span around `t_points` [s]; 0 with a view: its own.
         strike: What was commanded, a `Strike`, or its vector, (2 a + 1,), which is kept as one.
-        controller: Of the arm: a `Controller`, which is kept as its table, or that table as
+        controller: Controller of the arm: a `Controller`, which is kept as its table, or that table as
             `whiptool.impedance.files.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
         joints_q: Measured joints of the arm [rad], (S, a).
@@ -69,8 +69,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
         t_stay: How long the strike is watched after the movement ended [s].
         camera: Name of the camera settings, for people.
         source: Where the recording came from.
-        sha256: Of the source's bytes.
-        joint_names: Of the columns of `joints_q`, (a,); empty: they are in the arm's order.
+        sha256: Checksum of the source's bytes.
+        joint_names: Joint names of the columns of `joints_q`, (a,); empty: they are in the arm's order.
         view: The camera that saw the markers, where they are in pixels; None: they are places.
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
         hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,

@@ -20,7 +20,7 @@ class Guards:
 
     Args:
         low, high: Joint positions [rad]: one number for all joints, or one each.
-        speed: Of a joint [rad/s]; default: a quarter above the motor's no-load speed.
+        speed: Speed of a joint [rad/s]; default: a quarter above the motor's no-load speed.
         current: Measured [A].
         temperature: [deg C]; the servo's own limit is 80.
         voltage: Lowest of the supply [V].

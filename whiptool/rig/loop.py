@@ -101,7 +101,7 @@ class RigLoop:
     Args:
         joints: The servos.
         model: For gravity; its arm has as many joints as there are servos.
-        controller: Of the strike; its `control_period` is not used, `torque_limit` is.
+        controller: Controller of the strike; its `control_period` is not used, `torque_limit` is.
         options: Rates, waits, caps.
         guards: What ends a run.
         clock: Default: the monotonic one.

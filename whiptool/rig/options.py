@@ -140,8 +140,8 @@ def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
     """After a stop, have a person say that its cause is gone, whatever the options are; nothing moves before.
 
     Args:
-        interlock: Of the rig.
-        run_folder: Of the run; it keeps the mark of a stop.
+        interlock: Interlock of the rig.
+        run_folder: Run folder of the run; it keeps the mark of a stop.
 
     Raises:
         Locked: The question was not answered with yes.

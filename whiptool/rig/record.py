@@ -33,7 +33,7 @@ def build_recording(
     Time 0 is the first cycle of the strike, by the loop's clock.
 
     Args:
-        cycles: Of the run, all phases.
+        cycles: Cycles of the run, all phases.
         model: For the lengths of the arm's links.
         track: What a camera saw, its times on the loop's clock with 0 at the strike's first cycle. None: the only
             markers are the arm's own joints and the handle, from the encoders.

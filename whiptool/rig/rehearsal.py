@@ -64,9 +64,10 @@ def rehearse(
         model: Whip, arm, gravity.
         controller: The controller of the strike.
         strike: The strike; it starts at rest with the whip hanging.
-        options: Of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: the usual ones, without a delay.
-        limits: Of the motors.
-        guards: Of the run; its speed and tracking error must not be reached.
+        options: Options of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: the usual ones, without a
+            delay.
+        limits: Limits of the motors.
+        guards: Guards of the run; its speed and tracking error must not be reached.
         motor: The twin's; default: one without friction.
         believed: The posterior mean of whip and arm, which the strike is played on; default: the model. The loop's
             gravity compensation is that of the model in any case.

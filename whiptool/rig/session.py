@@ -44,7 +44,7 @@ class Struck:
     Args:
         run: What the control loop left.
         recording: Joints, and the tip as the camera saw it; None if the run never came to its strike.
-        truth: Of a twin: what arm and whip really did, time 0 at the strike's first cycle.
+        truth: True motion of a twin's arm and whip, time 0 at the strike's first cycle.
     """
 
     run: Run
@@ -134,7 +134,7 @@ class TwinTruth:
     Args:
         model: The true arm and whip.
         motor: The true motors.
-        command_delay, sample_delay: Of the line [s].
+        command_delay, sample_delay: Command delay and sample delay of the line [s].
         clock_offset: The camera's clock is late by this [s].
     """
 
@@ -150,14 +150,14 @@ class TwinRig:
 
     Args:
         model: The nominal model of whip and arm.
-        controller: Of the strike.
+        controller: Controller of the strike.
         truth: What is really there; default: the model, ideal motors.
         camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
             tracked images have, without the images; `none`.
         target: Where the target stands [m]; it is in the images.
-        options: Of the loop.
+        options: Options of the loop.
         at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
-        seed: Of the camera's noise.
+        seed: Seed of the camera's noise.
         interlock: What locks after a stop; default: a new one.
     """
 
@@ -268,7 +268,7 @@ class Line:
 
     Args:
         port: Serial device.
-        ids: Of the servos, shoulder first; default: 1, 2, ..
+        ids: Ids of the servos, shoulder first; default: 1, 2, ..
         baud: Bits per second.
     """
 

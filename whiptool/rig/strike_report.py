@@ -51,7 +51,7 @@ def sections(
         model: For the names of the arm's joints.
         target: Position and hit radius.
         pictures: As `draw` returns them.
-        limits: Of the motors.
+        limits: Limits of the motors.
     """
     result: list[Table | Text | Picture] = [_result(struck, target)]
     if "strike" in pictures:

@@ -21,7 +21,7 @@ class EpisodeTable:
     """A CSV file of episodes; every line has the same columns, empty where an episode has no such number.
 
     Args:
-        path: Of the file, which may hold earlier episodes.
+        path: Path of the file, which may hold earlier episodes.
         losses: Names of the learner's.
     """
 

@@ -21,8 +21,8 @@ class Score:
     """What a policy's first strikes came to, one at each held-out goal.
 
     Args:
-        share_hit: Of the goals, 0 to 1.
-        mean_cost: Of the strikes [m], see `Goals.cost`; of points alone it is the miss distance.
+        share_hit: Share of the goals that are hit, 0 to 1.
+        mean_cost: Mean cost of the strikes [m], see `Goals.cost`; of points alone it is the miss distance.
     """
 
     share_hit: float

@@ -117,7 +117,7 @@ class Relabelled(NamedTuple):
     """What strikes came to at other goals.
 
     Args:
-        tip, velocity: Of the tip at the closest approach [m], [m/s], (B, d).
+        tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).
         cost: [m], (B,).
         hit: Whether it was a hit, (B,).
         known: Whether a strike has come far enough for the others to mean anything, (B,).

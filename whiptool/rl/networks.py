@@ -19,7 +19,8 @@ class Layers(nn.Module):
 
     Args:
         sizes: Widths from input to output.
-        generator: Of the first weights (uniform within one over the root of the fan-in, as torch's own layers).
+        generator: Generator of the first weights (uniform within one over the root of the fan-in, as torch's own
+            layers).
         count: How many networks.
         activation: Between layers.
     """

@@ -46,7 +46,7 @@ class Policy:
         """Return the action for what an environment shows, as Stable-Baselines3's models do; `WhipEnv.step` takes it.
 
         Args:
-            observation: Of one environment, (n_obs,), or of B, (B, n_obs), in SI units.
+            observation: Observation of one environment, (n_obs,), or of B, (B, n_obs), in SI units.
             state, episode_start: Ignored; only recurrent policies use them.
             deterministic: The mean action, instead of a sample of the policy.
 

@@ -46,7 +46,7 @@ class Settings:
 
     Args:
         hidden: Sizes of the hidden layers (paper).
-        learning_rate: Of Adam, for all networks (paper).
+        learning_rate: Learning rate of Adam, for all networks (paper).
         discount: gamma; None: 0 where the observation shows the target (`goal`), for there no trial depends on another,
             and 0.99 elsewhere (usual).
     """

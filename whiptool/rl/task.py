@@ -94,7 +94,7 @@ class Step:
 
     Args:
         obs: What is seen after the strike, (B, n_obs).
-        reward: Of the task's kind, (B,).
+        reward: Reward of the task's kind, (B,).
         truncated: Whether its number of strikes is used up without a hit, (B,).
         judged: What the strikes came to.
     """

@@ -50,7 +50,7 @@ class Episode:
         number: From 1.
         strikes: Made so far.
         mean_reward: Over its trials, Fig. 7.
-        share_hit: Of its trials.
+        share_hit: Share of its trials that hit.
         diverged: Strikes that did, so far.
         losses: By name; empty while nothing is learned.
         held_out: What the policy came to at held-out goals; None in most episodes.

@@ -33,7 +33,7 @@ class Batch:
         knot: When the reference of a strike ends [s], (B,).
         weight: How far each coordinate moves the tip [m], (n,).
         period: For which a torque is held [s]; 0: it is not.
-        columns, stride: Of what is observed (see `System.step`), to keep every `stride` steps,
+        columns, stride: Columns and stride of what is observed (see `System.step`), to keep every `stride` steps,
             (C,).
     """
 
@@ -110,7 +110,7 @@ class Rolled:
     """What came of a batch.
 
     Args:
-        out: Of each strike, in the columns of `outcome_columns`, (B, columns).
+        out: Outcome of each strike, in the columns of `outcome_columns`, (B, columns).
         path: Tip at equal times, (B, samples, d), or with derivatives (B, samples, 2 d); NaN after the strike's end.
         rows: Every step, strike after strike, in the columns of `row_columns`; `first_row` says where each begins.
         y, dy: What is observed and its derivatives, (rows, C), strike after strike; `y_row` says where each begins.

@@ -75,9 +75,9 @@ class CosseratWhip:
 
     Args:
         profile: Without rest curvature.
-        elements: Of the rod, at least 3.
-        wave_speed: Of stretching and shearing [m/s].
-        radius: Of the sections, for their inertia [m].
+        elements: Elements of the rod, at least 3.
+        wave_speed: Wave speed of stretching and shearing [m/s].
+        radius: Radius of the sections, for their inertia [m].
         gravity: [m/s^2]
         timestep: [s]; default: somewhat below the largest that is stable.
         spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, to see what that does.

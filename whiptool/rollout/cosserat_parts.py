@@ -44,7 +44,7 @@ class BendingDamper(ea.DamperBase):
     world, `inertia (W' - W) / h = damping's moments at W'`, a system with three diagonals, whose factors do not change.
 
     Args:
-        damping: Of every inner node, (elements - 1,) [N m^2 s].
+        damping: Damping of every inner node, (elements - 1,) [N m^2 s].
         inertia: Moment of inertia of every element, the same about all axes, (elements,) [kg m^2].
         timestep: [s]
     """
@@ -115,7 +115,7 @@ class Drag(ea.NoForces):
     """Quadratic drag of each node, the same in all directions: `-drag |v| v`.
 
     Args:
-        drag: Of each node, (elements + 1,) [N s^2/m^2].
+        drag: Drag of each node, (elements + 1,) [N s^2/m^2].
     """
 
     def __init__(self, drag: np.ndarray) -> None:

@@ -22,8 +22,8 @@ class Energies:
 
     Args:
         t: Times [s], (T,).
-        kinetic: Of each arm link and each node [J], (T, a + N); an arm link's includes its rotor's, and the whip's
-            `hinge_mass` counts with the arm's last link.
+        kinetic: Kinetic energy of each arm link and each node [J], (T, a + N); an arm link's includes its rotor's, and
+            the whip's `hinge_mass` counts with the arm's last link.
         weight: Potential energy of their weight [J], (T, a + N), from the base's height.
         springs: Energy in the springs of each joint of the arm and of each node [J], (T, a + N).
         work: Done by the arm's motors so far [J], (T,).
@@ -67,7 +67,7 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
 
     Args:
         model: The model that the strike was rolled out with.
-        trajectory: Of T instants.
+        trajectory: Trajectory of T instants.
 
     Raises:
         InputError: The trajectory is of another number of joints.
@@ -101,8 +101,8 @@ class _Moving(NamedTuple):
     """How a chain moves at T instants, in d coordinates.
 
     Args:
-        points, velocities: Of base, joints and tip [m, m/s], (T, a + 1 + N, d).
-        centres, speeds: Of the masses of the arm's links and of the nodes [m, m/s], (T, a + N, d).
+        points, velocities: Points and velocities of base, joints and tip [m, m/s], (T, a + 1 + N, d).
+        centres, speeds: Centres and speeds of the masses of the arm's links and of the nodes [m, m/s], (T, a + N, d).
         turning: Kinetic energy of each link's or node's turning about its centre, and of its rotor [J], (T, a + N).
         springs: Energy in the springs of each node [J], (T, N).
         braking: Power that the dampers and dry friction of the whip's joints take [W], (T,).

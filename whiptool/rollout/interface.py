@@ -26,7 +26,7 @@ class Rollout(ABC):
     Args:
         model: Whip, arm and gravity.
         engine: What computes, or strikes: a name.
-        timestep: Of the integrator [s].
+        timestep: Timestep of the integrator [s].
         tolerance: Largest error of a distance by integration [m], where steps are chosen by their errors; else None.
         one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
     """
@@ -163,9 +163,9 @@ def joined(approaches: Sequence[Approach], joints: int, dimension: int) -> Appro
     """Return approaches of single strikes as one of them all, also of none.
 
     Args:
-        approaches: Of one strike each.
-        joints: Of the arm.
-        dimension: Of the places, 2 or 3.
+        approaches: Approaches of one strike each.
+        joints: Joints of the arm.
+        dimension: Dimension of the places, 2 or 3.
     """
     if not approaches:
         return Approach.none(joints, dimension)

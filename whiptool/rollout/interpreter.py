@@ -123,7 +123,7 @@ def _share_slope(path: np.ndarray, dpath: np.ndarray, target: np.ndarray, neares
     Args:
         path, dpath: Places (T, d) [m], and how they change.
         target: (d,) [m].
-        nearest: Of the path to the target; at a segment's end the share does not change.
+        nearest: Nearest of the path to the target; at a segment's end the share does not change.
     """
     if not 0 < nearest.share < 1:
         return 0.0

@@ -28,7 +28,7 @@ def target_points(target: Points, count: int, dimension: int = 2) -> np.ndarray:
 
     Args:
         target: A `Target`, or coordinates, for all; or one each, (count, dimension) [m].
-        count: Of strikes.
+        count: Count of strikes.
         dimension: 2 in the plane, 3 in space.
 
     Raises:

@@ -273,7 +273,7 @@ class Replay:
         miss_distance: [m]; None if it diverged at every step that was tried.
         timestep: The last of them [s].
         confirmed: Whether that is within `AGREEMENT` of what was expected.
-        velocity: Of the tip at the closest approach [m/s], (d,); None if it diverged.
+        velocity: Velocity of the tip at the closest approach [m/s], (d,); None if it diverged.
     """
 
     miss_distance: float | None

@@ -78,7 +78,7 @@ def share_too_coarse(
 
     Args:
         model, controller, t_stay, target: As in `refine`.
-        bounds: Of the strikes.
+        bounds: Bounds of the strikes.
         timestep: To be judged [s].
     """
     strikes = bounds.sample(np.random.default_rng(0), SAMPLE)

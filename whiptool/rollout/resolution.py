@@ -36,7 +36,7 @@ class Resolved:
     Args:
         out: In the engine's columns, (B, columns).
         error: Estimated error of the distances [m], (B,); infinite where no tolerance was fine enough.
-        tolerance: Of the steps' errors that was taken [m], (B,).
+        tolerance: Tolerance of the steps' errors that was taken [m], (B,).
     """
 
     out: np.ndarray
@@ -53,7 +53,7 @@ def resolve(
         roll: Outcomes (n, columns) of the strikes of such numbers (n,) at such tolerances of a step's error (n,).
         count: Number of strikes.
         tolerance: [m]
-        columns: Of the outcomes.
+        columns: Columns of the outcomes.
     """
     every, coarsest = np.arange(count), COARSEST * tolerance
     both = roll(np.tile(every, 2), np.repeat([coarsest, coarsest / RATIO], count))
@@ -78,7 +78,7 @@ def stepped(
 
     Args:
         model, controller, free: As `Structure.of` takes them.
-        timestep: Of equal steps [s]; None: steps are chosen by their errors.
+        timestep: Equal steps of this length [s]; None: steps are chosen by their errors.
     """
     longest = _EXPLICIT if timestep is None else timestep
     explicit = controller.prescribed and longest <= explicit_timestep(model)

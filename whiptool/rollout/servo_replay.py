@@ -34,7 +34,7 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
 
     Args:
         model: Arm and whip.
-        trajectory: Of the arm's joints, in their order.
+        trajectory: Trajectory of the arm's joints, in their order.
         bandwidth: Natural frequency of the servos [Hz].
 
     Raises:

@@ -31,7 +31,7 @@ def run_in_parts(
 
     Args:
         loop: A function of a compiled library, which releases the interpreter's lock.
-        arguments: Of the batch; it holds addresses of the buffers.
+        arguments: Arguments of the batch; it holds addresses of the buffers.
         buffers: The arrays behind these addresses.
         count: Size of the batch.
         lanes: How many run at once on one core.

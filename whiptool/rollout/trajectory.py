@@ -35,9 +35,9 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
     """Closest approach of the tip to its target, for B strikes of an arm of a joints.
 
     Args:
-        distance: Of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
+        distance: Distance of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
         time: When [s], (B,).
-        velocity: Of the tip, then [m/s], (B, 2), in space (B, 3).
+        velocity: Velocity of the tip, then [m/s], (B, 2), in space (B, 3).
         tip: Where [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
@@ -261,7 +261,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         """Write a CSV file of T rows under the names of `columns` with units, `q.shoulder [rad]`; or return its text.
 
         Args:
-            path: Of the file; None: the text is returned.
+            path: Path of the file; None: the text is returned.
         """
         columns, text = list(self._columns()), StringIO()
         header = ",".join(f"{name} [{unit}]" if unit else name for name, unit, _ in columns)

@@ -29,7 +29,7 @@ class Answers:
         tips: Places of the tip at those instants [m], (K, d).
         velocities: Then [m/s], (K, d).
         tip_slopes: Derivatives of the place [m per unit], (K, d, m + 1).
-        velocity_slopes: Of the velocity [m/s per unit], (K, d, m + 1).
+        velocity_slopes: Derivatives of the velocity [m/s per unit], (K, d, m + 1).
     """
 
     strikes: np.ndarray
@@ -67,7 +67,7 @@ class Answers:
         Args:
             striker: Rolls out.
             strikes: Vectors, (S, m).
-            which: Of the strikes, (K,), in ascending order.
+            which: Numbers of the strikes, (K,), in ascending order.
             when: Which sample, (K,), neither a path's first nor its last.
             progress: Show a bar.
         """

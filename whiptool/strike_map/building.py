@@ -26,10 +26,10 @@ class MapPlan:
     Args:
         random_strikes: What the first answers are passages of.
         room: Answers in each cell of the region at first; each round of practice makes room for one more.
-        rounds: Of practice.
-        goals: Of each round.
+        rounds: Rounds of practice.
+        goals: Goals of each round.
         gate_strikes: Candidates that are struck to train the gate; 0: there will be none.
-        per_goal: Of them at each goal.
+        per_goal: Number of them at each goal.
 
     Raises:
         InputError: A number is out of range.
@@ -64,9 +64,9 @@ class Building:
 
     Args:
         striker: Rolls out.
-        region: Of the goals.
+        region: Region of the goals.
         plan: How much.
-        seed: Of everything random.
+        seed: Seed of everything random.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, plan: MapPlan, *, seed: int) -> None:

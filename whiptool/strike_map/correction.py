@@ -14,7 +14,7 @@ class Correction:
     """How B strikes are to change.
 
     Args:
-        change: Of each number, (B, m).
+        change: Change of each number, (B, m).
         size: Norm of the change in widths, (B,).
         left: What is left of the residuals to first order [m], (B,).
     """

@@ -39,8 +39,8 @@ class Gate:
     """A trained gate: a multilayer perceptron with rectified linear units, evaluated by NumPy.
 
     Args:
-        weights, biases: Of each layer, (in, out) and (out,), in single precision.
-        mean, scale: Of the features that it was trained on, (f,) each.
+        weights, biases: Weights and biases of each layer, (in, out) and (out,), in single precision.
+        mean, scale: Mean and scale of the features that it was trained on, (f,) each.
     """
 
     weights: tuple[np.ndarray, ...]

@@ -27,7 +27,7 @@ class Harvest:
 
     Args:
         striker: Rolls out.
-        region: Of the goals.
+        region: Region of the goals.
         rng: Draws points of the region's zone, to see in which directions it lies.
     """
 

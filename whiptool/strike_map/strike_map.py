@@ -28,7 +28,7 @@ class StrikeMap:
 
     Args:
         striker: Rolls out.
-        region: Of the goals that the map was built for.
+        region: Region of the goals that the map was built for.
         answers: Turned to the front.
         gate: Chooses; None: the candidate with the least `doubt` is taken.
     """
@@ -58,7 +58,7 @@ class StrikeMap:
         """Return the strike for a target; where it misses, or is beyond the limits, with a warning.
 
         Args:
-            target: Of the map's region; its hit radius may be another.
+            target: Target of the map's region; its hit radius may be another.
             refined: Whether rollouts refine what the answers make of it; else they only see to it that it keeps the
                 limits.
 

@@ -81,7 +81,7 @@ class CharucoBoard:
         squares: Along a row, and rows of them.
         square: Side of a square [m].
         marker: Side of a marker [m].
-        dictionary: Of the markers, by its name in OpenCV.
+        dictionary: Dictionary of the markers, by its name in OpenCV.
 
     Raises:
         InputError: A number is out of range, or there is no such dictionary.

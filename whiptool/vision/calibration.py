@@ -55,7 +55,7 @@ def calibrate_points(
     Args:
         pixels: Where they are seen, (P, 2).
         metres: Where they are on the strike plane [m], (P, 2).
-        camera_matrix, distortion: Of the lens, if it distorts; see `PlaneCalibration`.
+        camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:
         InputError: Too few points, shapes that differ, values that are not finite, or points that fix no homography.
@@ -153,7 +153,7 @@ def calibrate_checkerboard(
         square: Side of a square [m].
         origin: Where the first corner (upper left) is on the strike plane [m], (2,).
         angle: How far the board's rows are turned from x toward y [rad].
-        camera_matrix, distortion: Of the lens, if it distorts; see `PlaneCalibration`.
+        camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:
         InputError: No such board is seen, or a number is out of range.

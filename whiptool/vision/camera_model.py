@@ -28,7 +28,8 @@ class CameraSettings:
         width, height: [pixels]
         fps: Frames per second.
         fx, fy, cx, cy: Focal lengths and principal point [pixels].
-        position: Of the camera in the strike plane's frame [m], (3,); the third is its distance from the plane.
+        position: Position of the camera in the strike plane's frame [m], (3,); the third is its distance from the
+            plane.
         rotation: Rotation vector [rad], (3,), in the camera's axes (right, down, forward), that turns a camera looking
             straight at the plane, upright, into this one.
         exposure: How long each row collects light [s].

@@ -15,7 +15,7 @@ class CameraTrack:
     """One marker's way through one camera's images, at any time between its frames.
 
     Args:
-        recording: Of the camera, with its view.
+        recording: Recording of the camera, with its view.
         marker: One of its markers.
     """
 

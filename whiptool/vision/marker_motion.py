@@ -16,7 +16,7 @@ class Gate:
             crack, where the tip strays by two decimetres within a frame from a constant acceleration.
         at_rest: Standard deviations of a resting marker's speed [m/s] and acceleration [m/s^2].
         in_flight: Likewise of one that was just found again.
-        error: Of a measurement [pixels].
+        error: Error of a measurement [pixels].
         deviations: Standard deviations that are let through.
         narrowest: It is no narrower than this [pixels].
         fastest: A marker is no faster [m/s]; random strikes of the paper's whip stay below 35.

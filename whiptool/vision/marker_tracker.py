@@ -29,9 +29,9 @@ class Light:
     Args:
         tolerance: Relative deviation of a blob's light that makes it doubtful.
         usual: What shading and noise make of it.
-        most_size_error: Of a first blob's area against the marker's own, either way.
+        most_size_error: Largest ratio between a first blob's area and the marker's, either way.
         slow: Speed below which the marker's light is learned [m/s].
-        weight: Of a new blob in what the marker's light is known to be.
+        weight: Weight of a new blob in what the marker's light is known to be.
     """
 
     tolerance: float = 0.15
@@ -69,7 +69,7 @@ class MarkerTracker:
     Args:
         marker: Its looks.
         settings: The camera.
-        calibration: Of the strike plane; default: from the settings' pose.
+        calibration: Calibration of the strike plane; default: from the settings' pose.
         background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
             that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
         start: Where the marker is in the first frame (2,) [pixels], if something there looks like it.

@@ -21,7 +21,7 @@ class Blobs:
     Args:
         floor: Least strength that can be part of a blob, of a whole marker's 1 or so.
         dim: Likewise in infrared, where everything reflects some light.
-        deviations: Of the filtered noise, that a blob stands out by.
+        deviations: Least strength of a blob in standard deviations of the filtered noise.
         margin: Pixels around a blob that may hold some of its light.
         faint: Share of a known marker's light below which a blob is not worth looking at.
     """
@@ -149,10 +149,10 @@ def find_blobs(
         marker: What to look for.
         image: (H, W, 3) or (H, W) of uint8.
         background: Strength (H, W) of the scene without the marker, or None for none.
-        noise: Of the strength, from `noise_of`.
+        noise: Noise of the strength, from `noise_of`.
         region: Left, top, right, bottom [pixels].
         least_mass: Light of the whole marker [pixels]; blobs with less than a share `_BLOBS.faint` of it are left out.
-        least_strength: Of any part of a blob.
+        least_strength: Least strength of any part of a blob.
         near: Where the marker is expected (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
             is the first of the list.
     """

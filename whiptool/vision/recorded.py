@@ -25,7 +25,7 @@ def recorded_settings(video: VideoSource, kind: str) -> CameraSettings:
 
     Args:
         video: With a homography.
-        kind: Of light, `color` or `infrared`.
+        kind: Kind of light, `color` or `infrared`.
 
     Raises:
         InputError: It has no homography, or its exposure is longer than the time between images.
@@ -75,8 +75,8 @@ class RecordedCamera:
         video: The images, with times, size and calibration.
 
     Attributes:
-        settings: Of the camera; see `recorded_settings`. Of a camera in space a `SpaceView`.
-        calibration: Of the strike plane, for the tracker; None of a camera in space.
+        settings: Settings of the camera; see `recorded_settings`. Of a camera in space a `SpaceView`.
+        calibration: Calibration of the strike plane, for the tracker; None of a camera in space.
 
     Raises:
         InputError: The strike plane is not calibrated, an image cannot be decoded or is of another kind than stated.

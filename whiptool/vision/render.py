@@ -93,9 +93,9 @@ class Truth:
         t_point: Middle of the tip's exposure [s].
         point, pixel: Its mean position meanwhile [m], (d,), [pixels], (2,); whether it was seen or not.
         visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
-        speed: Of the tip, meanwhile [m/s].
+        speed: Speed of the tip, meanwhile [m/s].
         target: Centre of the target [m], (d,), or None.
-        depth: Of `point`, in space: how far it is along the optical axis [m].
+        depth: Depth of `point`, in space: how far it is along the optical axis [m].
     """
 
     t_point: float
@@ -116,8 +116,8 @@ class VirtualCamera:
         model, trajectory: The strike, and the model that it was rolled out with.
         rng: For the noise and nothing else.
         target: [m], (d,), or None.
-        marker_radius, target_radius: Of the tip's ball and of the target's disc [m].
-        noise: Of the sensor; None for none.
+        marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc [m].
+        noise: Noise of the sensor; None for none.
         boards: What may hide the tip.
         start: When the first frame starts, relative to the strike [s]; before it the arm rests.
 
@@ -219,7 +219,7 @@ class VirtualCamera:
         is hidden. The truth stands in `truths`.
 
         Args:
-            rng: Of the errors.
+            rng: Random generator of the errors.
 
         Raises:
             InputError: The camera faces the strike plane, where all depths are alike.

@@ -33,7 +33,8 @@ class Scene:
         settings: The camera.
         model: Whip and arm.
         target: Its centre [m], (2,) or (3,), or None.
-        marker_radius, target_radius: Of the tip's ball and of the target's disc or ball [m].
+        marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc or ball
+            [m].
 
     Raises:
         WhiptoolError: There is no OpenGL here.

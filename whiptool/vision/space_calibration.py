@@ -25,7 +25,7 @@ class Lens:
     """Intrinsics of a camera, and how well they explain the views that they were found from.
 
     Args:
-        width, height: Of the images [pixels].
+        width, height: Width and height of the images [pixels].
         camera_matrix: [pixels], (3, 3).
         distortion: OpenCV's coefficients k1, k2, p1, p2, k3.
         residual: Root mean square distance of corners from where they were seen [pixels]; None: not from views.
@@ -46,7 +46,7 @@ class Pose:
 
     Args:
         rotation: From the body's axes to the other frame's.
-        position: Of its origin there [m], (3,).
+        position: Position of its origin there [m], (3,).
     """
 
     rotation: Rotation
@@ -86,7 +86,7 @@ def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height
     Args:
         views: What each image shows of the board; those with fewer than six corners are left out.
         board: The board.
-        width, height: Of the images [pixels].
+        width, height: Width and height of the images [pixels].
 
     Raises:
         InputError: Fewer than five views show enough of the board, or they do not fix the focal lengths to 1 %.
@@ -143,7 +143,7 @@ def calibrate_cameras(
         instant: At which the board lay where the world is known.
         rotation: From the board's axes (x along its rows, y down its columns, z into it) to the world's at that
             instant, (3, 3); None: its rows along x, its columns along -y, as a board that lies on the floor face up.
-        position: Of the board's first corner in the world at that instant [m], (3,).
+        position: Position of the board's first corner in the world at that instant [m], (3,).
 
     Raises:
         InputError: Names differ, no camera saw the board at `instant`, or a camera shares no instant with the others.

@@ -47,8 +47,9 @@ def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
     """Return the pairs of cameras that do not agree about where the markers of strikes were.
 
     Args:
-        recordings: Of any strikes, with views or without. Those with one joint log are of one strike; without joint
-            logs, each camera's first of a command is of the same strike as the other cameras' first, and so on.
+        recordings: Recordings of any strikes, with views or without. Those with one joint log are of one strike;
+            without joint logs, each camera's first of a command is of the same strike as the other cameras' first, and
+            so on.
     """
     found = []
     for strike in _by_strike([r for r in recordings if r.view is not None]):

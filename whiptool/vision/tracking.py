@@ -125,7 +125,7 @@ class Tracker:
     Args:
         settings: The camera.
         tip, target: Looks of the markers; default: those of the virtual camera, in its kind of light.
-        calibration: Of the strike plane; default: from the settings' pose.
+        calibration: Calibration of the strike plane; default: from the settings' pose.
         background: Image of the scene without tip, such as `median_image` makes; default: learned from the first frame.
         tip_start: Where the tip is in the first frame (2,) [pixels]; needed only where several things look like it.
 
@@ -163,7 +163,7 @@ def track(source: FrameSource | Iterable[Frame], **options: Any) -> StrikeTrack:
 
     Args:
         source: A source, which is opened and closed, or frames; all of one camera, in the order of time.
-        options: Of `Tracker`.
+        options: Options of `Tracker`.
 
     Raises:
         InputError: There are no frames, or they are not in the order of time.

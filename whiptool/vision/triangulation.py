@@ -25,7 +25,8 @@ class Triangulated:
     Args:
         points: [m], (..., 3); NaN where fewer than two cameras saw the point, or from nearly the same direction.
         residual: Root mean square distance of the points' images from what was seen [pixels], (...).
-        covariance: Of each point [m^2], (..., 3, 3), for errors of one pixel in each coordinate of each camera.
+        covariance: Covariance of each point [m^2], (..., 3, 3), for errors of one pixel in each coordinate of each
+            camera.
     """
 
     points: np.ndarray

@@ -81,7 +81,7 @@ def animate(
         trajectory, model: The strike, and the model that it was rolled out with.
         target: What was to be hit, or its position (2,), in space (3,) [m].
         speed: 1 is real time, 0.25 four times slower.
-        width, dpi: Of the frames [inches], [pixels per inch].
+        width, dpi: Width and dpi of the frames [inches], [pixels per inch].
 
     Raises:
         InputError: speed, width or dpi is not a positive number, or the target has other coordinates than the model.

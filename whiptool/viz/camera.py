@@ -14,7 +14,7 @@ class Camera:
     """A pinhole camera.
 
     Args:
-        place: Of the pinhole [m], (3,).
+        place: Place of the pinhole [m], (3,).
         axes: Unit vectors to the right, up and back from where it looks, (3, 3).
         fovy: Angle between the lower and the upper edge of the picture [deg].
     """

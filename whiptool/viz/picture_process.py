@@ -25,7 +25,7 @@ class Pictures:
         film: MP4 file to write, see `whiptool.viz.video.render_video`.
         trajectory, model: The strike, and the model that it was rolled out with.
         target: What was to be hit.
-        title: Of the figures.
+        title: Title of the figures.
         beyond: Whether the strike is beyond its limits, which is no hit.
     """
 

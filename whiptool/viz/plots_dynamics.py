@@ -70,7 +70,7 @@ def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) ->
 
     Args:
         ax: To draw into.
-        modes: Of the whip on a fixed arm.
+        modes: Modes of the whip on a fixed arm.
         model: The same.
         count: How many modes.
 
@@ -112,7 +112,7 @@ def plot_speed_along_whip(
         trajectory, model: The strike, and the model that it was rolled out with.
         label: In the legend; the caller draws it.
         color: A key of `whiptool.viz.plots.COLORS`.
-        marker: Of matplotlib.
+        marker: Marker of matplotlib.
     """
     velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2 or 3)
     largest = np.linalg.norm(velocity, axis=-1).max(axis=0)

@@ -21,8 +21,8 @@ def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequen
     Args:
         ax: Where to.
         front: Two criteria of its hits, in order, (P, 2).
-        tried: Of all hits, (Q, 2).
-        labels: Of the two criteria, with units.
+        tried: Values of all hits, (Q, 2).
+        labels: Labels of the two criteria, with units.
     """
     ax.plot(*tried.T, linestyle="", marker="o", markersize=2.4, color="0.6", label="other hits", rasterized=True)
     line = {"drawstyle": "steps-post", "linewidth": 1.4, "color": COLORS["blue"]}

@@ -54,7 +54,7 @@ def plot_landscape(
         y: Second parameter, (Y,).
         near: Closest approaches of the Y X strikes, those of the first `y` first; what diverged is drawn grey.
         target: What was to be hit, or its place [m].
-        names: Of the two parameters, as `whiptool.models.strike.strike_names` has them.
+        names: Names of the two parameters, as `whiptool.models.strike.strike_names` has them.
         slides: See `axis_label`.
 
     Raises:
@@ -103,7 +103,7 @@ def plot_trials(
         ax: Where to.
         trials: In order.
         columns: Which two entries of the strike vector.
-        names: Of the two parameters.
+        names: Names of the two parameters.
         slides: See `axis_label`.
     """
     at = np.array([trial.strike for trial in trials]).reshape(len(trials), -1)

@@ -46,9 +46,9 @@ class Drawn:
     Args:
         arms, whips: Postures at equal intervals up to the closest approach, the last is the one there: the arm from
             the base to the hand, (P, a + 2, 3), the whip from the hand to the tip, (P, N + 1, 3).
-        path: Of the tip, (S, 3).
+        path: Path of the tip, (S, 3).
         path_times: [s], (S,).
-        speed: Of the tip [m/s], (S,).
+        speed: Speed of the tip [m/s], (S,).
         until: When the closest approach is, or the end where that is at the start [s].
         target: What was to be hit.
         title: How near the tip came.

@@ -134,7 +134,7 @@ def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Seque
     """Return the report as one HTML page.
 
     Args:
-        title: Of the page.
+        title: Title of the page.
         subtitle: A line below.
         facts: What was run, by name.
         sections: In order; their claims are summed up at the top.

@@ -124,7 +124,7 @@ def read_recording(path: Path | str, *, format: str | None = None, **options: An
     Args:
         path: The file or folder.
         format: A key of `READERS`; None to choose by name and first bytes.
-        options: Of the format's reader: the keys of its sidecar, which they override.
+        options: Options of the format's reader: the keys of its sidecar, which they override.
 
     Raises:
         InputError: The format is unknown or holds images (see `open_video`), the file is damaged, empty, in wrong
@@ -145,7 +145,7 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
     Args:
         path: The file or folder.
         format: A key of `READERS`; None to choose by name and first bytes.
-        options: Of the format's reader: the keys of its sidecar, which they override.
+        options: Options of the format's reader: the keys of its sidecar, which they override.
 
     Raises:
         InputError: The format is unknown or holds no images, the file is damaged, or a value breaks its rule.

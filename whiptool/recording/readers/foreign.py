@@ -19,7 +19,7 @@ class Foreign:
     Args:
         what: It is.
         cure: What to do.
-        suffixes: Of its files; empty: any.
+        suffixes: Suffixes of its files; empty: any.
         head: A regular expression that its first bytes match.
     """
 

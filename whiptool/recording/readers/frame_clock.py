@@ -43,7 +43,7 @@ def frame_clock(
         count: Number of frames.
         stamps: That the file holds (count,) [s]; None: it holds none.
         of: Whose they are, for people.
-        numbers: Of the frames, (count,); default: from 0 on.
+        numbers: Numbers of the frames, (count,); default: from 0 on.
         hint: Frames per second as the file says, for the message only: it knows nothing of frames that were dropped.
 
     Raises:

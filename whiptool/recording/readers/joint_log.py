@@ -30,7 +30,7 @@ class JointLog:
     Args:
         t: Times [s], (S,), strictly increasing.
         q: Positions in the unit of the file, (S, n).
-        names: Of the n columns; empty where their order alone says which is which.
+        names: Names of the n columns; empty where their order alone says which is which.
         unit: `rad` or `deg` where the columns' names say it; empty: they do not.
         listed: Whether the columns were listed in the arm's order.
         notes: What was assumed and left out.
@@ -77,7 +77,7 @@ class Chosen:
     """Which columns are joints.
 
     Args:
-        names: Of the columns in the file.
+        names: Names of the columns in the file.
         aliases: What they are called for the arm; empty: the same.
         in_order: Whether their order alone says which is which.
         listed: Whether the user listed them in the arm's order.
@@ -101,7 +101,7 @@ def joint_columns(names: Sequence[str], asked: Mapping[str, str] | Sequence[str]
     """Choose the columns of joints by their names.
 
     Args:
-        names: Of all columns but the time's.
+        names: Names of all columns except that of the time.
         asked: As `columns` of `read_joint_log`.
         place: For errors.
 

@@ -49,7 +49,7 @@ class Episode:
     Args:
         t: `timestamp` [s], (T,), 0 at the episode's first row.
         columns: Features that are numbers, by name, (T, n), as `observation.state` and `action`.
-        names: Of the n columns of each feature, as far as `info.json` has them.
+        names: Names of the n columns of each feature, as far as `info.json` has them.
         videos: For each camera its MP4 file, and when the episode begins in it [s].
         fps: Rows and images per second.
         files: What was read.

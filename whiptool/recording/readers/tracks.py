@@ -145,7 +145,7 @@ def split_columns(
     """Markers in order of appearance, and for each its columns by what they hold (`x`, `y`, `z` and `more`).
 
     Args:
-        names: Of the columns.
+        names: Names of the columns.
         more: What columns of a marker may hold besides its coordinates; of two that end alike, the longer is meant.
         axes: What its coordinates are called.
 

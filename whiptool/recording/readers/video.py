@@ -54,9 +54,10 @@ class VideoSource:
         shape: Height and width [pixels].
         homography: Pixel (u, v, 1) -> strike plane (x, y) [m], (3, 3); pixel (0, 0) is the centre of the first. None
             where the camera is not calibrated yet.
-        exposure: Of every row [s].
+        exposure: Exposure of every row [s].
         readout: From the first row's exposure to the last's [s]; 0 with a global shutter.
-        kind: Of light, `color` or `infrared`; empty where the images themselves show it by their number of channels.
+        kind: Kind of light, `color` or `infrared`; empty where the images themselves show it by their number of
+            channels.
         synthetic: Whether no real camera took them.
         fps: Images per second, the inverse of the median step of `times`.
         view: The camera in space that took them, with their exposure, readout and rate; None where they are of a plane.

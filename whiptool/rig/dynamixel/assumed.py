@@ -17,7 +17,7 @@ class Assumed:
     """What strikes assume of a register.
 
     Args:
-        name: Of the register.
+        name: Name of the register.
         value: What it is set to by `--for-strikes`: the maker's default.
         meaning: What it is for, as a reader of the message needs it.
         holds: Whether a value will do; None: only `value` does.

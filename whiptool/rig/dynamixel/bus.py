@@ -42,7 +42,7 @@ class DynamixelBus(Line):
 
     Args:
         device: Such as /dev/ttyUSB0.
-        ids: Of the servos, in the order of the joints.
+        ids: Ids of the servos, in the order of the joints.
         baud: Bits per second.
         timeout: A reply takes no longer than this after the adapter's latency [s].
         fast: Use fast sync reads (firmware 45 and newer) for the block.

@@ -20,7 +20,7 @@ class JointSample:
     Args:
         q, v: Position [rad], velocity [rad/s].
         current: Present current [A], positive with positive torque.
-        voltage: Of the supply [V].
+        voltage: Voltage of the supply [V].
         temperature: [deg C].
         hardware_error: Flags of Hardware Error Status(70).
         torque_on: Torque Enable(64).

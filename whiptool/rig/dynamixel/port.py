@@ -222,7 +222,7 @@ def check_rate(
         rate: Wanted cycles per second [Hz].
         device: For the command that mends it.
         baud: Bits per second; a byte is ten bits.
-        bytes_per_cycle: Of the read, its reply, and the write.
+        bytes_per_cycle: Bytes per cycle of the read, its reply, and the write.
         delays: The servos' own return delays, in all [s].
         latency: The adapter's latency timer [s], or None.
 

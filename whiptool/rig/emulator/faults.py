@@ -32,9 +32,9 @@ class Fault:
     Args:
         kind: What happens.
         at: From this simulated time on [s].
-        count: Of faults of the line: how many packets it strikes.
-        servo: Of faults of a servo: which, from 0.
-        seed: Of what is random about it: the bit that flips, where a reply is split.
+        count: Number of packets that a fault of the line affects.
+        servo: Number of the servo that a fault affects, from 0.
+        seed: Seed of what is random about it: the bit that flips, where a reply is split.
 
     Raises:
         InputError: There is no such kind.

@@ -28,7 +28,7 @@ class Motor:
         viscous_friction: [N m s/rad].
         dry_friction: Torque at speeds far above `friction_velocity` [N m].
         friction_velocity: [rad/s]; the torque is `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
-        inertia: Of rotor and gear [kg m^2].
+        inertia: Inertia of rotor and gear [kg m^2].
 
     Raises:
         InputError: A value is not finite, or out of range.

@@ -20,7 +20,7 @@ class TwinOptions:
 
     Args:
         model: Whip, arm, gravity; default: the preset `lemon2024`.
-        motor: Of every joint; default: the XM430-W350 without friction. `HARDWARE` has friction and inertia.
+        motor: Motor of every joint; default: the XM430-W350 without friction. `HARDWARE` has friction and inertia.
         start: Arm posture at time 0 [rad], the whip hanging; default: straight down.
         lockstep: Time advances by `period` with every write of Goal Current, and not otherwise: runs repeat exactly.
             False: it runs with the wall clock.
@@ -29,7 +29,7 @@ class TwinOptions:
         sample_delay: The servos show the state of this long ago [s].
         fineness: Counts of the registers are this many times finer than the real ones (1); a power of 2, to see what
             quantisation costs.
-        ids: Of the servos, shoulder first; default: 1, 2, ..
+        ids: Ids of the servos, shoulder first; default: 1, 2, ..
         baud: Bits per second that the servos are set to.
         return_delay: Value of Return Delay Time(9), in 2 us; the factory's is 250.
         timestep, integrator: MuJoCo's step [s], and how it steps; default: the reference rollout's.

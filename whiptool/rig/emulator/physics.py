@@ -59,7 +59,7 @@ class Physics:
         servos: One per arm joint.
         start: Arm posture [rad] at the start, the whip hanging; default: straight down.
         stepping: How MuJoCo steps.
-        delays: Of the line.
+        delays: Delays of the line.
         record_period: A sample of the trajectory every so often [s].
         record: Keep the trajectory.
         rests: Time passes without integration while torque is off and nothing moves.

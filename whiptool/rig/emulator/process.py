@@ -70,7 +70,7 @@ class Emulator:
         """A bus to its servos. In lock-step no clock is asked whether a reply is missing: runs repeat on any machine.
 
         Args:
-            ids: Of the servos; default: all.
+            ids: Ids of the servos; default: all.
             baud: Bits per second; default: that of the servos.
             timeout, fast: As `DynamixelBus` has them; in lock-step, a reply that is under way is waited for.
 
