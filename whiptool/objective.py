@@ -55,27 +55,29 @@ class Arrival:
 
 @dataclass(frozen=True)
 class Outcome(ArrayLike):
-    """What one strike came to; as a number, its `cost`, so that `scipy.optimize.minimize(objective, strike)` works.
+    """Outcome of one strike. It converts to a number, its `cost`, so that `scipy.optimize.minimize(objective, strike)`
+    works.
 
     Args:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
             limits refuse it.
-        hit: Whether that is within the hit radius, and direction and speed are as the target asks; where the distance
-            was measured, with a probability of `CLAIMED`.
-        time: When the tip was closest [s].
-        tip: Where it was then (x, y) or (x, y, z) [m].
-        tip_velocity: Its velocity then [m/s].
+        hit: Whether the strike hits the target in distance, direction and speed; for a measured distance, whether it
+            does with a probability of at least `CLAIMED`.
+        time: Time of the closest approach [s].
+        tip: Position of the tip at the closest approach, (x, y) or (x, y, z) [m].
+        tip_velocity: Velocity of the tip at the closest approach [m/s].
         max_joint_speed: Largest speed of each arm joint [rad/s].
-        max_torque: Largest torque of each arm joint [N m]; NaN of an arm whose inertia is not known.
-        diverged: Whether the rollout broke off.
-        miss_error: Standard error of the miss distance [m]; None: it was not measured but computed.
-        arrival: How the tip arrived; None where only a point is asked for, or the strike diverged or was refused.
-        values: The objective's criteria in their units, in order; none of a strike that diverged or was refused.
-        merit: What searches minimise of a hit that is judged by a criterion, negative; None: of anything else.
-        refused: Which of the objective's limits the strike is beyond, by what judges them: `joint`, `motor`,
-            `clearance`, or `posture`: no joints make a strike of the hand; `rig`: a rig refused it before anything
-            moved. None: it is within all, or diverged.
-        unseen: Whether it was made on a rig whose camera did not see the tip.
+        max_torque: Largest torque of each arm joint [N m]; NaN for an arm of unknown inertia.
+        diverged: Whether the simulation diverged.
+        miss_error: Standard error of a measured miss distance [m]; None for a computed one.
+        arrival: Direction and speed of the tip's arrival; None if the target requires neither, or the strike diverged
+            or was refused.
+        values: Values of the objective's criteria in their units; empty for a strike that diverged or was refused.
+        merit: Negative number that searches minimise for a hit that is ranked by a criterion; None for other strikes.
+        refused: The limit that the strike exceeds: `joint`, `motor`, `clearance`, `posture` (a strike in hand space is
+            infeasible), or `rig` (a rig refused the strike before anything moved). None if it keeps all limits, or
+            diverged.
+        unseen: Whether the strike was made on a rig whose camera did not see the tip.
     """
 
     miss_distance: float
@@ -111,7 +113,7 @@ class Outcome(ArrayLike):
 
     @property
     def status(self) -> str:
-        """What it came to, in one word: `hit`, `miss`, `refused`, `unseen` or `diverged`."""
+        """Return the outcome in one word: `hit`, `miss`, `refused`, `unseen` or `diverged`."""
         if self.refused is not None:
             return "refused"
         if self.unseen:
@@ -122,9 +124,10 @@ class Outcome(ArrayLike):
 
     @property
     def cost(self) -> float:
-        """What searches minimise [m]: the miss distance, and what is left of the direction and the speed asked for.
+        """Cost that searches minimise [m]: the miss distance, combined with the errors of direction and speed if the
+        target requires them.
 
-        Of a hit that is judged by a criterion it is the merit: any hit is better than any miss.
+        For a hit that is ranked by a criterion it is the merit, so that any hit is better than any miss.
         """
         if self.merit is not None:
             return self.merit
@@ -180,26 +183,28 @@ class Objective:
     Args:
         rollout: Simulator of a model and controller.
         target: Point and hit radius, or (x, y) or (x, y, z) [m] alone; None: `usual_target` of the model.
-        t_stay: The strike is watched this long after the movement ended [s].
+        t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box in which strikes are searched; default: those of the rollout's space, see `default_bounds`.
-        max_trials: No more trials than these; None: no limit.
+        max_trials: Largest number of trials; None: no limit.
         max_time: No trial starts later than this after the objective was made [s]; None: no limit.
         stop_at_hit: End the search with the first hit.
         check_reach: Refuse a target out of reach; one that does not fit the model is always refused.
-        limits: One or several, such as `ArmLimits` and `Clearance`: a strike beyond them is refused: it is never a hit,
-            and its miss distance is larger than any real one and grows with how far it is beyond. The box is narrowed
-            to limits of position. So is a strike of the hand refused that no joints can make. Default: what the model's
-            arm has (`whiptool.limits.default_limits`): of a robot the limits of its joints, its own shape and the floor
-            on which it stands; None: the arm can do anything.
-        criteria: What hits are judged by: searches look for the best hit by the first; none: for the smallest cost.
+        limits: One or several limits, such as `ArmLimits` and `Clearance`. A strike that exceeds them is refused: it is
+            not a hit, and its miss distance is larger than any real one and grows with the excess. Infeasible strikes
+            in hand space are refused as well. The bounds are reduced to the position limits. Default: the limits of the
+            model's arm (`whiptool.limits.default_limits`), for a robot those of its joints, its collision shapes and
+            the floor on which it stands; None: no limits.
+        criteria: Criteria of hits; searches minimise the first of them among hits. Without criteria they minimise the
+            cost.
 
     Attributes:
-        trials: In order.
-        best: The trial with the smallest cost so far: the smallest miss distance, where only a point is asked for.
+        trials: All trials in order.
+        best: The trial with the smallest cost so far, which is the miss distance for targets without direction and
+            speed.
 
     Raises:
-        InputError: The target cannot be reached, a number is out of range, or a criterion is of torques, which are not
-            known of an arm of unknown inertia.
+        InputError: The target cannot be reached, a number is out of range, or a criterion needs torques, which are
+            unknown for an arm of unknown inertia.
     """
 
     def __init__(
@@ -260,7 +265,7 @@ class Objective:
         return f"Objective({self.rollout!r}, {self.target!r}, {counted(len(self.trials), 'trial')}{best})"
 
     def record(self, recorded: Sequence[Trial], on_trial: Callable[[Trial], None]) -> None:
-        """Tie the trials to a log.
+        """Connect the trials with a log.
 
         Args:
             recorded: Trials of an earlier run; the first calls must repeat them and are answered from them.
@@ -275,30 +280,31 @@ class Objective:
 
     @property
     def n_refused(self) -> int:
-        """Trials that were beyond the limits, or that a rig refused."""
+        """Number of trials that exceeded the limits, or that a rig refused."""
         return sum(trial.outcome.refused is not None for trial in self.trials)
 
     @property
     def n_unseen(self) -> int:
-        """Trials on a rig whose camera did not see the tip."""
+        """Number of trials on a rig whose camera did not see the tip."""
         return sum(trial.outcome.unseen for trial in self.trials)
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
-        """What searches can keep beforehand, as smooth functions of a strike."""
+        """Limits that searches can keep beforehand, as smooth functions of a strike."""
         return self.limits.smooth
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded faster than they may.
 
-        They stay in the bounds. It is no promise: what joints really do depends on the whip and the controller, and is
-        judged with the outcome.
+        They stay within the bounds. The limits may still be exceeded, because the motion of the joints depends on the
+        whip and the controller; this is judged with the outcome.
         """
         strikes = self._array(strikes)
         return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes
 
     def random_strikes(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return random strikes (count, 2 n + 1) of the bounds that keep what can be kept beforehand, if any do."""
+        """Return random strikes (count, 2 n + 1) within the bounds that keep the limits that can be checked beforehand,
+        if there are any."""
         return self.limits.random_strikes(self.bounds, rng, count)
 
     def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
@@ -380,7 +386,7 @@ class Objective:
         return outcomes
 
     def gradient(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, np.ndarray]:
-        """Outcome of one strike vector, a trial like any other, and the exact derivatives of its cost.
+        """Return the outcome of one strike vector, which counts as a trial, and the exact derivatives of its cost.
 
         Returns:
             The outcome, and d cost / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was refused.
@@ -415,7 +421,8 @@ class Objective:
         return [trial.outcome for trial in known]
 
     def struck(self, strike: np.ndarray | Sequence[float]) -> tuple[Outcome, StrikesAtGoal]:
-        """Outcome of one strike vector, a trial like any other, and what its criteria have derivatives of.
+        """Return the outcome of one strike vector, which counts as a trial, with the quantities whose derivatives the
+        criteria use.
 
         Raises:
             SearchStopped: As in `__call__`.
@@ -463,7 +470,7 @@ class Objective:
         return outcomes
 
     def clear(self, strike: np.ndarray) -> bool:
-        """Whether nothing touches what it must not in a strike (2 n + 1,), by the limits' `Clearance`; no trial."""
+        """Whether a strike (2 n + 1,) is collision-free by the limits' `Clearance`; this does not count as a trial."""
         judges = [limits for limits in self.limits.members if isinstance(limits, Clearance)]
         if not judges:
             return True
@@ -474,11 +481,11 @@ class Objective:
         return self.rollout.trajectory(self.space.strike(strike), t_stay=self.t_stay)
 
     def judge(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> Outcome:
-        """Outcome of a trajectory that is there already; it is no trial.
+        """Return the outcome of an existing trajectory; it does not count as a trial.
 
         Args:
-            trajectory: What the strike did.
-            strike: What was commanded; None: limits of that are not judged.
+            trajectory: Motion of the strike.
+            strike: The commanded strike; None: limits of the command are not checked.
         """
         expect(Trajectory, trajectory=trajectory)
         beyond, by = self.limits.judged_whole(trajectory, strike)

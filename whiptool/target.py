@@ -29,18 +29,19 @@ _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
 @made_of_numbers(lambda place: (place,))
 @dataclass(frozen=True)
 class Target(Vector):
-    """A point to hit, and how the tip has to arrive there; as an array or a list, its position.
+    """A point to hit, with the direction and the speed of the tip if they are required. It converts to an array, its
+    position.
 
     `Target(1.25, 0.2)` is `Target((1.25, 0.2))`; all else is then named: `Target(1.25, 0.2, hit_radius=0.03)`.
 
     Args:
         position: (x, y) in the plane, (x, y, z) in space [m].
-        hit_radius: It is hit when the tip comes this close [m].
-        direction: Along which the tip has to move at the closest approach, a vector of any length, (2,) or (3,); it is
-            kept as a unit vector. None: any.
+        hit_radius: Largest distance of the tip at a hit [m].
+        direction: Required direction of the tip's velocity at the closest approach, a vector of any length, (2,) or
+            (3,), which is stored as a unit vector. None: any direction.
         cone: Largest angle between that direction and the tip's velocity [rad].
-        speed: Least speed at the closest approach [m/s], along the direction where there is one; None: any.
-        sight: At right angles to the direction: velocity along it does not count for the angle; see `arriving`.
+        speed: Least speed at the closest approach [m/s], along the direction if there is one; None: any speed.
+        sight: Line of sight, perpendicular to the direction; velocity along it is ignored in the angle, see `arriving`.
 
     Raises:
         InputError: A value is not finite, a radius, cone or speed is not positive, the direction is zero or of another
@@ -165,9 +166,9 @@ class Target(Vector):
         return float(near.time[0]) if self.goals.hit_by(near)[0] else None
 
     def missed_by(self, distance: float, velocity: Sequence[float] | np.ndarray) -> dict[str, float]:
-        """Return by how much a strike misses what is asked for: `point` [m], `direction` [rad], `speed` [m/s].
+        """Return the errors of a strike that misses: `point` [m], `direction` [rad], `speed` [m/s].
 
-        What is met, or not asked for, is left out.
+        Requirements that are met are left out.
 
         Args:
             distance: Distance of the tip at the closest approach [m].

@@ -82,7 +82,7 @@ def directions(uniform: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Disc(NoArray, instead="its centre or radius"):
-    """The paper's circle of targets; in space, a ball.
+    """A disc of targets, as in the paper; in space, a ball.
 
     Args:
         centre: [m], not printed in the paper; (2,), of a ball (3,).

@@ -25,19 +25,20 @@ class Adaptation:
     """Strike with an unknown whip, learn it from each recording, and plan the next strike, until it hits.
 
     Args:
-        prior: Belief about the whip before the first strike.
-        port: Strikes and films: a twin, a rig, or your own robot.
+        prior: Prior of the whip's parameters before the first strike.
+        port: A twin, a rig or your robot, which strikes and films.
         target: Point to hit, and hit radius.
         options: See `Options`.
         folder: Run folder; None: nothing is written.
         recordings: Earlier recordings of the same whip, from which the first strike is planned.
-        known: Belief after those recordings, if it was computed before; None: it is identified from them.
-        opening: The first plan, if it was made before; None: it is computed.
-        interlock: What locks after a stop, the rig's own where the port has one; it leaves a mark in the folder.
+        known: Posterior after those recordings, if it was computed before; None: it is computed.
+        opening: Plan of the first strike, if it was computed before; None: it is computed.
+        interlock: Interlock that is set after a stop; default: that of the rig, if the port has one. It leaves a mark
+            in the folder.
 
     Raises:
-        InputError: An argument is of another kind, or target, belief and port do not belong together: the port aims
-            elsewhere, or its twin has another arm than the belief.
+        InputError: An argument has a wrong type, or target, prior and port are inconsistent: the port has another
+            target, or its twin another arm than the prior.
     """
 
     prior: Belief
@@ -85,11 +86,11 @@ class Adaptation:
         )
 
     def run(self, on_step: Callable[[Step], None] = lambda step: None) -> Steps:
-        """Strike until it hits, or to the last strike.
+        """Strike until a hit is claimed, or until the largest number of strikes.
 
-        What the folder holds of an earlier run is read, not struck again. A strike that was killed before its outcome
-        was written is struck again, and so is one that a fault or a signal ended: it is no trial. After a fault a
-        person has to call `interlock.release()` before anything is struck.
+        Strikes of an earlier run in the folder are read and not repeated. A strike is repeated if the process was
+        killed before its outcome was written, or if a fault or a signal ended it; it does not count. After a fault a
+        person has to call `interlock.release()` before the next strike.
 
         Args:
             on_step: Called with every step as soon as it is complete.
@@ -98,7 +99,7 @@ class Adaptation:
             All steps, the first look included.
 
         Raises:
-            StrikeStopped: A strike was broken off by a fault; nothing was learned from it.
+            StrikeStopped: A fault interrupted a strike, from which nothing was learned.
             KeyboardInterrupt: A signal came.
             Locked: The session was stopped before, and no person has released it.
             InputError: The folder is damaged.

@@ -129,11 +129,11 @@ def _refuse_pixels(recording: StrikeRecording) -> None:
 
 
 class TipPort:
-    """A twin without servos and images: its tip is seen `fps` times a second, with a standard error.
+    """A simulated twin without servos and images, whose tip is measured `fps` times a second with normal errors.
 
     Args:
-        twin: The whip.
-        target: For the miss distance: a `Target`, or its place [m].
+        twin: The unknown whip.
+        target: Target, a `Target` or its position [m].
         fps: [1/s]
         t_stay: The strike is watched so long after the movement ended [s].
 

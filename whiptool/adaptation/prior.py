@@ -180,19 +180,19 @@ def default_prior(
     motor: Motor | None = None,
     stock: Stock | None = None,
 ) -> Belief:
-    """A wide prior: the whip, the arm's friction and mass, the controller's gain, the camera's clock.
+    """Return a wide prior of the whip, the arm's friction and mass, the controller's gain and the camera's clock.
 
-    The whip's numbers spread as those of a stock do, correlated: a thicker whip is heavier and much stiffer. What a
-    stock does not tell is centred on a uniform whip without rest curvature.
+    The whip's parameters have the spread and the correlations of a material: a thicker whip is heavier and much
+    stiffer. Parameters that the material does not determine are centred on a uniform whip without rest curvature.
 
     Args:
-        model: Its whip is uniform.
+        model: Nominal model with a uniform whip.
         controller: Controller of the arm.
         whip: `profile`: length, density, stiffness, damping, a taper each, drag, dry friction, rest curvature;
             `uniform`: k, b, m and l of a uniform whip.
         motor: Motor of the arm's joints, as its makers describe it: its rotor turns with its link, its friction counts
             as viscous; None: ideal.
-        stock: What the whip is of; None: around the model's own, as wide as materials are on average.
+        stock: Material of the whip; None: centred on the model, with the average width of materials.
 
     Raises:
         InputError: `whip` is not one of these, or the model's whip has values per node.

@@ -63,7 +63,8 @@ class Twin:
 
 
 def draw_twin(family: str, seed: int, model: Model, controller: Controller, stock: Stock | None = None) -> Twin:
-    """An unknown whip: length, density, stiffness, damping, drag and friction from a stock, its structure by family.
+    """Draw an unknown whip: length, density, stiffness, damping, drag and friction from a material, its structure by
+    family.
 
     `kin`: uniform, around a model with the model's drag and friction; a little friction in the arm.
     `strange`: 36 nodes; a cone, its tip thinner by 10 to 30 %, mass with the square of the thickness, bending with its

@@ -177,8 +177,8 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     """Return a strike map.
 
     Args:
-        run_folder: In which `python -m whiptool.map build` left it; or the name of a preset whose map comes with the
-            package, where there is no folder of that name.
+        run_folder: Run folder of `python -m whiptool.map build`, or, if there is no such folder, the name of a preset
+            whose map comes with the package.
 
     Raises:
         InputError: There is no preset of that name, the folder is of another command, or its map is not whole.

@@ -214,8 +214,8 @@ def train(
     """Train a policy that strikes at any target of a zone (Algorithm 1), in memory: without a run folder.
 
     Args:
-        rollout: What strikes.
-        zone: Where its targets lie, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
+        rollout: Simulator of the model and controller.
+        zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
         method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
         episodes: Number of episodes.
         trials: Strikes per episode, all in one batch.
@@ -224,10 +224,10 @@ def train(
         seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
-        task: Others of `whiptool.rl.task.StrikeTask`, by name, such as `hit_radius` and `arrival`.
+        task: Further arguments of `whiptool.rl.task.StrikeTask` by name, such as `hit_radius` and `arrival`.
 
     Returns:
-        The policy that hit most held-out goals, the last one of a training too short to try any:
+        The policy that hit most held-out goals, or the last policy if the training was too short to evaluate any:
         `policy.strike(target)`, or `policy.predict(observation)`.
 
     Raises:

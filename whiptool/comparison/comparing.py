@@ -36,19 +36,19 @@ def compare(
     `random` is always added. Learners are trained first, for as long as `training` says.
 
     Args:
-        rollout: What strikes.
+        rollout: Simulator of the model and controller.
         methods: Methods of `METHODS`. Capital letters, hyphens and underscores make no difference.
-        zone: Where the targets lie; None: the paper's disc, in space a ball around the usual target.
-        targets: Their number, the same for all methods.
-        target_seed: They are drawn with it.
-        hit_radius: [m]
-        max_trials: At most, at each target.
-        seeds: Number of seeds of what is random in a method.
-        observations: What learners see.
+        zone: Zone of the targets; None: the paper's disc, in space a ball around the default target.
+        targets: Number of targets, the same for all methods.
+        target_seed: Seed of the targets.
+        hit_radius: Hit radius [m].
+        max_trials: Largest number of trials at each target.
+        seeds: Number of random seeds of each method.
+        observations: Observations of the learners.
         training: `episodes`, `trials`, `random_episodes`, `hindsight`, see `Comparison`.
 
     Returns:
-        One series for each method and, of a learner, for each way to strike with its policy.
+        One series for each method, and for a learner one for each way of using its policy.
 
     Raises:
         InputError: There is no such method, or a number breaks its rule.

@@ -39,20 +39,21 @@ def fit(
     held_out: Sequence[Recording] = (),
     options: Options | None = None,
 ) -> Fit:
-    """Fit free numbers of a plant to recordings, by maximum likelihood or, with a prior, a posteriori.
+    """Fit parameters of a plant to recordings, by maximum likelihood or, with a prior, by maximum a posteriori.
 
     Args:
-        recordings: To fit, some or one.
-        plant: Where the first start begins; what is not free stays as it is. Of a `Model`, the controller is that of
-            the recordings.
-        free: Names of numbers of the plant, or of nuisance that all recordings share; `k` will do for `whip.k`.
+        recordings: One or more recordings to fit.
+        plant: Plant whose values are the first starting point; parameters that are not free keep them. For a `Model`
+            the controller is that of the recordings.
+        free: Names of the parameters to fit, of the plant or nuisance parameters that all recordings share; `k` is
+            short for `whip.k`.
         held_out: Recordings to predict only, see `predict`.
         options: See `Options`.
 
     Raises:
-        InputError: A name is unknown or several numbers', nothing is free, a recording lacks what the drive needs, its
-            command drives the whip and it holds another controller than the plant, or its units, axes, joints or time
-            of the start are wrong as far as its first readings tell.
+        InputError: A name is unknown or ambiguous, nothing is free, a recording lacks what the drive needs, a commanded
+            recording has another controller than the plant, or the first readings show wrong units, axes, joints or
+            start times.
     """
     began, options = time.perf_counter(), options or Options()
     if not isinstance(recordings, Sequence):

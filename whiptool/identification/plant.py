@@ -45,16 +45,16 @@ class Identifiable(Protocol):
 
 @dataclass(frozen=True)
 class Plant:
-    """Model and controller, the whip as free numbers or as a profile.
+    """A model and a controller whose parameters can be fitted; the whip has numbers per node or a profile.
 
     Args:
         model: Whip, arm, gravity.
         controller: Controller of the arm; needed where the command drives the whip.
         profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
-        clamp: Where a clamp points that holds the whip, 0 straight down [rad]; the whip bends there as it does further
-            on, see `held`. None: its hinge is as the model says.
+        clamp: Direction of a clamp that holds the whip, 0 for straight down [rad]; the whip also bends at the clamp,
+            see `held`. None: the hinge is that of the model.
 
-    Its numbers are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
+    Its parameters are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
     `profile.length` and so on in place of those of the whip.
     """
 

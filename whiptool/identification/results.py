@@ -160,17 +160,17 @@ class Fit(NoArray, instead="its parameters"):
     """An identified model.
 
     Args:
-        plant: With the fitted numbers.
+        plant: Plant with the fitted parameters.
         drive: What drove the whip.
-        parameters: Each shared free number with its class and interval.
-        nuisance: Fitted values of the shared nuisance.
+        parameters: Shared free parameters, each with its class and interval.
+        nuisance: Fitted values of the shared nuisance parameters.
         uncertainty: Covariance, correlations, flat directions.
-        recordings: Those that were fitted.
-        held_out: Those that were not.
+        recordings: Fitted recordings.
+        held_out: Held-out recordings.
         runs: All starts, the best first.
         wall_time: [s]
-        clock_fault: What is wrong with a recording's times, if its residuals show something.
-        remarks: What is odd about the recordings' first readings, in words.
+        clock_fault: Fault of a recording's times, if the residuals show one.
+        remarks: Remarks about unusual first readings of the recordings.
     """
 
     plant: Identifiable
@@ -216,7 +216,7 @@ class Fit(NoArray, instead="its parameters"):
         """The model with the fitted numbers.
 
         Raises:
-            AttributeError: A pendulum was fitted, which is no model of arm and whip; see `plant`.
+            AttributeError: A pendulum was fitted, which has no model of arm and whip; see `plant`.
         """
         if not isinstance(self.plant, Plant):
             raise AttributeError("a fitted pendulum has no model of arm and whip; its links are in `plant`")
@@ -229,7 +229,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def explains(self) -> bool:
-        """Whether the model explains the recordings, and their times are right; else all classes are withdrawn."""
+        """Whether the model explains the recordings and no times are wrong; otherwise all classes are withdrawn."""
         return is_explained(self.uncertainty, self.recordings, self.clock_fault)
 
     @property
@@ -251,5 +251,6 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def converged(self) -> bool:
-        """Whether the best run found a minimum in the free numbers; else values and intervals may be off."""
+        """Whether the best run found a minimum in the shared parameters; otherwise values and intervals are not
+        reliable."""
         return self.status in (Status.CONVERGED, Status.SETTLED)

@@ -90,7 +90,8 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         return {name: n * n if isinstance(x, tuple) else 1 for name, x in (("K", self.K), ("B", self.B))}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
-        """The same law with other numbers, as `parameters` gives them; a fit may pass through any finite ones."""
+        """Return the same law with other values of its `parameters`; all finite values are allowed, since fits pass
+        through them."""
         law = object.__new__(ConstantImpedance)
         for name in ("K", "B"):
             object.__setattr__(law, name, _gain(name, np.reshape(numbers[name], np.shape(getattr(self, name)))))

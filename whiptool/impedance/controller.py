@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Controller(NoArray, instead="its parameters()"):
-    """What turns tracking errors into torques (Eq. 2): the law, gravity compensation (Eq. 3) always with it.
+    """Computes torques from tracking errors (Eq. 2): an impedance law with gravity compensation (Eq. 3).
 
     Args:
         law: Constant or online-adaptive impedance, or position control, which takes no other argument; default:
             OIAC with the preset `table4`.
-        feedforward: Add the torque that the bare arm needs to follow the reference, `I(q_d) ddq_d` with its velocity
-            and viscous terms. Eq. 2 has none; the law's authors use one in later work.
+        feedforward: Add the torque that the arm without the whip needs to follow the reference, `I(q_d) ddq_d` with its
+            velocity and viscous terms. Eq. 2 has no feedforward; the authors of the law use one in later work.
         torque_limit: Largest torque of every joint, or one for each [N m; N where a joint slides]; None: no limit.
         control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
         compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) assumes;
-            None: those of the model that it is rolled out with. A rig's controller has the masses of the nominal model.
-        hand: The law is one of the hand's errors, and strikes are the hand's; None: of the joints.
+            None: those of the simulated model. A rig's controller has the masses of the nominal model.
+        hand: Control of the hand: the law acts on the hand's errors, and strikes are in hand space. None: joint space.
 
     Raises:
         InputError: `law` is not a law, a number is not positive, `feedforward` is neither true nor false, or an option
@@ -84,16 +84,16 @@ class Controller(NoArray, instead="its parameters()"):
         return isinstance(self.law, PositionControl)
 
     def strike_space(self, arm: ArmParameters | SpatialArm) -> JointSpace | HandSpace:
-        """Return the space of the strikes that it makes an arm strike.
+        """Return the coordinates of strikes with this controller, joint space or hand space.
 
         Raises:
-            InputError: It is hand space, and the arm has none.
+            InputError: The controller is in hand space, which the arm does not support.
         """
         expect(ArmParameters, SpatialArm, arm=arm)
         return JointSpace(arm) if self.hand is None else hand_space(arm, self.hand, led=self.prescribed)
 
     def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
-        """Refuse a law whose matrices are of another arm.
+        """Refuse a controller that does not fit an arm.
 
         Raises:
             InputError: Torques move the arm, and its inertia is not known; or the law's matrices have not as many rows
@@ -118,7 +118,7 @@ class Controller(NoArray, instead="its parameters()"):
             raise InputError(f"controller {self.law.kind}", given, f"matrices of {rows} rows, one per {each}", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
-        """The same controller, whose gravity compensation stays that of this model, whatever it is rolled out with."""
+        """Return the same controller with gravity compensation for this model, also when another model is simulated."""
         expect(Model, model=model)
         if self.prescribed:
             return self
@@ -146,10 +146,10 @@ class Controller(NoArray, instead="its parameters()"):
         return np.clip(tau, -limit, limit)
 
     def bind(self, arm: Arm, strike: StrikePath) -> ControlLoop | HandControlLoop:
-        """The controller at work: for one arm and one strike, in hand space its path.
+        """Return the controller for one arm and one strike, in hand space with the strike's path.
 
         Raises:
-            InputError: It is position control, which gives no torques.
+            InputError: The law is position control, which computes no torques.
         """
         if self.prescribed:
             raise InputError("controller", "position", "a law that gives torques: oiac, constant")

@@ -12,11 +12,11 @@ from whiptool.models.strike import is_person
 
 
 def default_controller(model: Model) -> Controller:
-    """Return the controller that a model has where none is given.
+    """Return the default controller of a model.
 
-    Of an arm in the plane that is OIAC with the preset `table4`, of the person's arm in space (`nah2023`) the constant
-    impedance that was published with it, and of every other arm in space position control: robots follow their
-    commands closely.
+    For an arm in the plane it is OIAC with the preset `table4`, for the human arm `nah2023` the constant impedance that
+    was published with it, and for every other arm in space position control, because robots follow their commands
+    closely.
     """
     expect(Model, model=model)
     if not isinstance(model.arm, SpatialArm):

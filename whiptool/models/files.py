@@ -120,14 +120,15 @@ def write_model(model: Model, path: Path | str) -> None:
 
 
 def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
-    """A preset by its name, or a model from a file: a TOML table, or a robot in URDF or MJCF with the presets' rope.
+    """Return a preset by its name, or a model from a file: TOML, or a robot in URDF or MJCF, which gets the presets'
+    rope.
 
     Args:
         name: Name of the preset, in capital or small letters, or the file's path.
         tip: For a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
 
     Raises:
-        InputError: There is neither, or the file says something that is not allowed.
+        InputError: Neither exists, or the file contains something that is not allowed.
     """
     expect(str, PathLike, name=name)
     name = fspath(name)

@@ -72,7 +72,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
     torque, which is what its current limit allows.
 
     Args:
-        name: What it is called.
+        name: Name of the motor.
         stall_torque: [N m].
         no_load_speed: [rad/s].
         stall_current: [A].
@@ -96,24 +96,24 @@ class MotorLimits(NoArray, instead="its numbers by name"):
 
     @property
     def command(self) -> None:
-        """None: a movement may be commanded at any speed."""
+        """Limits of the command: none, a movement may be commanded at any speed."""
 
     @property
     def smooth(self) -> tuple[()]:
-        """What a search can keep beforehand: nothing."""
+        """Limits that a search can keep beforehand: none."""
         return ()
 
     @property
     def positions(self) -> None:
-        """None: a motor turns for ever."""
+        """Limits of position: none, a motor turns without end."""
 
     @property
     def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best: no, they all are."""
+        """Whether only hits and best strikes are judged by their whole trajectory: no, all strikes are."""
         return False
 
     def keeping_free(self, share: float) -> MotorLimits:
-        """Return what is left of the line where a share of it is kept free.
+        """Return the line reduced by a share that is kept free.
 
         Raises:
             InputError: The share is not in [0, 1).
@@ -124,7 +124,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
 
     @property
     def words(self) -> str:
-        """The limits for people."""
+        """The limits in words."""
         return f"the {self.name}'s speed-torque line"
 
     @property
@@ -137,7 +137,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         return self.stall_torque * np.minimum(1.0, 1.0 - v * direction / self.no_load_speed)
 
     def usage(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """How much of the motor a state uses: 1 is on its line, more is beyond. Same shape as v and tau.
+        """Usage of the motor in a state: 1 is on its line, more exceeds it. Same shape as v and tau.
 
         `|tau| / stall_torque + (speed in the torque's direction, if any) / no_load_speed`, and no less than
         `|v| / no_load_speed`: faster than that, a motor has no torque left to steer with.
@@ -146,7 +146,8 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         return np.maximum(np.abs(tau) / self.stall_torque + driving, np.abs(v) / self.no_load_speed)
 
     def violation(self, trajectory: Motion, *, margin: float = 0.0) -> float:
-        """How far the worst instant of a trajectory lies beyond the line, in parts of it; <= 0: within.
+        """Return the excess of the worst instant of a trajectory over the line, relative to it; at most 0 within the
+        limits.
 
         Args:
             trajectory: Speeds and torques of the arm at every instant.
@@ -158,9 +159,10 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         return float(self.usage(trajectory.v[:, :a], trajectory.tau).max()) - (1.0 - margin)
 
     def violation_of_peaks(self, outcome: Peaks, *, margin: float = 0.0) -> np.ndarray:
-        """The same from largest speed and largest torque alone, which need not come at the same instant.
+        """Return the excess computed from the largest speed and the largest torque, which may occur at different
+        instants.
 
-        An upper bound of `violation`: a strike that passes here passes there. For a search's constraint.
+        This is an upper bound of `violation`, used as a constraint of searches.
 
         Returns:
             One number per strike: shape () for an Outcome, (B,) for an Approach.

@@ -23,10 +23,10 @@ LONGEST_NAME = 200  # [characters]
 
 @dataclass(frozen=True)
 class Model(NoArray, instead="its parameters()"):
-    """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is for people only.
+    """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is a label only.
 
     Raises:
-        InputError: The whip's joints are not of the arm's space, or gravity is negative.
+        InputError: The whip's joints do not match the arm's dimension, or gravity is negative.
     """
 
     whip: WhipParameters
@@ -87,7 +87,7 @@ class Model(NoArray, instead="its parameters()"):
         return self.arm.length + self.whip.length
 
     def farthest_miss(self, place: Sequence[float]) -> float:
-        """Return the farthest that the tip can be from a place (2,) or (3,), [m]: a penalty that no miss reaches."""
+        """Return the largest possible distance of the tip from a place (2,) or (3,), [m], which serves as a penalty."""
         return self.reach + math.hypot(*numbers("place", place))
 
     def parameters(self) -> dict[str, float]:
@@ -152,7 +152,7 @@ class Model(NoArray, instead="its parameters()"):
             taper: Thickness of the tip over that of the handle; see `whiptool.models.resized.resized`.
 
         Raises:
-            InputError: A number is out of range, or the whip differs from node to node as no profile does.
+            InputError: A number is out of range, or the whip's nodes differ in a way that no profile describes.
         """
         return dataclasses.replace(self, whip=resized(self.whip, length=length, nodes=nodes, taper=taper))
 

@@ -21,9 +21,9 @@ class ArmLink(NoArray, instead="its numbers by name"):
 
     Args:
         mass: [kg]
-        length: From its joint to the next [m].
+        length: Distance from its joint to the next [m].
         com: Distance of the centre of mass from its joint [m]; default: the middle (a uniform rod).
-        inertia: About the centre of mass [kg m^2]; default: that of a uniform rod, m L^2 / 12.
+        inertia: Moment of inertia about the centre of mass [kg m^2]; default: that of a uniform rod, m L^2 / 12.
         friction: Viscous friction of its joint [N m s/rad].
     """
 

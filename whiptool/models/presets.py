@@ -47,7 +47,7 @@ def presets() -> list[str]:
 
 
 def preset(name: str) -> Model:
-    """The published model called `name`, in capital or small letters.
+    """Return the published model called `name`, in capital or small letters.
 
     Raises:
         InputError: No preset has that name; the message lists the presets.

@@ -153,9 +153,9 @@ class StrikeBounds(ArrayLike):
         """Return uniformly random strike vectors, (size, 2 n + 1).
 
         Args:
-            rng: What draws them; or their number, and `seed` draws them.
-            size: Their number.
-            seed: Where their number alone is given.
+            rng: Random generator; or the number of strikes, which `seed` then draws.
+            size: Number of strikes.
+            seed: Seed if only the number of strikes is given.
         """
         if size is None and not isinstance(rng, np.random.Generator):
             rng, size = np.random.default_rng(whole("seed", seed, low=0)), rng
@@ -182,14 +182,14 @@ def is_person(arm: ArmParameters | SpatialArm) -> bool:
 
 
 def default_bounds(arm: ArmParameters | SpatialArm | Model) -> StrikeBounds:
-    """Return the bounds of strikes of an arm, or of a model's, that has usual ones. [rad or m], [s]
+    """Return the default bounds of strikes of an arm, or of a model's arm [rad or m], [s].
 
-    For the planar arm of two joints they are ours, the paper prints none. For the person's arm they are those of Nah et
-    al. 2023. For another arm in space they are its joints' limits of position, of hinges that go farther, or on and on,
-    half a turn to either side.
+    For the planar arm of two joints the bounds are ours, because the paper prints none. For the human arm they are
+    those of Nah et al. 2023. For other arms in space they are the position limits of the joints, at most half a turn to
+    either side.
 
     Raises:
-        InputError: The arm has none; give bounds of your own.
+        InputError: The arm has no default bounds; give bounds.
     """
     arm = arm.arm if isinstance(arm, Model) else arm
     expect(ArmParameters, SpatialArm, arm=arm)

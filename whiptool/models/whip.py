@@ -40,8 +40,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s]: the torque is
             `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
         drag: Quadratic air drag of each node [N s^2/m^2]: the force is `-drag |v| v`.
-        hinge_mass: Mass that rides on the hinge itself [kg]: the part of the first link that a lumped profile
-            gives to the hand.
+        hinge_mass: Mass at the hinge [kg], the part of the first link that a discretised profile assigns to the hand.
         drag_ratio: Drag along a node's link over drag across it: the force is `-drag |v| (v_across + drag_ratio
             v_along)`. 1: drag is the same in all directions; a smooth thin cord is far below.
         cubic_stiffness: How a joint stiffens as it bends [N m/rad^3]: the spring's torque is

@@ -89,12 +89,12 @@ def search(
     the first hit and after 600 trials at most, as `python -m whiptool.optimize` does.
 
     Args:
-        objective: What is searched: an `Objective`, or the rollout that is to strike.
+        objective: An `Objective`, or the rollout of which one is made.
         target: Target of a search with a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual
             one. An objective has its own, and the method may stand here.
         method: One of `METHODS`, or `nlopt:NAME`; default: `usual_method`. Capital letters, hyphens and underscores
             make no difference.
-        seed: Seed of what is random in the method.
+        seed: Seed of the method's random numbers.
         first: A strike vector to try before the method begins.
         options: Options of a search with a rollout: those of `Objective`, by name, such as `max_trials`, `bounds` and
             `limits`.

@@ -43,11 +43,11 @@ NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's coun
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class StrikeRecording(NoArray, instead="its t and points"):
-    """One strike as it was recorded, M markers over T frames.
+    """Recording of one strike, M markers over T frames.
 
-    With a `view` it holds what one camera in space saw: `points` and `sigma` are then in pixels, and `t` is the middle
-    of the first row's exposure. What several cameras saw of a strike are several recordings, each with its own clock.
-    A camera that measures depth, such as a D435, adds that of each marker.
+    With a `view` it is the recording of one camera in space: `points` and `sigma` are then in pixels, and `t` is the
+        middle of the first row's exposure. Several cameras make several recordings, each with its own clock. A camera
+        that measures depth, such as a D435, adds the depth of each marker.
 
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
@@ -59,34 +59,35 @@ class StrikeRecording(NoArray, instead="its t and points"):
             view half a pixel.
         t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
             different times); default: t for all, with a view when its row was read.
-        exposure: A point is the mean of its marker's path over this span around `t_points` [s]; 0 with a view: its own.
-        strike: What was commanded, a `Strike`, or its vector, (2 a + 1,), which is kept as one.
+        exposure: Exposure time [s]: a point is the mean of its marker's path over this span around `t_points`. 0 with a
+            view: that of the view.
+        strike: The commanded strike, a `Strike` or its vector, (2 a + 1,), which is converted to one.
         controller: Controller of the arm: a `Controller`, which is kept as its table, or that table as
             `whiptool.impedance.files.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
         joints_q: Measured joints of the arm [rad], (S, a).
-        target: Its position [m].
-        t_stay: How long the strike is watched after the movement ended [s].
-        camera: Name of the camera settings, for people.
-        source: Where the recording came from.
+        target: Position of the target [m].
+        t_stay: Time after the movement that was recorded [s].
+        camera: Name of the camera settings, a label only.
+        source: File or device of the recording.
         sha256: Checksum of the source's bytes.
         joint_names: Joint names of the columns of `joints_q`, (a,); empty: they are in the arm's order.
-        view: The camera that saw the markers, where they are in pixels; None: they are places.
+        view: The camera whose pixels the points are; None: the points are positions.
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
         hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
             (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
-        depth: With a view, how far each marker is along the camera's optical axis [m], (T, M); 0 or NaN where it was
-            not measured, and NaN wherever the point is missing. None: it was measured nowhere.
+        depth: With a view, the depth of each marker along the camera's optical axis [m], (T, M); 0 or NaN where it was
+            not measured, and NaN where the point is missing. None: no depths.
         depth_sigma: Standard error of the depth [m], (T, M) or what broadcasts to it; default: that of a D435 whose
             images are the view's (`whiptool.recording.depth_noise`).
         joints_listed: Whether the user listed the columns of `joints_q` in the arm's order, so that names that are not
             those of its joints do not matter.
-        up: Which axis of points in space points up, `y` or `z`, where their file has it; empty: the model's.
-        notes: What its reader assumed or left out, in sentences.
+        up: Upward axis of points in space, `y` or `z`, if their file names it; empty: that of the model.
+        notes: Assumptions of the reader and data that it left out, in sentences.
 
     Raises:
-        InputError: Shapes do not fit, times do not increase, nothing was seen, the units or clocks cannot be
-            right, or frames, logs and command have no time in common.
+        InputError: Shapes do not fit, times do not increase, no point was seen, units or clocks are implausible, or
+            frames, logs and command do not overlap in time.
     """
 
     t: np.ndarray
@@ -199,12 +200,12 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def called(self) -> str:
-        """What messages call it: its source, where it has one."""
+        """Name of the recording in messages: its source, if it has one."""
         return self.source or "recording"
 
     @property
     def seen(self) -> np.ndarray:
-        """Which points are there, (T, M)."""
+        """Which points were seen, (T, M)."""
         return ~np.isnan(self.points[..., 0])
 
     @property
@@ -214,13 +215,13 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Warnings about the recording: what its reader assumed or left out, holes, logs that are too short."""
+        """Warnings about the recording: assumptions of its reader, gaps, and logs that are too short."""
         return (*self.notes, *told_of_spans(self.t, self._logs))
 
     @property
     def sag(self) -> np.ndarray | None:
-        """How far from `q_i` the arm was measured to stand when its strike began [rad], (a,); zero where no encoder
-        could tell; None where it was not measured, or not from the start."""
+        """Measured deviation of the arm from `q_i` when its strike began [rad], (a,); zero below the resolution of
+        encoders; None if it was not measured at the start."""
         if self.joints_t is None or self.joints_q is None or self.strike is None or self.joints_t[0] > AT_REST:
             return None
         begun = self.joints_q[np.abs(self.joints_t - max(self.joints_t[0], 0.0)) <= AT_REST]
@@ -237,7 +238,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Where it came from and what it holds, as plain data for a report."""
+        """Source and contents of the recording, as plain data for a report."""
         return {
             "source": self.source,
             "sha256": self.sha256,

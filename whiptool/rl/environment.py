@@ -104,7 +104,7 @@ def spaces(task: StrikeTask) -> tuple[Box, Box]:
 
 
 class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Strike at a target until it is hit.
+    """Gymnasium environment: strike at a target until it is hit.
 
     An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
     or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
@@ -135,10 +135,10 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """A target, and what is seen before the first strike at it, (n_obs,).
+        """Draw a target and return the observation before the first strike, (n_obs,), and the information.
 
         Raises:
-            InputError: The target of the options is no point, or its angle no number.
+            InputError: The target of the options is not a point, or its angle not a number.
         """
         super().reset(seed=seed)
         self._strike = None

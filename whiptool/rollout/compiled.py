@@ -54,19 +54,19 @@ class ChainPath(NamedTuple):
 
 
 class CompiledRollout(Rollout):
-    """Rolls strikes of one model and controller out, or of many that share their structure.
+    """Simulates strikes of one model and controller, or of many that share their structure, with compiled code.
 
     Args:
         model: Whip, arm, gravity.
         controller: Law and options; default: `default_controller`.
-        tolerance: Largest error of integration that a distance may have [m]: each strike is stepped as finely as that
-            needs. Default: 1e-4, where no `timestep` is given.
-        timestep: Largest step [s] of an integrator that takes equal steps and does not estimate its error.
-        engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the best that
-            works here.
+        tolerance: Largest integration error of a distance [m]; the steps of each strike are chosen accordingly.
+            Default: 1e-4, unless `timestep` is given.
+        timestep: Use equal steps of at most this length [s], without an estimate of the error.
+        engine: `simd`, `scalar` or `interpreter`; default: the environment variable WHIPTOOL_ENGINE, or the fastest
+            engine that works on this machine.
         free: Names of parameters along which derivatives will be taken although their terms are zero in this model.
-        threads: Default: one per core.
-        sag: How far from postures `q_i` (B, a) the arm stands when strikes begin [rad], (B, a) or (a,); None: there.
+        threads: Number of threads; default: one per core.
+        sag: Deviation of the arm from the postures `q_i` when strikes begin [rad], (B, a) or (a,); None: no deviation.
 
     Under position control the integrator is the classical Runge-Kutta method, of fourth order, where that is stable;
     otherwise a Rosenbrock-W method, of third order, or at equal steps of second (ROS2).
@@ -117,7 +117,7 @@ class CompiledRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """What describes its strikes: the joints, or the hand."""
+        """Coordinates of its strikes: joint space or hand space."""
         return self.controller.strike_space(self.model.arm)
 
     def _engine(self, *, forward: bool) -> Engine:
@@ -192,15 +192,15 @@ class CompiledRollout(Rollout):
     def nearest_node(
         self, strikes: Strikes, target: Points, *, nodes: Sequence[int], t_stay: float | np.ndarray = T_STAY
     ) -> Approach:
-        """Return the closest approaches of whichever of some nodes of the whip comes nearest.
+        """Return the closest approaches of the nearest of several nodes of the whip.
 
         Args:
             strikes, target: As in `approach`.
-            nodes: Which, from 0, next to the hand, to N - 1, the tip.
+            nodes: Numbers of the nodes, from 0, next to the hand, to N - 1, the tip.
             t_stay: [s], one or one each, (B,).
 
         Returns:
-            Where and when that node is nearest, its mean velocity over that step.
+            Position, time and mean velocity over the step of the nearest node at its closest approach.
 
         Raises:
             InputError: Shapes do not match, or there is no such node.
@@ -228,9 +228,10 @@ class CompiledRollout(Rollout):
     ) -> tuple[Approach, np.ndarray]:
         """Closest approaches and the exact derivatives of the miss distance, by CasADi's forward mode.
 
-        When the tip is closest drops out (envelope theorem), unless that is the end of the strike, which moves with D.
-        Derivatives are those of the steps that the strike's own errors choose: at a tolerance of 1e-4 m they are right
-        to some 1e-4 m per unit of a strike's numbers, and to as much less as the tolerance is smaller.
+        The time of the closest approach has no effect on the derivative (envelope theorem), unless it is the end of the
+        strike, which depends on D. Derivatives are those of the steps that the strike's own errors choose: at a
+        tolerance of 1e-4 m they are right to some 1e-4 m per unit of a strike's numbers, and to as much less as the
+        tolerance is smaller.
 
         Args:
             strikes, target, t_stay: As in `approach`.
@@ -246,7 +247,7 @@ class CompiledRollout(Rollout):
     def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, ApproachSlopes]:
-        """Closest approaches and the exact derivatives of all that they tell, by forward mode.
+        """Return closest approaches and the exact derivatives of their quantities, by forward mode.
 
         Those of the tip's place and velocity hold that the closest approach moves along the segment between two steps,
         but not to another segment; those of the largest torques that they stay at their instants.
@@ -303,7 +304,7 @@ class CompiledRollout(Rollout):
         return times, paths, slopes
 
     def peaks_and_path(self, strikes: Strikes, *, t_stay: float = T_STAY, rate: float) -> tuple[Approach, np.ndarray]:
-        """Return what strikes do at most, and their tips' paths, of one rollout each.
+        """Return the peak values of strikes and the paths of their tips, from one rollout each.
 
         Args:
             strikes, t_stay: As in `approach`.

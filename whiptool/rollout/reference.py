@@ -35,13 +35,13 @@ _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
 
 class ReferenceRollout(Rollout):
-    """Rolls strikes of one model and controller out in MuJoCo.
+    """Simulates strikes of one model and controller in MuJoCo.
 
-    Rods are bodies on ball joints there, on which their own torques act from outside: see `mujoco_rods`.
+    Rods are bodies on ball joints to which their bending torques are applied as external torques, see `mujoco_rods`.
 
     A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
-    A continuous controller therefore acts through MuJoCo's control callback, at every stage. Drag and smoothed
-    friction, which MuJoCo lacks, act there too, at bodies and joints. Under position control the motors get the torques
+    The torque of a continuous controller is therefore computed in MuJoCo's control callback, at every stage. Drag and
+    smoothed friction, which MuJoCo lacks, are applied there as well. Under position control the motors get the torques
     with which MuJoCo's own equations have the arm's joints accelerate as the reference does, and the arm begins every
     step on it.
 
@@ -49,8 +49,8 @@ class ReferenceRollout(Rollout):
         model: Whip, arm, gravity.
         controller: Law and options; default: `default_controller`.
         timestep: MuJoCo's step [s].
-        integrator: One of MuJoCo's. Where neither is given: RK4 at 0.1 ms, or less where the whip's damping asks for
-            it; where it asks for less than 0.02 ms, that step with `implicitfast`, of first order.
+        integrator: Integrator of MuJoCo. If neither is given: RK4 at 0.1 ms, or at a smaller step if the whip's damping
+            requires it; if this would be below 0.02 ms, `implicitfast` (first order) at 0.02 ms.
     """
 
     engine = "reference"
@@ -177,7 +177,7 @@ class ReferenceRollout(Rollout):
         return self._data
 
     def hang(self, q: np.ndarray) -> mujoco.MjData:
-        """Put the arm into a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging; return the data."""
+        """Set the arm to a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging, and return the data."""
         posture = np.array(numbers("q", q, self.model.arm.n))
         mujoco.mj_resetData(self._mj, self._data)
         start = start_posture(self.model, posture[None])[0]
@@ -189,7 +189,7 @@ class ReferenceRollout(Rollout):
         return (self._data.qpos, self._data.qvel) if self._rods is None else self._rods.coordinates(self._data)
 
     def tip(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the tip is [m], and its velocity [m/s], (d,) each; MuJoCo has to have computed the state."""
+        """Return position [m] and velocity [m/s] of the tip, (d,) each, of a state that MuJoCo has computed."""
         return self._data.site_xpos[self._tip, self._axes], self._tip_velocity()
 
     def apply_forces(self, data: mujoco.MjData) -> None:

@@ -134,12 +134,12 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
     Args:
         t: Times [s], (T,).
         q, v: Joint positions [rad] and velocities [rad/s], (T, n).
-        q_d, v_d: Desired positions and velocities of the arm, (T, a); of a strike of the hand those that hold it on its
+        q_d, v_d: Desired positions and velocities of the arm, (T, a); in hand space those of the joints on the hand's
             path.
         tau: Arm torques [N m], (T, a).
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
         tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
-        diverged: Whether it ends early because it diverged.
+        diverged: Whether the simulation diverged, so that the trajectory ends early.
         names: Name and unit of each of the n coordinates, see `Model.coordinate_names`; empty: not known.
 
     The symbols have names in words, too: `times`, `positions`, `velocities`, `torques` and the like, see `SPELLED`.
@@ -184,7 +184,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     @property
     def tracking_error(self) -> np.ndarray:
-        """By how much the arm's joints lag behind their references, `q_d - q` [rad], (T, a)."""
+        """Tracking errors of the arm's joints, `q_d - q` [rad], (T, a)."""
         return self.q_d - self.q[:, : self.q_d.shape[1]]
 
     def approach(self, target: Points) -> Approach:
@@ -210,7 +210,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         return np.linalg.norm(self.tip - target_points(target, 1, self.tip.shape[1])[0], axis=1)
 
     def miss(self, target: Points) -> float:
-        """Return how far the tip misses a target: the distance of its closest approach [m]."""
+        """Return the miss distance of the tip at a target, the distance at the closest approach [m]."""
         return float(self.approach(target).distance[0])
 
     def since(self, begin: float) -> Trajectory:

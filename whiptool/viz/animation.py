@@ -71,11 +71,11 @@ def animate(
     width: float = 5.6,
     dpi: float = 90,
 ) -> StrikeAnimation:
-    """A strike in slow motion: arm, whip, the tip's path so far, the target, which turns green once it is hit.
+    """Animate a strike in slow motion: arm, whip, path of the tip, and the target, which turns green when it is hit.
 
     A strike in space is seen in perspective.
 
-    As the last expression of a notebook's cell it shows as a film; `.save("strike.gif")` writes a file.
+    A notebook shows the result as a film; `.save("strike.gif")` writes a file.
 
     Args:
         trajectory, model: The strike, and the model that it was rolled out with.
