@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import pkgutil
 import subprocess
 import sys
+from importlib import import_module
+from types import ModuleType
 
 import pytest
 from processes import HANG
 
+import papers.human
 from whiptool import human
 
 
 @pytest.mark.parametrize("name", dir(human))
 def test_the_name_is_there(name):
-    assert getattr(human, name) is not None
+    """Also when the modules of the folder have been imported, of which none has its name."""
+    for module in pkgutil.iter_modules(papers.human.__path__):
+        import_module(f"papers.human.{module.name}")
+    assert not isinstance(getattr(human, name), ModuleType)
 
 
 def test_the_door_is_light():

@@ -12,7 +12,7 @@ from papers.human.bullwhip import Cascade
 from papers.human.cascade_fit import Measured
 from papers.human.learning import Curve
 from papers.human.reading import STYLES, People
-from papers.human.tolerance import SIZES, Costs, Tolerance
+from papers.human.tolerance_costs import SIZES, Costs, Tolerance
 from whiptool.viz.style import COLORS, STYLE, legend_above
 
 STYLE_COLORS = dict(zip(STYLES, (COLORS["blue"], COLORS["vermilion"]), strict=True))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from linear_rollout import LEAST, LinearRollout
 
-from papers.human.tolerance import SIZES, costs, tolerance
+from papers.human.tolerance_costs import SIZES, costs, tolerance
 from whiptool.target import Target
 
 RADIUS = 0.04
