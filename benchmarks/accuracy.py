@@ -15,12 +15,12 @@ from itertools import repeat
 import numpy as np
 from loky import get_reusable_executor
 
+from whiptool.goals.target import TARGET
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import T_STAY, Strike, default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.compiled import TIMESTEP
-from whiptool.target import TARGET
 
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {
     f"oiac {name}": Controller(law) for name, law in OIAC_PRESETS.items()

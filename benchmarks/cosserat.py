@@ -31,9 +31,10 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
+from whiptool.goals.target import TARGET
 from whiptool.impedance import Controller, constant_preset
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import WhipProfile, preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.robots import rope
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
@@ -41,7 +42,6 @@ from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
 from whiptool.rollout.trajectory import Trajectory
 from whiptool.runs import RunFolder, code_version
-from whiptool.target import TARGET
 from whiptool.whole_files import write_whole
 
 TIMESTEP = 1e-4  # [s], of ours

@@ -14,13 +14,13 @@ import json
 import numpy as np
 from tqdm import tqdm
 
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Disc, sample
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
-from whiptool.zone import Disc, sample
 
 RADIUS = 1e-3  # [m]
 

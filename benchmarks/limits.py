@@ -23,17 +23,17 @@ import numpy as np
 from reach import MODELS, SEARCHED, targets, warm_up
 from tqdm import tqdm
 
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
-from whiptool.limits import AllLimits
+from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import Model, preset
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
-from whiptool.models.command_limits import CommandLimits
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 WAYS = ("joints", "judged", "kept")
 KEEP_FREE, FLOOR = 0.1, -0.5  # 1, [m]

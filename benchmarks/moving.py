@@ -32,6 +32,7 @@ import numpy as np
 from scipy.stats import binomtest
 from tqdm import tqdm
 
+from whiptool.goals.zone import Disc, sample
 from whiptool.impedance import Controller
 from whiptool.interception.aiming import Camera, Interception
 from whiptool.interception.library import Library
@@ -41,7 +42,6 @@ from whiptool.interception.tracks import Track, fit_track
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_segments
-from whiptool.zone import Disc, sample
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
 ZONE = Disc((1.2, 0.0), 0.3)

@@ -29,10 +29,11 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from whiptool.criteria import Criterion, find_criterion
+from whiptool.goals.criteria import Criterion, find_criterion
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import run_search
@@ -40,7 +41,6 @@ from whiptool.optimizers.cmaes_search import cmaes_search
 from whiptool.optimizers.front import Front, dominated_by, oriented
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 from whiptool.viz.plots_front import plot_front
 from whiptool.viz.style import COLORS, STYLE, save_figure
 from whiptool.whole_files import write_whole

@@ -27,15 +27,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` 
 from papers.aim.spaces import targets
 from whiptool.comparison import Store
 from whiptool.comparison.unit import Unit
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import Strike
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.resolution import TOLERANCE
-from whiptool.target import Target
 
 MODELS = ("ur5e", "panda")
 RADIUS = 1e-3  # [m]

@@ -35,6 +35,7 @@ from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.ports import RigPort
 from whiptool.adaptation.prior import default_prior
 from whiptool.commands import adapt, rig
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
@@ -45,7 +46,6 @@ from whiptool.rig.loop import StepClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.session import HardwareRig, Line, RigRollout, TwinRig
 from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
-from whiptool.target import Target
 
 MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
 RATE, STRIKES = 100.0, 3  # cycles per second; strikes of a session that nothing stops

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
+from whiptool.goals.target import TARGET
 from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
 from whiptool.impedance.arm import Arm
 from whiptool.models import preset
@@ -28,7 +29,6 @@ from whiptool.models.strike import T_STAY, Strike, default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.trajectory import Trajectory
-from whiptool.target import TARGET
 
 MODEL = preset("lemon2024")
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {

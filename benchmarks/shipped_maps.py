@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 import whiptool as wt
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.rollout.threads import cores
 from whiptool.strike_map.shipped import shipped_names
 

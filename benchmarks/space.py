@@ -32,8 +32,8 @@ from tqdm import tqdm
 from whiptool.dynamics.posture import start_posture
 from whiptool.impedance import Controller, constant_preset, default_controller
 from whiptool.impedance.arm import Arm
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, WhipProfile, preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.robots import rope
 from whiptool.models.strike import T_STAY, Strike, default_bounds
 from whiptool.rollout import CompiledRollout

@@ -8,7 +8,7 @@ from typing import Any
 
 from whiptool.comparison import Comparison, Series, Store, collect
 from whiptool.comparison.unit import Unit
-from whiptool.zone import Zone
+from whiptool.goals.zone import Zone
 
 
 @dataclass(frozen=True)

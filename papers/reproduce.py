@@ -16,11 +16,11 @@ from tyro.conf import arg
 from whiptool.commands import cli
 from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
 from whiptool.errors import InputError
+from whiptool.goals.zone import usual_disc
 from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, spell_methods, whole
 from whiptool.progress import note
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
-from whiptool.zone import usual_disc
 
 if TYPE_CHECKING:
     from whiptool.comparison import Comparison

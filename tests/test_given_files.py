@@ -15,13 +15,13 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays, read_json, read_text
+from whiptool.goals.zone import Region
 from whiptool.identification.pendulum_files import read_angles
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.tables import read_toml
 from whiptool.optimizers.library import StrikeLibrary
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import Trajectory
-from whiptool.zone import Region
 
 
 def some_trajectory(T: int = 5) -> Trajectory:

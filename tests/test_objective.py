@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
-from whiptool.criteria import Effort, PeakTorque, Speed
 from whiptool.errors import InputError
-from whiptool.goals import probability_within
+from whiptool.goals.criteria import Effort, PeakTorque, Speed
+from whiptool.goals.goals import probability_within
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models import Model
 from whiptool.models.free_hand import free_hand
@@ -22,7 +23,6 @@ from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped
 from whiptool.options.limits import LimitOptions
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))
 REACH = StraightFlight.model.reach

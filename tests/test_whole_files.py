@@ -14,6 +14,7 @@ import pytest
 from full_disk import full_disk
 from robot_files import URDF
 
+from whiptool.goals.zone import Region
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import read_controller, write_controller
 from whiptool.models import preset
@@ -22,7 +23,6 @@ from whiptool.models.arm_files import read_robot
 from whiptool.models.files import read_model, write_model
 from whiptool.optimizers.library import StrikeLibrary
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
-from whiptool.zone import Region
 
 
 def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from tqdm import tqdm
 
 import whiptool as wt
+from whiptool.goals.target import usual_target
 from whiptool.models.presets import PRESETS
-from whiptool.target import usual_target
 
 SEARCHES = [
     ("lemon2024", "directl"),

@@ -12,13 +12,13 @@ _HOMES = {
     "ArmLink": "models",
     "ArmParameters": "models",
     "Model": "models",
-    "MotorLimits": "models",
+    "MotorLimits": "limits.motor_limits",
     "Strike": "models",
     "StrikeBounds": "models",
     "WhipParameters": "models",
     "WhipProfile": "models",
     "default_bounds": "models",
-    "limits_preset": "models",
+    "limits_preset": "limits.motor_limits",
     "load_model": "models",
     "preset": "models",
     "presets": "models.presets",
@@ -35,8 +35,8 @@ _HOMES = {
     "Trajectory": "rollout",
     "Objective": "objective",
     "Outcome": "objective",
-    "Target": "target",
-    "Disc": "zone",
+    "Target": "goals.target",
+    "Disc": "goals.zone",
     "METHODS": "optimizers",
     "search": "optimizers",
     "animate": "viz.animation",
@@ -69,21 +69,22 @@ if TYPE_CHECKING:
     from whiptool.commands.map import load_map
     from whiptool.commands.train import load_policy, train
     from whiptool.comparison.comparing import compare
+    from whiptool.goals.target import Target
+    from whiptool.goals.zone import Disc
     from whiptool.identification import Fit, Plant
     from whiptool.identification.fit import fit
     from whiptool.identification.similarity import similarity
     from whiptool.impedance import OIAC, ConstantImpedance, Controller, default_controller, impedance_cost, oiac_preset
+    from whiptool.limits.motor_limits import MotorLimits, limits_preset
     from whiptool.models import (
         ArmLink,
         ArmParameters,
         Model,
-        MotorLimits,
         Strike,
         StrikeBounds,
         WhipParameters,
         WhipProfile,
         default_bounds,
-        limits_preset,
         load_model,
         preset,
         read_model,
@@ -96,11 +97,9 @@ if TYPE_CHECKING:
     from whiptool.references import citations
     from whiptool.rl.environment import WhipEnv
     from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
-    from whiptool.target import Target
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
     from whiptool.viz.plots import plot_distance, plot_strike, plot_tip_speed, plot_torque, plot_tracking
-    from whiptool.zone import Disc
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)
 doors_aside(__name__, _HOMES)

@@ -12,19 +12,19 @@ from typing import Literal
 
 import numpy as np
 
-from whiptool.criteria import Criterion, StrikesAtGoal
 from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
-from whiptool.limits import AllLimits, Limits, Smooth, distance_beyond, limits_given
+from whiptool.goals.criteria import Criterion, StrikesAtGoal
+from whiptool.goals.target import Target, as_target, usual_target
+from whiptool.limits.all_limits import AllLimits, Limits, Smooth, distance_beyond, limits_given
+from whiptool.limits.clearance import Clearance
 from whiptool.models.arrays import ArrayLike, NoArray
-from whiptool.models.clearance import Clearance
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach, Trajectory
-from whiptool.target import Target, as_target, usual_target
 from whiptool.words import counted
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make
@@ -192,7 +192,7 @@ class Objective:
         limits: One or several limits, such as `ArmLimits` and `Clearance`. A strike that exceeds them is refused: it is
             not a hit, and its miss distance is larger than any real one and grows with the excess. Infeasible strikes
             in hand space are refused as well. The bounds are reduced to the position limits. Default: the limits of the
-            model's arm (`whiptool.limits.default_limits`), for a robot those of its joints, its collision shapes and
+            model's arm (`whiptool.limits.all_limits.default_limits`), for a robot those of its joints, its collision shapes and
             the floor on which it stands; None: no limits.
         criteria: Criteria of hits; searches minimise the first of them among hits. Without criteria they minimise the
             cost.

@@ -21,7 +21,7 @@ from whiptool import CompiledRollout, Controller, Objective, Target, preset, sea
 from whiptool.comparison import Store
 from whiptool.comparison.unit import Unit
 from whiptool.impedance import HandControl, PositionControl
-from whiptool.models.arm_limits import ArmLimits
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.rollout.resolution import TOLERANCE
 from whiptool.viz.report import Section, Table, Text
 from whiptool.words import counted

@@ -9,18 +9,18 @@ import numpy as np
 
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool import CompiledRollout, Controller, Model
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison import Scene
-from whiptool.goals import Goals
-from whiptool.limits import Limits
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.goals import Goals
+from whiptool.goals.zone import Sector
+from whiptool.limits.all_limits import Limits
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import T_STAY
 from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import bounds_all_around
-from whiptool.zone import Sector
 
 IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=2, goals=800, gate_strikes=16_000)
 IN_PLANE = MapPlan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)

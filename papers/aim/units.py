@@ -14,8 +14,8 @@ from papers.aim.task import AimTask
 from whiptool import Objective, ReferenceRollout, Target, search
 from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.unit import Unit
-from whiptool.goals import Goals
-from whiptool.models.clearance import Clearance
+from whiptool.goals.goals import Goals
+from whiptool.limits.clearance import Clearance
 from whiptool.strike_map.built import opened
 from whiptool.strike_map.candidates import SHORTLIST
 from whiptool.strike_map.refinement import refine

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool import CompiledRollout, Controller, Objective, Target, default_bounds, preset, search
 from whiptool.comparison.unit import Unit
-from whiptool.criteria import find_criterion
+from whiptool.goals.criteria import find_criterion
 
 METHODS = {
     "DIRECT-L": "directl",

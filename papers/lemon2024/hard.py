@@ -13,10 +13,10 @@ from whiptool.comparison import LearnerUnit, Scene, SearchUnit, collect
 from whiptool.comparison.plan import CHUNK, deterministic
 from whiptool.comparison.tables import main_table
 from whiptool.comparison.zones import QUICK_STRIKES, SPEED, STRIKES, fast_region
+from whiptool.goals.zone import Region
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted
-from whiptool.zone import Region
 
 HIT_RADIUS = 0.01  # [m]
 SEARCHES = ("directl", "ga", "cmaes", "gradient", "random")

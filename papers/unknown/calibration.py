@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from papers.unknown.scores import Forecast, Scores
 from papers.unknown.trials import hits, reliability
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.target import HIT_RADIUS
+from whiptool.goals.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Table, Text
 from whiptool.words import counted

@@ -24,14 +24,14 @@ from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.planner import Effort, Plan, surest
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.unit import Unit
-from whiptool.goals import Goals
-from whiptool.limits import Limits
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.goals import Goals
+from whiptool.goals.zone import Sector
+from whiptool.limits.all_limits import Limits
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.strike_map.goal_region import GoalRegion
-from whiptool.zone import Sector
 
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor

@@ -25,7 +25,7 @@ from whiptool.adaptation.steps import Step, Steps
 from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.comparison import LearnerUnit, Scene
 from whiptool.comparison.unit import Unit
-from whiptool.target import HIT_RADIUS
+from whiptool.goals.target import HIT_RADIUS
 
 METHODS = {
     "nominal": "the model's own best strike, repeated",

@@ -30,7 +30,7 @@ from papers.unknown.unknown_whips import (
 from papers.unknown.whole_chain import ReachUnit, RigTransferUnit, RigUnit
 from whiptool import Disc
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.target import HIT_RADIUS
+from whiptool.goals.target import HIT_RADIUS
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted, fixed, rounded

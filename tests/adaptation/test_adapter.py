@@ -16,11 +16,11 @@ from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Effort, Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.target import Target
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 PLAN = Plan(tuple(map(float, STRIKE.vector)), 0.9, 0.01, 0.0, None, "a strike", 0.1)

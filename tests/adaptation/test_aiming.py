@@ -22,15 +22,15 @@ from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.errors import InputError
-from whiptool.goals import PACE
+from whiptool.goals.goals import PACE
+from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.striker import Striker
-from whiptool.target import Target
 
 STOCK = stock_of_material("cotton")
 LIMITS = (ArmLimits.of(MODEL.arm, prescribed=True), Clearance(MODEL, -1.7))

@@ -10,7 +10,8 @@ import pytest
 from whiptool.adaptation import judgement
 from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
-from whiptool.goals import CLAIMED
+from whiptool.goals.goals import CLAIMED
+from whiptool.goals.target import Target
 from whiptool.identification.judgement import Frames, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
@@ -18,7 +19,6 @@ from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)

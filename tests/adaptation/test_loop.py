@@ -13,10 +13,10 @@ from whiptool.adaptation.adapter import OUTCOME, Adapter, Options
 from whiptool.adaptation.planner import Plan
 from whiptool.adaptation.ports import RigPort, Seen
 from whiptool.adaptation.prior import default_prior
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.stops import STOPPED, Locked, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.target import Target
 
 MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])

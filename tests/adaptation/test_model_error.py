@@ -6,8 +6,8 @@ from scipy import stats
 
 from whiptool.adaptation.model_error import ModelError
 from whiptool.errors import InputError
-from whiptool.goals import probability_within
-from whiptool.target import Target
+from whiptool.goals.goals import probability_within
+from whiptool.goals.target import Target
 
 GOAL = Target(hit_radius=0.06).goals
 

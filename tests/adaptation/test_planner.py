@@ -12,13 +12,13 @@ from whiptool.adaptation import planner
 from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Demands, Effort, Plan, plan, surest
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, Controller
+from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import preset
-from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout.trajectory import Approach
-from whiptool.target import Target
 
 PUSH = np.array([[0.3, -0.1, 0.4, 0.2, 0.0], [0.0, 0.2, -0.1, 0.5, 0.0]])  # of a strike's numbers on the tip [m]
 LONGER = np.array([0.3, 0.4])  # of the logarithm of the whip's length [m]

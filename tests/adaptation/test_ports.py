@@ -14,12 +14,12 @@ from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.twins import draw_twin
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import Controller, constant_preset, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.target import Target
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 T = np.arange(30) / 60

@@ -18,13 +18,13 @@ from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.report import PANELS, SHOWN, _Number, lines, sections
 from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
+from whiptool.goals.target import Target
 from whiptool.identification.judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target
 from whiptool.viz.report import Picture, Section, Table, Text, to_html
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))

@@ -17,15 +17,15 @@ from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.models import preset
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
 from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.readers import write_csv
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.target import Target
 
 UR5E = preset("ur5e")
 STRIKE = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6)

@@ -12,12 +12,12 @@ from whiptool.adaptation.planner import Effort, plan
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.sag import expected_sag
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 RESTING = Strike((-0.9, 1.4), (-0.9, 1.4), 0.5)

@@ -15,19 +15,19 @@ import pytest
 from command_line import called, whiptool
 from processes import HANG
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
 from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
 from whiptool.comparison.plan import deterministic
 from whiptool.comparison.policy_trials import trials_within
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Disc
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
-from whiptool.target import Target
-from whiptool.zone import Disc
 
 TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)

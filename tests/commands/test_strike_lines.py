@@ -9,10 +9,10 @@ import types
 import pytest
 
 from whiptool.commands.optimize import missed_by, outcome_lines, strike_lines
+from whiptool.goals.target import Target
 from whiptool.models import SpatialArm
 from whiptool.models.spatial_arm import JointLimits, SpatialLink, without_inertia
 from whiptool.objective import Arrival
-from whiptool.target import Target
 
 BODY = (1.0, (0, 0, 0), (1, 1, 1, 0, 0, 0))
 RAIL = SpatialLink(*BODY, (0, 1, 0), (0, 0, 0), kind="prismatic", limits=JointLimits((-1, 1)))

@@ -19,18 +19,18 @@ from checkpoints import same
 from full_disk import full_disk
 
 from whiptool import whole_files
-from whiptool.arrival_rule import sample_goals
 from whiptool.commands import train
 from whiptool.commands.train import load_policy
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import sample_goals
+from whiptool.goals.target import Target
+from whiptool.goals.zone import sample
 from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.rl import episode_table, event_log
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.training import load_checkpoint
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
-from whiptool.zone import sample
 
 SHORT = ["--episodes", "12", "--random-episodes", "2", "--trials", "16", "--tests", "5", "--checkpoint-every", "2"]
 

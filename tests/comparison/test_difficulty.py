@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from lemon_scene import scene
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.difficulty import WIDTHS, DifficultyUnit, scene_seed, targets_hit, varied
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds, default_bounds
 from whiptool.rl.task import StrikeTask
-from whiptool.zone import Disc
 
 
 def test_hits_are_counted_as_the_rollout_counts_them():

@@ -11,8 +11,8 @@ import pytest
 import torch
 from flights import scene
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.learner_unit import CHECKPOINT_EVERY, Checkpoint, LearnerUnit
+from whiptool.goals.arrival_rule import ArrivalRule
 
 
 @pytest.mark.parametrize(("rewards", "kept"), [([1.0, 2.0], [1.0, 2.0]), ([1.0, 2.0, 3.0], [1.0, 2.0]), ([1.0], [])])

@@ -6,11 +6,11 @@ import numpy as np
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.policy_trials import misses_of, trials_within
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask
-from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 TARGETS = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from flights import scene
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.comparison.search_unit import SearchUnit
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.target import Target
 from whiptool.objective import Objective
 from whiptool.optimizers import search
-from whiptool.target import Target
 
 
 def test_targets_are_drawn_once_for_all():

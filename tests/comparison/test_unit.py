@@ -18,9 +18,9 @@ import pytest
 import papers
 import whiptool.comparison
 from whiptool.comparison.unit import KEY, Unit, plain_of
+from whiptool.goals.zone import Disc, Zone
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model, preset
-from whiptool.zone import Disc, Zone
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
 TWO: dict[Any, tuple[Any, Any]] = {  # values of each type that differ

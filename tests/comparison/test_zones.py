@@ -11,8 +11,8 @@ from lemon_scene import scene
 from whiptool.comparison.difficulty import sentence
 from whiptool.comparison.zones import check_zone, words, zone_named
 from whiptool.errors import InputError
+from whiptool.goals.zone import Disc, ReachableDisc, Region
 from whiptool.models import preset
-from whiptool.zone import Disc, ReachableDisc, Region
 
 
 def test_zones_have_names_and_words():

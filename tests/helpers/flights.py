@@ -5,9 +5,9 @@ from __future__ import annotations
 from fake_rollout import StraightFlight
 
 from whiptool.comparison.scene import Scene
+from whiptool.goals.zone import Disc
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.zone import Disc
 
 
 class Flights(Scene):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from whiptool.comparison import Scene
+from whiptool.goals.zone import Disc
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.zone import Disc
 
 
 def scene(radius: float) -> Scene:

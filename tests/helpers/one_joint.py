@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from functools import cache
 
+from whiptool.goals.zone import Disc
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
-from whiptool.zone import Disc
 
 
 @cache

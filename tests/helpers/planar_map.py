@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map import GoalRegion, Striker
-from whiptool.zone import Disc
 
 AIMED = GoalRegion(Disc((1.3, 0.0), 0.2), ArrivalRule(angle=(-np.pi, np.pi), speed=1.0), 0.03)
 POINTS = GoalRegion(Disc((1.3, 0.0), 0.2), hit_radius=0.02)

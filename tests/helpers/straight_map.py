@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.models.strike import StrikeBounds
 from whiptool.strike_map.striker import Landings
 

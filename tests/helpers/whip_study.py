@@ -6,9 +6,9 @@ import dataclasses
 
 from papers.unknown.unknown_whips import Study
 from whiptool.comparison import Scene
+from whiptool.goals.zone import Disc
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
-from whiptool.zone import Disc
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 

@@ -13,6 +13,7 @@ from scipy.stats import binom
 
 from whiptool.dynamics.lumping import PROFILE, lumping
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.identification.fit import Options, choose_nodes, fit
 from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import Plant
@@ -28,7 +29,6 @@ from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(0), 8)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from whiptool.adaptation.judgement import judge_seen
-from whiptool.goals import probability_within
+from whiptool.goals.goals import probability_within
+from whiptool.goals.target import Target
 from whiptool.identification.judgement import Frames, Judgement, judge_frames, unseen_around, weigh
 from whiptool.rollout.closest import closest_on_segments
-from whiptool.target import Target
 
 T = np.arange(0, 1.0, 0.002)
 FRAMES = np.arange(0, 1.0, 1 / 60)

@@ -9,8 +9,8 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.interception.library import RATE, Library, possible
+from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import preset
-from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.strike import StrikeBounds
 
 MODEL = preset("lemon2024")

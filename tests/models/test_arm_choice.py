@@ -67,7 +67,7 @@ def test_joints_that_are_none_or_none_left_are_named(choice, name, given_, allow
 
 
 def test_a_chain_without_joints_has_none_to_move():
-    with pytest.raises(InputError, match=r"^moving: got \[\]; allowed: .*\(there are none\)"):
+    with pytest.raises(InputError, match=r"^moving: got \[\]; allowed: .*\(none\)"):
         ArmChoice().movers((), JOINTS)
 
 

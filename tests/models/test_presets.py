@@ -6,7 +6,8 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import constant_preset, oiac_preset
-from whiptool.models import limits_preset, load_model, preset
+from whiptool.limits.motor_limits import limits_preset
+from whiptool.models import load_model, preset
 
 
 def test_published_presets():

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.models import ArmLink, ArmParameters, preset
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, named_strike, strike_names
-from whiptool.target import Target
 
 
 @given(st.lists(st.floats(-3, 3), min_size=4, max_size=4), st.floats(0.1, 2))

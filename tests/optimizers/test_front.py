@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from whiptool.criteria import Effort, Miss, Speed
+from whiptool.goals.criteria import Effort, Miss, Speed
 from whiptool.objective import Outcome, Trial
 from whiptool.optimizers.front import Front, dominated_by, oriented
 

@@ -9,9 +9,9 @@ import pytest
 import scipy.optimize
 from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import JointLimits, preset
-from whiptool.models.clearance import Clearance
-from whiptool.models.command_limits import CommandLimits
 from whiptool.optimizers import search
 from whiptool.optimizers.gradient_search import BATCH, COLLISIONS, REFINED, STEPS, gradient_search, refine
 from whiptool.rollout import CompiledRollout

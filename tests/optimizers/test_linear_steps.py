@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from linear_rollout import BASE, BOUNDS, LEAST, LinearRollout
 
-from whiptool.criteria import Criterion, Effort, PeakTorque, Speed
+from whiptool.goals.criteria import Criterion, Effort, PeakTorque, Speed
+from whiptool.goals.target import Target
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.linear_steps import FIRST, step_down
-from whiptool.target import Target
 
 START = np.array([-0.6, 0.7, 1.0, -1.0, 1.9])
 PLACE = np.array([0.2, -0.1])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller, oiac_preset
+from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import preset
-from whiptool.models.command_limits import CommandLimits
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 from whiptool.objective import Objective, SearchStopped
@@ -21,7 +22,6 @@ from whiptool.optimizers.nlopt_search import nlopt_names
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.trajectory import Approach
-from whiptool.target import Target
 
 LEMON = preset("lemon2024")
 UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))

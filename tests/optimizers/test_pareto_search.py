@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from linear_rollout import BOUNDS, LEAST, LinearRollout
 
-from whiptool.criteria import Effort, Miss, Speed
+from whiptool.goals.criteria import Effort, Miss, Speed
+from whiptool.goals.target import Target
 from whiptool.objective import Objective
 from whiptool.optimizers import run_search
 from whiptool.optimizers.front import Front
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout.interface import Rollout
-from whiptool.target import Target
 
 PLACE = np.array([0.2, -0.1])
 AWAY = np.linalg.norm(LEAST[:2] - PLACE)

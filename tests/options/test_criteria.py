@@ -7,8 +7,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from whiptool.criteria import CRITERIA, Robustness
 from whiptool.errors import InputError
+from whiptool.goals.criteria import CRITERIA, Robustness
 from whiptool.models import default_bounds, preset
 from whiptool.options import CriteriaOptions
 from whiptool.options.criteria import CriterionName

@@ -8,8 +8,8 @@ from typing import ClassVar
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.options import LimitOptions, ModelOptions, SimulatedControllerOptions
 
 

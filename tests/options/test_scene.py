@@ -10,10 +10,10 @@ import pytest
 from robot_files import URDF
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
+from whiptool.goals.zone import sample
 from whiptool.models import PRESETS, preset, write_model
 from whiptool.options import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
-from whiptool.target import Target
-from whiptool.zone import sample
 
 
 @dataclass(frozen=True, kw_only=True)

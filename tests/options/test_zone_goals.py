@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.models import preset
 from whiptool.options import ZoneGoalOptions
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.models.motor_limits import XM430
+from whiptool.limits.motor_limits import XM430
 from whiptool.rig.dynamixel.joints import JointSample
 from whiptool.rig.guards import Guards, SafetyError, Watch
 

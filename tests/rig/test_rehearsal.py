@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
+from whiptool.limits.motor_limits import XM430, MotorLimits
 from whiptool.models import preset
-from whiptool.models.motor_limits import XM430, MotorLimits
 from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.emulator.physics import Physics

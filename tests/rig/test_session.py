@@ -10,6 +10,7 @@ from pretended_rig import Pretend
 
 import whiptool as wt
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.objective import Objective
@@ -17,7 +18,6 @@ from whiptool.optimizers import search
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
-from whiptool.target import Target
 
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")

@@ -22,6 +22,7 @@ from repository import ROOT
 import whiptool as wt
 from whiptool.commands import rig as command
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.objective import Objective
 from whiptool.optimizers import METHODS, search
@@ -43,7 +44,6 @@ from whiptool.rig.stops import (
     StrikeStopped,
     torque_in_words,
 )
-from whiptool.target import Target
 from whiptool.vision.camera_model import camera_preset
 from whiptool.vision.source import Frame
 

@@ -14,13 +14,13 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import whiptool.rl.environment as environment
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Disc
 from whiptool.gymnasium_id import ID
 from whiptool.objective import Objective
 from whiptool.rl.task import OBSERVATIONS
-from whiptool.target import Target
-from whiptool.zone import Disc
 
 
 @pytest.fixture(autouse=True)

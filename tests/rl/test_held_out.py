@@ -12,15 +12,15 @@ from checkpoints import same
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
-from whiptool.arrival_rule import sample_goals
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import sample_goals
+from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl import training
 from whiptool.rl.held_out import EVERY, GOALS, Score, held_out_goals, score
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask
 from whiptool.rl.training import Plan, Training, load_checkpoint, make_learner
-from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 FOUND = [Score(0.2, 0.3), Score(0.5, 0.3), Score(0.5, 0.2), Score(0.5, 0.2), Score(0.4, 0.1)]

@@ -8,10 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from whiptool.arrival_rule import ArrivalRule
-from whiptool.goals import arrival_angles
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.goals import arrival_angles
+from whiptool.goals.zone import Disc
 from whiptool.rl import hindsight
-from whiptool.zone import Disc
 
 
 def test_the_nearest_point_of_a_path():

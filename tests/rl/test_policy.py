@@ -8,13 +8,13 @@ import torch
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.policy import Policy, trials_to_hit
 from whiptool.rl.task import StrikeTask
-from whiptool.target import Target
-from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 

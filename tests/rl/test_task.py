@@ -9,14 +9,14 @@ import pytest
 from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 from whiptool.rl.task import StrikeTask, log_reward, reward
-from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-0.5, 0.0, 0.1, 0.2, 0.4), (0.5, 1.0, 0.3, 0.8, 1.0))
 ZONE = Disc((1.0, 0.2), 0.4)

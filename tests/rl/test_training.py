@@ -10,13 +10,13 @@ import torch
 from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
-from whiptool.arrival_rule import ArrivalRule
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask, reward
 from whiptool.rl.training import Plan, Training, load_checkpoint, make_learner
-from whiptool.zone import Disc
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))
 ZONE = Disc((1.0, 0.0), 0.5)

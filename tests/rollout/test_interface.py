@@ -9,6 +9,7 @@ import pytest
 from rich_model import COMPUTED
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Strike, StrikeBounds, preset
 from whiptool.models.free_hand import free_hand
@@ -18,7 +19,6 @@ from whiptool.objective import Objective
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import joined
 from whiptool.rollout.trajectory import Approach
-from whiptool.target import Target
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(ConstantImpedance())
 TARGET = Target((1.1, 0.2))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.rollout.points import target_points
-from whiptool.target import Target
 
 
 @pytest.mark.parametrize("place", [(1.1, 0.2), (1.1, 0.2, -0.3)])

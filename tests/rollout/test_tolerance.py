@@ -11,7 +11,7 @@ from rich_model import EVERY_RUNG, LEMON
 from whiptool.dynamics.columns import outcome_columns
 from whiptool.dynamics.integrator import W_A, W_B, W_GAMMA, W_SECOND, W_STIFF
 from whiptool.errors import InputError
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl, constant_preset, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planar_map import random_strikes, striker
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.strike_map.answers import RATE, Answers, paths_of
 
 STEP = 1e-5

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from planar_map import AIMED, POINTS, random_strikes, striker
 
-from whiptool.goals import arrival_angles
-from whiptool.models.arm_limits import ArmLimits
+from whiptool.goals.goals import arrival_angles
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.strike_map.harvest import Harvest
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from straight_map import CurvedStriker
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.strike_map.refinement import TOLERANCE, refine
 from whiptool.strike_map.striker import Landings
 

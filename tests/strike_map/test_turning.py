@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from whiptool.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.zone import Disc, Sector
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import default_bounds, preset
 from whiptool.models.mount import turns_as_a_whole
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map import GoalRegion
 from whiptool.strike_map.turning import Front, bounds_all_around
-from whiptool.zone import Disc, Sector
 
 
 def ur5e():

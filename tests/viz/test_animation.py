@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 from whiptool.viz.animation import FPS, animate
 from whiptool.viz.plots import STYLE
 

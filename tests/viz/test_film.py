@@ -9,7 +9,7 @@ import pytest
 from space_swing import swing
 from spatial_arms import of_universal_nodes
 
-from whiptool.target import Target
+from whiptool.goals.target import Target
 from whiptool.viz.film import MAX_SEGMENTS, film_of
 
 UR5E = of_universal_nodes("ur5e")

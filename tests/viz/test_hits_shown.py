@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from space_swing import swing
 from spatial_arms import of_universal_nodes
 
+from whiptool.goals.target import Target
 from whiptool.objective import Outcome, Trial
-from whiptool.target import Target
 from whiptool.viz import plots
 from whiptool.viz.animation import animate
 from whiptool.viz.film import film_of

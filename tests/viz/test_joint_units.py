@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from random_space import random_arm, random_whip
 from space_swing import swing
 
+from whiptool.goals.target import Target
 from whiptool.models import Model
 from whiptool.models.strike import sliding_names, strike_names
 from whiptool.objective import Outcome, Trial
-from whiptool.target import Target
 from whiptool.viz import plots
 from whiptool.viz.page import strike_data
 from whiptool.viz.plots_search import axis_label, plot_landscape, plot_trials

@@ -11,7 +11,7 @@ from browser_pages import Elements, browser, chromium, count, picture, root_data
 from space_swing import places, swing
 from spatial_arms import of_universal_nodes
 
-from whiptool.target import Target
+from whiptool.goals.target import Target
 from whiptool.viz.page import strike_data, strike_page
 
 PANDA = of_universal_nodes("panda")

@@ -8,8 +8,8 @@ import pytest
 from space_swing import swing
 
 from whiptool.errors import WhiptoolError
+from whiptool.goals.target import Target
 from whiptool.models import preset
-from whiptool.target import Target
 from whiptool.viz.picture_process import PictureProcess, Pictures
 
 LEMON = preset("lemon2024")

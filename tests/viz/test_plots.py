@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from whiptool.goals.target import Target, as_target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target, as_target
 from whiptool.viz import plots
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])

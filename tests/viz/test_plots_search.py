@@ -9,8 +9,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.objective import Outcome, Trial
-from whiptool.target import Target
 from whiptool.viz.plots import COLORS
 from whiptool.viz.plots_search import axis_label, plot_landscape, plot_trials
 

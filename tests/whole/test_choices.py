@@ -18,11 +18,11 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
     from whiptool.adaptation.materials import MATERIALS
     from whiptool.adaptation.prior import WHIPS
     from whiptool.adaptation.twins import FAMILIES
-    from whiptool.criteria import CRITERIA
+    from whiptool.goals.criteria import CRITERIA
     from whiptool.identification.drives import DRIVES
     from whiptool.identification.placement import NEUTRAL
     from whiptool.impedance import CONSTANT_PRESETS, OIAC_PRESETS
-    from whiptool.models.motor_limits import LIMITS
+    from whiptool.limits.motor_limits import LIMITS
     from whiptool.rig.dynamixel.control_table import BAUD_RATES
     from whiptool.rl.settings import SETTINGS
     from whiptool.rl.task import OBSERVATIONS, REWARDS

@@ -12,6 +12,7 @@ import torch
 from one_joint import one_joint, one_joint_task
 
 from whiptool.errors import InputError
+from whiptool.goals.zone import Disc, sample
 from whiptool.rl import hindsight
 from whiptool.rl.learner import Diverged, OffPolicyLearner
 from whiptool.rl.policy import trials_to_hit
@@ -20,7 +21,6 @@ from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import OBSERVATIONS, reward
 from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
-from whiptool.zone import Disc, sample
 
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}

@@ -12,11 +12,11 @@ import pytest
 import whiptool as wt
 from whiptool.commands.optimize import main
 from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.motor_limits import XM430, limits_preset
+from whiptool.limits.motor_limits import XM430, limits_preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
-from whiptool.target import Target
 
 TARGET = Target((1.2, 0.1))
 SLOW = [-0.622, 0.221, 0.705, 2.122, 1.176]  # hits, within the line

@@ -18,8 +18,8 @@ from whiptool.interception.library import Library
 from whiptool.interception.motions import Pendulum, find_motion
 from whiptool.interception.planning import intercept, plan, refresh
 from whiptool.interception.tracks import Track, fit_track
+from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
-from whiptool.models.motor_limits import XM430
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.closest import closest_on_segments

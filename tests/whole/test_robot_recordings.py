@@ -16,15 +16,15 @@ from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import identify
+from whiptool.goals.target import Target
 from whiptool.identification.fit import Options as Fitting
 from whiptool.identification.fit import fit
 from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller, PositionControl
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, WhipParameters, preset, read_model, write_model
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.recording.readers import read_recording
-from whiptool.target import Target
 
 TRUE = {"whip.k": 0.05, "whip.b": 0.004, "whip.l": 0.2}
 WHIP = WhipParameters(N=5, l=0.2, m=0.02, k=0.05, b=0.004, joints="universal", node_inertia=2e-6)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from command_line import assert_one_line, called
 
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.optimizers.trial_log import TrialLog
 from whiptool.rollout import Trajectory
 

@@ -22,17 +22,17 @@ from whiptool.adaptation.sag import Sag, expected_sag
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
+from whiptool.goals.target import Target
 from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.inputs import check_controllers
 from whiptool.identification.judgement import Judgement
 from whiptool.identification.predict import Predictor
-from whiptool.limits import Limits
+from whiptool.limits.all_limits import Limits
+from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import parameters
-from whiptool.models.motor_limits import MotorLimits
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.target import Target
 from whiptool.whole_files import write_whole
 
 _LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # stored with the belief

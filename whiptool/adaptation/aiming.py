@@ -19,15 +19,15 @@ from whiptool.adaptation.cross_entropy import search_around
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.planner import JUDGED, SURE, WORTH, Effort, Plan
 from whiptool.adaptation.prior import Belief, fresh_terms
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
-from whiptool.limits import Limits
+from whiptool.limits.all_limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.refinement import refine
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
-from whiptool.target import Target
 
 FIRST = Effort(pool=2048, polished=32, whips=16, population=12, rounds=4)  # limits and directions leave little
 NEXT = Effort(pool=512, polished=8, whips=16, population=8, rounds=4)

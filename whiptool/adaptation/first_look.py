@@ -9,7 +9,7 @@ import numpy as np
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
-from whiptool.limits import Limits
+from whiptool.limits.all_limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout

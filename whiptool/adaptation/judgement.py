@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.goals.target import Target
 from whiptool.identification.judgement import RATE, Judgement, frames_of, judge_frames, weigh
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target
 
 NOISE = 0.005  # [m], standard error of a miss that a port tells without one: a plain camera's
 WHIPS = 32  # of the belief

@@ -14,10 +14,10 @@ from whiptool.adaptation.robot_port import RobotPort
 from whiptool.adaptation.steps import Step, Steps
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
+from whiptool.goals.target import Target, as_target
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
-from whiptool.target import Target, as_target
 
 
 @dataclass

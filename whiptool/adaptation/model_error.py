@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.models.parameters import number
 
 

@@ -14,11 +14,11 @@ from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
+    from whiptool.goals.target import Target
     from whiptool.impedance import Controller
-    from whiptool.limits import Limits
+    from whiptool.limits.all_limits import Limits
     from whiptool.models import Model
     from whiptool.rig.stops import Interlock
-    from whiptool.target import Target
 
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 SLOW = 0.9  # [s], shortest movement within a motor's limits
@@ -154,8 +154,8 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.adapter import Options
     from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import read_belief
-    from whiptool.models.arm_limits import ArmLimits
-    from whiptool.models.motor_limits import limits_preset
+    from whiptool.limits.arm_limits import ArmLimits
+    from whiptool.limits.motor_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
     from whiptool.rig.emulator.motor import HARDWARE, Motor
@@ -208,7 +208,7 @@ def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
 
 def kept_in_space(model: Model) -> tuple[Limits, ...]:
     """What a robot keeps: the limits of its joints, and that it and the whip keep clear of it and its floor."""
-    from whiptool.limits import default_limits
+    from whiptool.limits.all_limits import default_limits
 
     return tuple(default_limits(model, prescribed=True)) if model.dimension == 3 else ()
 

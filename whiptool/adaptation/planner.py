@@ -10,13 +10,13 @@ import numpy as np
 
 from whiptool.adaptation.cross_entropy import search_around
 from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
-from whiptool.models.motor_limits import MotorLimits
+from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach
-from whiptool.target import Target
 
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the motors' line that is kept free; more, where all strikes were refused
 SURE = 0.25  # of the hit radius: where a strike that misses all whips by no more is worth no better one

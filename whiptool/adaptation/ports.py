@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
+from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.filmed_approach import approach_seen
@@ -19,7 +20,6 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target, as_target
 
 _SAME = 1e-6  # [rad], [s]: two strikes are one
 

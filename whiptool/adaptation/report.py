@@ -16,12 +16,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFo
 from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
-from whiptool.goals import CLAIMED
+from whiptool.goals.goals import CLAIMED
+from whiptool.goals.target import Target
 from whiptool.identification.units import with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.filmed_approach import approach_seen
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted, rounded

@@ -12,13 +12,13 @@ from typing import Any
 
 from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.errors import WhiptoolError
-from whiptool.models.arm_limits import limits_of
+from whiptool.goals.target import Target
+from whiptool.limits.arm_limits import limits_of
 from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.readers import read_recording
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.target import Target
 
 TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as .yaml
 

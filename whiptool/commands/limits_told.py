@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from whiptool.impedance import Controller
-    from whiptool.limits import AllLimits
+    from whiptool.limits.all_limits import AllLimits
     from whiptool.models import Model, Strike
     from whiptool.models.strike import StrikeBounds
     from whiptool.rollout.trajectory import Trajectory
@@ -23,7 +23,7 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
 
     Empty where there are no limits.
     """
-    from whiptool.models.clearance import Clearance
+    from whiptool.limits.clearance import Clearance
 
     if not limits:
         return {}

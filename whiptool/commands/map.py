@@ -37,10 +37,10 @@ from whiptool.options import (
 )
 
 if TYPE_CHECKING:
+    from whiptool.goals.target import Target
     from whiptool.models.parameters import Model
     from whiptool.models.strike import Strike
     from whiptool.strike_map import Building, GoalRegion, MapPlan, StrikeMap
-    from whiptool.target import Target
 
 WORDS = {"build": "build the map of a region of goals", "strike": "strike at a goal from a map that was built"}
 

@@ -473,7 +473,7 @@ def missed_by(outcome, target) -> dict[str, float | None] | None:
 
 def outcome_lines(outcome, target, arm) -> list[str]:
     """Return the lines that tell people the outcome of a strike of an arm."""
-    from whiptool.target import missed_words
+    from whiptool.goals.target import missed_words
 
     if outcome.diverged:
         cure = "move less far or in more time, or take a smaller --timestep"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Self
 from whiptool.commands import cli
 
 if TYPE_CHECKING:
+    from whiptool.goals.target import Target
     from whiptool.models import Model
     from whiptool.rollout import Trajectory
-    from whiptool.target import Target
     from whiptool.viz.picture_process import PictureProcess
 
 VIDEO = "strike.mp4"

@@ -12,9 +12,9 @@ from whiptool.options import OptionGroup
 from whiptool.runs import CONFIG, read_config
 
 if TYPE_CHECKING:
+    from whiptool.goals.target import Target
     from whiptool.models import Model
     from whiptool.rollout import Trajectory
-    from whiptool.target import Target
 
 T = TypeVar("T", bound=OptionGroup)
 
@@ -57,8 +57,8 @@ def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str, str | No
     Returns:
         Its trajectory, its model, the target, its controller in words, and which limit it is beyond; None: none.
     """
+    from whiptool.goals.target import Target
     from whiptool.rl.held_out import held_out_goals
-    from whiptool.target import Target
 
     trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
     loaded = load_policy(policy)

@@ -31,6 +31,7 @@ from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_
 from whiptool.words import counted
 
 if TYPE_CHECKING:
+    from whiptool.goals.target import Target
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
     from whiptool.objective import Objective, Outcome
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from whiptool.rig.session import Rig, Struck
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
     from whiptool.runs import RunFolder
-    from whiptool.target import Target
 
 WORDS = ("strike", "learn")
 REPORT = "report.html"
@@ -313,8 +313,8 @@ def _learn(words: list[str]) -> int:
 def _learn_strikes(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
     from whiptool.commands.limits_told import refuse_unheld
-    from whiptool.limits import AllLimits
-    from whiptool.models.motor_limits import XM430
+    from whiptool.limits.all_limits import AllLimits
+    from whiptool.limits.motor_limits import XM430
     from whiptool.rig.stops import Interlock
 
     model, controller = options.build_model(), options.build_controller()

@@ -222,7 +222,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
         torques_known,
     )
     from whiptool.impedance.files import controller_to_table
-    from whiptool.limits import AllLimits
+    from whiptool.limits.all_limits import AllLimits
     from whiptool.rollout.refinement import refine
     from whiptool.runs import code_version
 

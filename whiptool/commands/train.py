@@ -36,12 +36,12 @@ from whiptool.rollout.interface import Rollout
 from whiptool.words import counted, method_name
 
 if TYPE_CHECKING:
+    from whiptool.goals.zone import Zone
     from whiptool.rl.policy import Policy
     from whiptool.rl.settings import Settings
     from whiptool.rl.task import StrikeTask
     from whiptool.rl.training import Episode, Training
     from whiptool.rollout import CompiledRollout
-    from whiptool.zone import Zone
 
 CHECKPOINT, BEST, EPISODES, CURVE = "checkpoint.pt", "best.pt", "episodes.csv", "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
@@ -86,7 +86,7 @@ class TrainOptions(
     method: Learner = "sac"
     """Learning algorithm."""
     region: Path | None = None
-    """Draw the targets from the region in this file instead of a disc (see whiptool.zone.Region)."""
+    """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
     observation: Observation = "goal"
     """What the policy observes."""
     reward: Literal["paper", "log"] = "paper"
@@ -273,8 +273,8 @@ def build_training(options: TrainOptions) -> Training:
 
 def build_task(options: TrainOptions) -> StrikeTask:
     """Return the task that options ask for."""
+    from whiptool.goals.zone import Region
     from whiptool.rl.task import StrikeTask
-    from whiptool.zone import Region
 
     model, controller = options.build_model(), options.build_controller()
     zone = options.build_disc(model) if options.region is None else Region.load(options.region)
@@ -380,7 +380,7 @@ class _Run:
         """Eq. 21 of the best policy under every convention, as a file and for people; the curve as a picture."""
         import numpy as np
 
-        from whiptool.arrival_rule import sample_goals
+        from whiptool.goals.arrival_rule import sample_goals
         from whiptool.rl.held_out import GOALS
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
         from whiptool.runs import code_version

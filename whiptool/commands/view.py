@@ -20,9 +20,9 @@ from whiptool.errors import InputError
 from whiptool.options import ControllerOptions, GoalOptions, JsonOptions, ModelOptions, OptionGroup
 
 if TYPE_CHECKING:
+    from whiptool.goals.target import Target
     from whiptool.models import Model
     from whiptool.rollout import Trajectory
-    from whiptool.target import Target
 
 T = TypeVar("T", bound=OptionGroup)
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"

@@ -12,10 +12,10 @@ from whiptool.comparison.scene import Scene
 from whiptool.comparison.series import Series, collect
 from whiptool.comparison.store import Store
 from whiptool.errors import expect, refuse_call
+from whiptool.goals.target import HIT_RADIUS
+from whiptool.goals.zone import Zone, usual_disc
 from whiptool.models.numbers import texts, whole
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.target import HIT_RADIUS
-from whiptool.zone import Zone, usual_disc
 
 
 def compare(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.task import Judged, StrikeTask

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from whiptool.arrival_rule import ArrivalRule, sample_goals
-from whiptool.goals import Goals
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.zone import Disc, Zone, check_fits
 from whiptool.impedance import Controller
 from whiptool.models import Model
 from whiptool.models.strike import T_STAY
 from whiptool.rollout import CompiledRollout
-from whiptool.zone import Disc, Zone, check_fits
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ import numpy as np
 
 from whiptool.comparison.scene import Scene
 from whiptool.comparison.unit import Unit
+from whiptool.goals.target import Target
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 if TYPE_CHECKING:
     from whiptool.optimizers.library import StrikeLibrary

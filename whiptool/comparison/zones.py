@@ -12,10 +12,10 @@ from whiptool.comparison.scene import Scene
 from whiptool.comparison.store import Store
 from whiptool.comparison.unit import Unit
 from whiptool.errors import InputError
+from whiptool.goals.target import TARGET
+from whiptool.goals.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
 from whiptool.models.numbers import LARGEST
 from whiptool.models.strike import default_bounds
-from whiptool.target import TARGET
-from whiptool.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
 
 FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from whiptool.goals.target import Target
 from whiptool.interception.library import Library
 from whiptool.interception.tracks import Track
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
 from whiptool.rollout.closest import closest_on_segments
-from whiptool.target import Target
 
 FINE = 1000.0  # [1/s] of the paths that plans are judged on
 

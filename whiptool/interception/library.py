@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyrefly: ignore[missing-module-attribute]  # compiled
 
 from whiptool.errors import InputError
-from whiptool.models.motor_limits import MotorLimits
+from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models.parameters import number
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout

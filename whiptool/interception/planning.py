@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.goals.target import HIT_RADIUS, checked_radius
 from whiptool.interception.aiming import Aim, Camera, Interception
 from whiptool.interception.library import Library
 from whiptool.interception.tracks import Track, fit_track
 from whiptool.models.parameters import number
-from whiptool.target import HIT_RADIUS, checked_radius
 
 LATENCY = 0.02  # [s] from a decision to the arm's first motion
 PLAN_TIME, REFRESH_TIME = 0.25, 0.1  # [s] that computing takes, benchmarks/moving.py measures them

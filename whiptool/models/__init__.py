@@ -19,8 +19,6 @@ _HOMES = {
     "Strike": "strike",
     "StrikeBounds": "strike",
     "default_bounds": "strike",
-    "MotorLimits": "motor_limits",
-    "limits_preset": "motor_limits",
     "PRESETS": "presets",
     "preset": "presets",
     "load_model": "files",
@@ -31,7 +29,6 @@ __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.models.files import load_model, read_model, write_model
-    from whiptool.models.motor_limits import MotorLimits, limits_preset
     from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
     from whiptool.models.presets import PRESETS, preset
     from whiptool.models.profile import WhipProfile

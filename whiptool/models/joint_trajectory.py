@@ -17,12 +17,11 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_text
-from whiptool.models.command_limits import LARGEST_ACCELERATION, LARGEST_JERK
 from whiptool.models.hand_path import HandPath, hand_poses
 from whiptool.models.joint_space import StrikePath
 from whiptool.models.numbers import number, numbers
 from whiptool.models.spatial_arm import JointLimits, limit_unit
-from whiptool.models.strike import FASTEST, Strike
+from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK, Strike
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 

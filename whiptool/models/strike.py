@@ -17,7 +17,9 @@ from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
-FASTEST = 15 / 8  # largest speed of a minimum-jerk path, in mean speeds
+FASTEST = 15 / 8  # largest speed of a minimum-jerk path (Eq. 1), in spans per duration
+LARGEST_ACCELERATION = 10 / math.sqrt(3)  # likewise, per squared duration
+LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
 T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
 
 

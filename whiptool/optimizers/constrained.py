@@ -9,7 +9,7 @@ from typing import NamedTuple
 import nlopt
 import numpy as np
 
-from whiptool.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_slopes
+from whiptool.goals.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_slopes
 from whiptool.objective import Objective
 from whiptool.optimizers.smooth_limits import keep_limits
 

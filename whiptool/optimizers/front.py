@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.criteria import Criterion
+from whiptool.goals.criteria import Criterion
 from whiptool.objective import Trial
 
 RESOLUTION = 1e-3  # part of a criterion's range over the front that counts as nothing

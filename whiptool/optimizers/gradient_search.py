@@ -7,7 +7,7 @@ import itertools
 import nlopt
 import numpy as np
 
-from whiptool.models.clearance import Clearance
+from whiptool.limits.clearance import Clearance
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import descend
 from whiptool.optimizers.smooth_limits import keep_limits

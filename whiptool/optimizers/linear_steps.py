@@ -5,7 +5,7 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 
-from whiptool.criteria import Criterion
+from whiptool.goals.criteria import Criterion
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import HitPoint, HitProblem, NoStart
 

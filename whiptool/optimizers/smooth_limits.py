@@ -5,7 +5,7 @@ from __future__ import annotations
 import nlopt
 import numpy as np
 
-from whiptool.limits import Smooth
+from whiptool.limits.all_limits import Smooth
 from whiptool.objective import Objective
 
 KEPT = 1e-9  # by which smooth functions may be beyond, for rounding

@@ -9,10 +9,10 @@ from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
-    from whiptool.criteria import Criterion
+    from whiptool.goals.criteria import Criterion
     from whiptool.models.strike import StrikeBounds
 
-CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"]  # those of `whiptool.criteria`
+CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"]  # those of `whiptool.goals.criteria`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class CriteriaOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.criteria import Robustness
+        from whiptool.goals.criteria import Robustness
         from whiptool.models.numbers import number
 
         super().check()
@@ -62,7 +62,7 @@ class CriteriaOptions(OptionGroup):
         Raises:
             InputError: The noise does not fit them.
         """
-        from whiptool.criteria import find_criterion
+        from whiptool.goals.criteria import find_criterion
 
         names = self.pareto or ((self.minimise,) if self.judged else ())
         return tuple(find_criterion(name, bounds, noise=self.noise) for name in names)

@@ -12,7 +12,7 @@ from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.limits import Limits
+    from whiptool.limits.all_limits import Limits
     from whiptool.models import Model
 
 
@@ -65,9 +65,9 @@ class LimitOptions(OptionGroup):
             InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
                 could be kept.
         """
-        from whiptool.models.arm_limits import ArmLimits
-        from whiptool.models.clearance import Clearance
-        from whiptool.models.motor_limits import limits_preset
+        from whiptool.limits.arm_limits import ArmLimits
+        from whiptool.limits.clearance import Clearance
+        from whiptool.limits.motor_limits import limits_preset
 
         found: list[Limits] = []
         if self.limits == "none":

@@ -12,8 +12,8 @@ from whiptool.options.base import refuse_idle
 from whiptool.options.zone_goals import ZoneGoalOptions
 
 if TYPE_CHECKING:
+    from whiptool.goals.zone import Zone
     from whiptool.models.parameters import Model
-    from whiptool.zone import Zone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ class RegionOptions(ZoneGoalOptions):
     )
 
     region: Path | None = None
-    """Draw the targets from the region in this file instead of a disc (see whiptool.zone.Region)."""
+    """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
     sector: tuple[float, ...] | None = None
     """Draw the targets in space from part of a shell around the base. The five numbers are the least and the largest
     distance from the base, the least and the largest height above it [m], and the angle from forward to either side
@@ -55,7 +55,7 @@ class RegionOptions(ZoneGoalOptions):
         Raises:
             InputError: A number is out of range.
         """
-        from whiptool.zone import Sector
+        from whiptool.goals.zone import Sector
 
         assert self.sector is not None
         near, far, low, high, aside = self.sector
@@ -67,7 +67,7 @@ class RegionOptions(ZoneGoalOptions):
         Raises:
             InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read.
         """
-        from whiptool.zone import Region, check_fits
+        from whiptool.goals.zone import Region, check_fits
 
         if self.region is None and self.sector is None:
             return self.build_disc(model)

@@ -16,10 +16,10 @@ from whiptool.options.base import OptionGroup, refuse_idle
 from whiptool.options.whip import WhipOptions
 
 if TYPE_CHECKING:
-    from whiptool.arrival_rule import ArrivalRule
+    from whiptool.goals.arrival_rule import ArrivalRule
+    from whiptool.goals.target import Target
+    from whiptool.goals.zone import Disc, ReachableDisc
     from whiptool.models.parameters import Model
-    from whiptool.target import Target
-    from whiptool.zone import Disc, ReachableDisc
 
 LONGEST_STAY = 60.0  # [s]
 MODELS = (
@@ -55,7 +55,7 @@ class TargetOptions(OptionGroup):
 
     def build_target(self, model: Model | None = None) -> Target:
         """Target position and hit radius; by default the usual target of the model, without one that in the plane."""
-        from whiptool.target import TARGET, Target, usual_target
+        from whiptool.goals.target import TARGET, Target, usual_target
 
         if self.target is not None:
             return Target(self.target, self.hit_radius)
@@ -97,7 +97,7 @@ class GoalOptions(TargetOptions):
         Raises:
             InputError: The direction is zero or of another dimension, or the arrival angle is not defined there.
         """
-        from whiptool.target import Target
+        from whiptool.goals.target import Target
 
         point, cone = super().build_target(model), math.radians(self.cone)
         if model is None and self.target is None:
@@ -130,7 +130,7 @@ class ZoneOptions(TargetOptions):
 
     def build_arrival(self) -> ArrivalRule:
         """Return what is asked of the tip's arrival: nothing."""
-        from whiptool.arrival_rule import ArrivalRule
+        from whiptool.goals.arrival_rule import ArrivalRule
 
         return ArrivalRule()
 
@@ -140,7 +140,7 @@ class ZoneOptions(TargetOptions):
         Raises:
             InputError: The model reaches nothing of it, or not the target.
         """
-        from whiptool.zone import Disc, disc_within_reach
+        from whiptool.goals.zone import Disc, disc_within_reach
 
         target = self.build_target(model)
         target.check_reach(model)

@@ -11,7 +11,7 @@ from whiptool.errors import InputError
 from whiptool.options.base import OptionGroup, check_place, refuse_idle
 
 if TYPE_CHECKING:
-    from whiptool.limits import Limits
+    from whiptool.limits.all_limits import Limits
     from whiptool.models.joint_space import StrikePath
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
@@ -81,8 +81,8 @@ class TrajectoryOptions(OptionGroup):
         """
         if self.export_trajectory is None:
             return None
-        from whiptool.models.arm_limits import ArmLimits, limits_of
-        from whiptool.models.clearance import Clearance
+        from whiptool.limits.arm_limits import ArmLimits, limits_of
+        from whiptool.limits.clearance import Clearance
         from whiptool.models.joint_trajectory import JointTrajectory
 
         limits = next((x.joints for x in given if isinstance(x, ArmLimits)), limits_of(model.arm))

@@ -13,9 +13,9 @@ from whiptool.options.base import refuse_idle
 from whiptool.options.scene import ZoneOptions
 
 if TYPE_CHECKING:
-    from whiptool.arrival_rule import ArrivalRule
+    from whiptool.goals.arrival_rule import ArrivalRule
+    from whiptool.goals.zone import Disc, ReachableDisc
     from whiptool.models.parameters import Model
-    from whiptool.zone import Disc, ReachableDisc
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ class ZoneGoalOptions(ZoneOptions):
         Raises:
             InputError: The direction is zero, or the speed is not positive.
         """
-        from whiptool.arrival_rule import ArrivalRule
+        from whiptool.goals.arrival_rule import ArrivalRule
 
         angle: float | tuple[float, float] | None = None
         if self.arrival_angle is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
-from whiptool.models.motor_limits import XM430, MotorLimits
+from whiptool.limits.motor_limits import XM430, MotorLimits
 from whiptool.models.parameters import ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike

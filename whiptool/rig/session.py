@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.errors import WhiptoolError
+from whiptool.goals.target import Target
 from whiptool.identification.judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
@@ -30,7 +31,6 @@ from whiptool.rig.stop_signals import StopSignals
 from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
 from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
-from whiptool.target import Target
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
 from whiptool.vision.source import Frame
 

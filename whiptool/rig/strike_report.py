@@ -12,12 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
-from whiptool.models.motor_limits import XM430, MotorLimits
+from whiptool.goals.target import Target
+from whiptool.limits.motor_limits import XM430, MotorLimits
 from whiptool.models.parameters import Model
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.session import Struck
 from whiptool.rollout.trajectory import joint_points
-from whiptool.target import Target
 from whiptool.viz.plots import COLORS, STYLE, legend_above, save_figure
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted

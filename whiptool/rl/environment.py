@@ -19,19 +19,19 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.errors import InputError
-from whiptool.goals import Goals
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.target import HIT_RADIUS, Target
+from whiptool.goals.zone import Zone
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
-from whiptool.limits import Limits
+from whiptool.limits.all_limits import Limits
 from whiptool.models import Model, load_model
 from whiptool.models.numbers import ASK_UNIT, LONGEST, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import Step, StrikeTask
 from whiptool.rollout import CompiledRollout
-from whiptool.target import HIT_RADIUS, Target
 from whiptool.words import as_named
-from whiptool.zone import Zone
 
 _CHOSEN = ("target", "angle", "targets", "angles")  # options of `reset`, for one lane and for many
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.arrival_rule import sample_goals
-from whiptool.goals import Goals
+from whiptool.goals.arrival_rule import sample_goals
+from whiptool.goals.goals import Goals
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import first_strikes
 from whiptool.rl.task import StrikeTask

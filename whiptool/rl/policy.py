@@ -8,12 +8,12 @@ import numpy as np
 import torch
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.target import Target, as_target
 from whiptool.models.numbers import array_of
 from whiptool.models.strike import Strike
 from whiptool.rl.learner import Learner
 from whiptool.rl.task import Judged, StrikeTask
-from whiptool.target import Target, as_target
 
 CONVENTIONS = {
     "mean-first": "the mean action first, after a miss samples of the policy",

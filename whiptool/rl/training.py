@@ -19,7 +19,7 @@ from torch import Tensor
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.rl import hindsight
 from whiptool.rl.ddpg import DDPG
 from whiptool.rl.held_out import EVERY, Best, Score, score

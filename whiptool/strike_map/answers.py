@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.models.strike import strike_names
 from whiptool.progress import Progress
 from whiptool.strike_map.striker import Striker

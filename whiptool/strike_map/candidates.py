@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.correction import correct
 from whiptool.strike_map.striker import Striker

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.extras import optional
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.progress import Progress
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Striker

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.arrival_rule import ArrivalRule, sample_goals
-from whiptool.goals import Goals, arrival_angles
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.goals import Goals, arrival_angles
+from whiptool.goals.target import HIT_RADIUS, checked_radius
+from whiptool.goals.zone import Disc, Sector, Zone, disc_within_reach
 from whiptool.models.mount import default_floor, turns_as_a_whole
 from whiptool.models.parameters import Model
-from whiptool.target import HIT_RADIUS, checked_radius
-from whiptool.zone import Disc, Sector, Zone, disc_within_reach
 
 _ANY = ArrivalRule()  # points alone
 _SHELL = 0.32, 0.8, 0.05, 0.8  # of a robot's reach: from this far to this far from the base, from this low to this high

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.target import Target, as_target
 from whiptool.models.strike import Strike
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.candidates import Candidates, candidates
@@ -17,7 +18,6 @@ from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.refinement import Refined, finished, refine
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
-from whiptool.target import Target, as_target
 
 TRIED = 8  # candidates that are looked at at most, of a strike in one shot
 REFINED = 32  # candidates that are refined at most, one after the other: few goals need more than one

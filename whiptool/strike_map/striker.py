@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals
-from whiptool.limits import AllLimits, Limits, limits_given
-from whiptool.models.clearance import Clearance
+from whiptool.goals.goals import Goals
+from whiptool.limits.all_limits import AllLimits, Limits, limits_given
+from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.trajectory import Approach, Trajectory

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
+from whiptool.goals.zone import Zone, sample
 from whiptool.models.mount import turns_as_a_whole
 from whiptool.models.parameters import Model
 from whiptool.models.planar_arm import ArmParameters
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import StrikeBounds, default_bounds
 from whiptool.strike_map.answers import Answers
-from whiptool.zone import Zone, sample
 
 _LOOKS = 1000  # random points that say in which directions a zone lies
 _DIRECTIONS = 16

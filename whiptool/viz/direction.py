@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from whiptool.target import Target
+from whiptool.goals.target import Target
 from whiptool.viz.style import COLORS
 
 LOOK: dict[str, Any] = {"color": COLORS["green"], "linewidth": 1.8}

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.goals.target import Target
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.trajectory import Trajectory, joint_points
-from whiptool.target import Target
 from whiptool.viz.camera import Camera
 from whiptool.viz.posture import as_mujoco_shows, at_times
 

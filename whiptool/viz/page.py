@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from whiptool.goals.target import Target, as_target, missed_words
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
-from whiptool.target import Target, as_target, missed_words
 from whiptool.viz.plots import COLORS, joint_units, planned_end
 from whiptool.viz.templating import filled
 

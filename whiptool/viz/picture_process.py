@@ -11,9 +11,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from whiptool.errors import WhiptoolError
+from whiptool.goals.target import Target
 from whiptool.models.parameters import Model
 from whiptool.rollout.trajectory import Trajectory
-from whiptool.target import Target
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from papers.aim.spaces import (
     targets,
 )
 from whiptool.impedance import Controller, PositionControl
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 
 STRIKES = {  # at the second target, as the search with gradients found them

@@ -24,11 +24,11 @@ from papers.aim.units import (
     by_refinement,
     plain,
 )
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.impedance import Controller, oiac_preset
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.motor_limits import limits_preset
 from whiptool.models import preset
-from whiptool.models.clearance import Clearance
-from whiptool.models.motor_limits import limits_preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.candidates import Candidates
 from whiptool.strike_map.striker import Landings, Striker

@@ -7,7 +7,7 @@ import pytest
 from linear_rollout import LEAST, LinearRollout
 
 from papers.human.tolerance_costs import SIZES, costs, tolerance
-from whiptool.target import Target
+from whiptool.goals.target import Target
 
 RADIUS = 0.04
 TARGET = Target(tuple(LEAST[:2]), hit_radius=RADIUS)

@@ -9,7 +9,7 @@ import pytest
 from whip_study import study_of
 
 from papers.unknown.unknown_whips import OpeningUnit, WhipUnit
-from whiptool.zone import Disc
+from whiptool.goals.zone import Disc
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ import pytest
 from processes import HANG
 
 from whiptool.errors import InputError
+from whiptool.limits.clearance import UNIT, Clearance
 from whiptool.models import preset
-from whiptool.models.clearance import UNIT, Clearance
 from whiptool.models.kinematics import joint_points
 from whiptool.rollout.trajectory import Trajectory
 
@@ -100,7 +100,7 @@ MEMORY = """
 import dataclasses, types
 import numpy as np
 from whiptool.models import preset
-from whiptool.models.clearance import Clearance
+from whiptool.limits.clearance import Clearance
 from whiptool.models.robots import rope
 model = dataclasses.replace(preset("ur5e"), whip=rope(100))
 wave = np.sin(np.linspace(0, 9, 1500))[:, None]

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models import motor_limits
+from whiptool.limits import motor_limits
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
+    from whiptool.limits.path_clearance import PathClearance
     from whiptool.models.hanging_whip import HangingWhip
-    from whiptool.models.path_clearance import PathClearance
     from whiptool.models.scene import NearestPair, Scene
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
@@ -113,8 +113,8 @@ class Clearance:
     def _smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
         if not isinstance(self.model.arm, SpatialArm):
             return ()
+        from whiptool.limits.path_clearance import PathClearance
         from whiptool.models.hanging_whip import HangingWhip
-        from whiptool.models.path_clearance import PathClearance
 
         path = PathClearance(self.model, self.floor, self.least)
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from whiptool.errors import InputError, expect
-from whiptool.goals import CONE, Goals, arrival_directions
+from whiptool.goals.goals import CONE, Goals, arrival_directions
 from whiptool.models.arrays import Vector, made_of_numbers
 from whiptool.models.mount import default_floor
 from whiptool.models.numbers import ASK_UNIT, LONGEST, array_of, metres, number, numbers

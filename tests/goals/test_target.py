@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.goals.target import Target, as_target, usual_target
 from whiptool.models import preset
 from whiptool.models.mount import mounted
-from whiptool.target import Target, as_target, usual_target
 
 FLAT, SPACE = preset("lemon2024"), preset("nah2023")
 

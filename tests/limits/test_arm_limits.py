@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import JointLimits, preset
-from whiptool.models.arm_limits import ArmLimits
 from whiptool.models.free_hand import free_hand
 from whiptool.rollout.trajectory import Approach, Trajectory
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import JointLimits, Strike, default_bounds, preset
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.command_limits import CommandLimits
 
 SLOW = JointLimits(velocity=2.0, acceleration=9.0, jerk=200.0)
 BRISK = JointLimits(acceleration=4.0)

@@ -8,11 +8,11 @@ from typing import ClassVar, Literal, Protocol, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
-from whiptool.models.command_limits import CommandLimits
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.motor_limits import LIMITS
 from whiptool.models.joint_space import AnyStrike
-from whiptool.models.motor_limits import LIMITS
 from whiptool.models.mount import default_floor
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds

@@ -10,8 +10,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.command_limits import ROUNDING, CommandLimits
-from whiptool.models.motor_limits import Motion, Peaks
+from whiptool.limits.command_limits import ROUNDING, CommandLimits
+from whiptool.limits.motor_limits import Motion, Peaks
 from whiptool.models.parameters import ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, limit_unit
 from whiptool.models.torque_rate import torque_rates

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from whiptool.arrival_rule import ArrivalRule, sample_goals
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Disc, sample
 from whiptool.models import preset
-from whiptool.target import Target
-from whiptool.zone import Disc, sample
 
 PLACES = np.array([[1.0, 0.2], [0.8, -0.3], [1.2, 0.5]])
 IN_SPACE = np.array([[1.0, 0.2, 0.3], [0.8, -0.3, 0.1], [1.2, 0.5, -0.4]])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from whiptool.limits.path_clearance import FRACTIONS, SPARE, PathClearance
 from whiptool.models import default_bounds, preset
-from whiptool.models.path_clearance import FRACTIONS, SPARE, PathClearance
 from whiptool.models.scene import Scene
 
 

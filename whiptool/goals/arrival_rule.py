@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import NOTHING, InputError
-from whiptool.goals import CONE, Goals, arrival_angles, arrival_directions
+from whiptool.goals.goals import CONE, Goals, arrival_angles, arrival_directions
+from whiptool.goals.target import Target
+from whiptool.goals.zone import Zone, sample
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
-from whiptool.target import Target
-from whiptool.zone import Zone, sample
 
 _SAME = 1e-6  # largest difference of directions that are the same
 

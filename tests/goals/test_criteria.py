@@ -10,7 +10,8 @@ from linear_rollout import BOUNDS, LinearRollout
 from rich_model import everything
 from slopes import compare
 
-from whiptool.criteria import (
+from whiptool.errors import InputError
+from whiptool.goals.criteria import (
     CRITERIA,
     Effort,
     Robustness,
@@ -19,12 +20,11 @@ from whiptool.criteria import (
     hit_excess,
     hit_excess_slopes,
 )
-from whiptool.errors import InputError
+from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
-from whiptool.target import Target
 
 LEMON = preset("lemon2024")
 LEMON_BOUNDS = default_bounds(LEMON.arm)
@@ -135,7 +135,7 @@ def test_speed_counts_along_the_direction_where_there_is_one():
 
 @pytest.mark.parametrize(
     ("noise", "allowed"),
-    [((0.0,), "not all 0"), ((-0.1,), "0 or more"), ((0.1, 0.1), "5"), ((np.nan,), "finite"), ((0.3,), "of D")],
+    [((0.0,), "not all 0"), ((-0.1,), "0 or more"), ((0.1, 0.1), "5"), ((np.nan,), "finite"), ((0.3,), "for D")],
 )
 def test_noise_that_says_nothing_is_refused(noise, allowed):
     with pytest.raises(InputError, match=allowed):

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.goals import Goals
+from whiptool.goals.goals import Goals
 from whiptool.models.numbers import numbers
 from whiptool.models.strike import StrikeBounds
 from whiptool.rollout.interface import Rollout

@@ -11,17 +11,17 @@ import pytest
 
 import whiptool as wt
 from whiptool.errors import InputError
-from whiptool.limits import AllLimits, limits_given
+from whiptool.goals.target import Target
+from whiptool.limits.all_limits import AllLimits, limits_given
+from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import JointLimits, StrikeBounds, default_bounds, preset
-from whiptool.models.arm_limits import ArmLimits
-from whiptool.models.clearance import Clearance
-from whiptool.models.command_limits import CommandLimits
 from whiptool.models.scene import Scene
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.striker import Striker
-from whiptool.target import Target
 
 TARGET = Target((1.2, 0.2, 0.1), 0.05)
 GOOD = [-1.27, 0.83, -2.04, -3.1, -0.51, 1.67, 0.25, -0.78, -0.07, -1.06, 1.48, 1.74, 1.35]

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from whiptool.models.spatial_arm import JointLimits, limit_unit
-from whiptool.models.strike import FASTEST
+from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK
 
-LARGEST_ACCELERATION = 10 / math.sqrt(3)  # of a minimum-jerk path (Eq. 1), in spans per squared duration
-LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
 _PEAKS = np.array([FASTEST, LARGEST_ACCELERATION, LARGEST_JERK])  # of the derivatives 1 to 3
 _NAMES = ("velocity", "acceleration", "jerk")
 ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding takes no strike beyond them

@@ -9,9 +9,7 @@ import pytest
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
-from whiptool.models import preset
-from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.zone import (
+from whiptool.goals.zone import (
     Disc,
     ReachableDisc,
     Region,
@@ -23,6 +21,8 @@ from whiptool.zone import (
     sample,
     usual_disc,
 )
+from whiptool.models import preset
+from whiptool.models.strike import T_STAY, StrikeBounds
 
 DISC = Disc((0.4, -0.2), 0.3)
 CELLS = Region(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2], [0.6, -0.4]]), 0.2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.goals import (
+from whiptool.goals.goals import (
     PACE,
     Goals,
     angle_probability,
