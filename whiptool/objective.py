@@ -192,8 +192,8 @@ class Objective:
         limits: One or several limits, such as `ArmLimits` and `Clearance`. A strike that exceeds them is refused: it is
             not a hit, and its miss distance is larger than any real one and grows with the excess. Infeasible strikes
             in hand space are refused as well. The bounds are reduced to the position limits. Default: the limits of the
-            model's arm (`whiptool.limits.all_limits.default_limits`), for a robot those of its joints, its collision shapes and
-            the floor on which it stands; None: no limits.
+            model's arm (`whiptool.limits.all_limits.default_limits`), for a robot those of its joints, its collision
+            shapes and the floor on which it stands; None: no limits.
         criteria: Criteria of hits; searches minimise the first of them among hits. Without criteria they minimise the
             cost.
 
