@@ -142,7 +142,7 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if isinstance(error, KeyboardInterrupt) and self._on_interrupt:
+        if self._on_interrupt and not isinstance(error, WhiptoolError | OSError | MemoryError | None):
             error.add_note(self._on_interrupt)
         refused = self._new and isinstance(error, WhiptoolError)
         if refused and {entry.name for entry in self.path.iterdir()} <= {CONFIG, LOCK}:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -48,6 +50,26 @@ def test_a_command_ends_without_a_traceback_however_often_it_is_told(number, tim
     assert process.returncode == 130
     assert "Traceback" not in said
     assert said == ("whiptool: interrupted\n" if times == 1 else "whiptool: ended at once by a second signal\n")
+
+
+def test_a_stop_that_a_library_drops_is_one_all_the_same(capsys) -> None:
+    """As CasADi does when it converts arguments: what it gives back is of another type, and something else fails."""
+
+    def command() -> int:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+        raise AttributeError("'SX' object has no attribute 'full'")
+
+    assert cli.run(command) == 130
+    assert capsys.readouterr().err == "whiptool: interrupted\n"
+
+
+def test_a_fault_without_a_stop_is_a_traceback() -> None:
+    def command() -> int:
+        raise AttributeError
+
+    with pytest.raises(AttributeError):
+        cli.run(command)
 
 
 class Ended(BaseException):

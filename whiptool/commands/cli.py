@@ -451,9 +451,12 @@ def run(command: Callable[[], int]) -> int:
                 return 2
             _say(error)
             return 1
-        except KeyboardInterrupt as interruption:
+        except (KeyboardInterrupt, Exception) as stop:
+            # CasADi drops a signal's exception that comes while it converts arguments, and something else fails then
+            if not (interruptions.came or isinstance(stop, KeyboardInterrupt)):
+                raise
             interruptions.end()
-            print(with_state(_line(interruption, "interrupted")), file=sys.stderr)
+            print(with_state(_line(stop, "interrupted")), file=sys.stderr)
             return INTERRUPTED
         finally:
             Progress.quiet = False  # of this command alone

@@ -44,6 +44,11 @@ class Interruptions(Listener):
         self._first: tuple[int, float] | None = None  # which signal, and when
         self._before: dict[int, Any] = {}
 
+    @property
+    def came(self) -> bool:
+        """Whether a signal has come."""
+        return self._first is not None
+
     def note(self, number: int) -> None:
         """Take note of a signal that has already ended what was done: the next is a second one."""
         self._first = self._first or (number, self._clock())
