@@ -31,7 +31,7 @@ import numpy as np
 
 import whiptool as wt
 from whiptool.adaptation.adapter import Options
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import RigPort
 from whiptool.adaptation.prior import default_prior
 from whiptool.commands import adapt, rig

@@ -18,10 +18,10 @@ from papers.aim.robot import CONTROLLER, MODEL
 from papers.unknown.rope_films import filmed
 from papers.unknown.rope_swings import Passed, Swing, UnknownRope
 from whiptool import Strike, Target, default_prior
-from whiptool.adaptation.aiming import FIRST, NEXT, RETRIES, aim
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.planner import Effort, Plan, surest
+from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.planner import FIRST_IN_SPACE, NEXT_IN_SPACE, RETRIES_IN_SPACE, plan, surest
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief
 from whiptool.comparison.unit import Unit
@@ -35,7 +35,7 @@ from whiptool.strike_map.goal_region import GoalRegion
 
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor
-BRIEF = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
+BRIEF = Effort(pool=64, polished=4, steps=20, whips=4, population=4, rounds=1)
 POOL = 200  # goals
 _GIVEN_UP: dict[str, Any] = {"miss": None, "angle": None, "hit": False, "probability": 0.0, "mean_miss": None}
 _GIVEN_UP |= {"allowed": False, "misses": (), "strike": None, "seconds": 0.0}  # of a rope that nothing was learned of
@@ -80,13 +80,16 @@ class RopeStudy:
     def plan(self, belief: Belief, target: Target, seed: tuple[int, ...], past: Sequence[Sequence[float]] = ()) -> Plan:
         """Return the strike that most probably hits a rope that was seen, looked for harder where it is unsure."""
         rng = np.random.default_rng(seed)
-        efforts = (NEXT, *[FIRST] * RETRIES) if self.thorough else (BRIEF,)
-        return surest(lambda effort: aim(belief, target, rng=rng, limits=limits(), past=past, effort=effort), efforts)
+        demands, efforts = Demands(limits=limits()), (BRIEF,)
+        if self.thorough:
+            efforts = (NEXT_IN_SPACE, *[FIRST_IN_SPACE] * RETRIES_IN_SPACE)
+        look = lambda effort: plan(belief, target, rng=rng, past=past, demands=demands, effort=effort)  # noqa: E731
+        return surest(look, efforts)
 
     def first_plan(self, belief: Belief, target: Target, seed: tuple[int, ...]) -> Plan:
         """Return the strike that most probably hits a rope of which the material alone is known."""
-        effort = FIRST if self.thorough else BRIEF
-        return aim(belief, target, rng=np.random.default_rng(seed), limits=limits(), effort=effort)
+        effort = FIRST_IN_SPACE if self.thorough else BRIEF
+        return plan(belief, target, rng=np.random.default_rng(seed), demands=Demands(limits=limits()), effort=effort)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,8 @@ from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import choose_wiggle
 from whiptool.adaptation.materials import USUAL, stock_of_material
-from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan
+from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.planner import FIRST, NEXT, plan
 from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief, knowing
 from whiptool.adaptation.steps import Step, Steps

@@ -12,7 +12,8 @@ import numpy as np
 from papers.unknown.unknown_whips import FINEST, Study, padded, predictions, times
 from whiptool import Adaptation, Plant, draw_twin
 from whiptool.adaptation.materials import stock_of_material
-from whiptool.adaptation.planner import Demands, plan
+from whiptool.adaptation.plan_search import Demands
+from whiptool.adaptation.planner import plan
 from whiptool.adaptation.prior import Belief, driven
 from whiptool.adaptation.steps import Step
 from whiptool.comparison.unit import Unit

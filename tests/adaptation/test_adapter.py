@@ -12,7 +12,8 @@ from films import film
 
 from whiptool.adaptation.adapter import PLAN as PLANNED
 from whiptool.adaptation.adapter import RECORDING, Adapter, Options
-from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Effort, Plan
+from whiptool.adaptation.plan_search import Effort, Plan
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.errors import InputError

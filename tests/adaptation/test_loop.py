@@ -10,7 +10,7 @@ import pytest
 
 import whiptool as wt
 from whiptool.adaptation.adapter import OUTCOME, Adapter, Options
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import RigPort, Seen
 from whiptool.adaptation.prior import default_prior
 from whiptool.goals.target import Target

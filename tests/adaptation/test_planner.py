@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import types
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from whiptool.adaptation import planner
-from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, Demands, Effort, Plan, plan, surest
+from whiptool.adaptation import plan_search, planar_search, planner
+from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.planar_search import PlanarSearch
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan, surest
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
@@ -35,6 +38,7 @@ class Toy:
     """`tip = PUSH u + LONGER log(length)`; torques `2 |q_i|`, none of them in motion; the tip at `4 D`."""
 
     lost = np.inf  # length over the mean's, from which a whip diverges
+    space, prescribed = types.SimpleNamespace(kind="joint"), False
 
     def __init__(self, model, controller, *, free, sag=None) -> None:
         self.model = model
@@ -62,7 +66,7 @@ class Toy:
 
 @pytest.fixture(autouse=True)
 def toy(monkeypatch):
-    monkeypatch.setattr(planner, "CompiledRollout", Toy)
+    monkeypatch.setattr(plan_search, "CompiledRollout", Toy)
     monkeypatch.setattr(Toy, "lost", np.inf)
 
 
@@ -74,12 +78,13 @@ def belief(error: float) -> Belief:
 def planned(
     error: float = 0.1, target: Target | None = None, seed: int = 0, effort: Effort = NEXT, past=(), **asked
 ) -> Plan:
-    demands, goal = Demands(**{"bounds": BOUNDS, **asked}), target or Target(tuple(AT), 0.06)
+    goal = target or Target(tuple(AT), 0.06, speed=asked.pop("speed", None))
+    demands = Demands(**{"bounds": BOUNDS, **asked})
     return plan(belief(error), goal, rng=np.random.default_rng(seed), past=past, demands=demands, effort=effort)
 
 
-def search(error: float = 0.1, limits=None, speed: float = 0.0, radius: float = 0.06):
-    return planner._Search(belief(error), Target(tuple(AT), radius), Demands(BOUNDS, limits, speed))
+def search(error: float = 0.1, limits=(), speed: float | None = None, radius: float = 0.06) -> PlanarSearch:
+    return PlanarSearch(belief(error), Target(tuple(AT), radius, speed=speed), Demands(BOUNDS, limits))
 
 
 @pytest.mark.parametrize("error", [0.08, 0.16])
@@ -101,6 +106,19 @@ def test_probability_and_expected_miss_are_those_of_the_belief(error, monkeypatc
     assert (np.array(found.strike) <= BOUNDS.upper).all()
 
 
+def test_a_strike_that_arrives_along_another_direction_hits_with_no_probability():
+    """The toy's tip moves along (0.6, 0.8) at 4 D; the point alone is hit almost surely."""
+    sure = {"error": 0.02, "effort": Effort(whips=4, rounds=2)}
+    along, across, fast = (
+        planned(**sure, target=Target(tuple(AT), 0.06, **asked))
+        for asked in ({"direction": (0.6, 0.8)}, {"direction": (-0.8, 0.6)}, {"direction": (0.6, 0.8), "speed": 5.0})
+    )
+    assert (along.probability, across.probability, fast.probability) == pytest.approx((1, 0, 1), abs=0.02)
+    assert "0.0 degrees off the direction" in along.reason
+    assert "90.0 degrees off the direction" in across.reason
+    assert 4 * fast.strike[4] >= 5.0
+
+
 def test_the_probability_is_stated_over_other_whips_than_those_that_chose(monkeypatch):
     drawn = []
     sample = Belief.sample
@@ -116,9 +134,10 @@ def test_a_score_is_the_probability_less_a_fifth_per_metre_up_to_half_a_metre():
     stretch = np.log([w.model.whip.length / LENGTH for w in whips])
     tips = aside @ PUSH.T
     miss = np.linalg.norm(tips[:, None] + stretch[:, None] * LONGER - AT, axis=2)
-    np.testing.assert_allclose(s.each(aside, whips), miss, atol=1e-9)
+    np.testing.assert_allclose(s.each(aside, whips).distance, miss, atol=1e-9)
     hits = norm.cdf((0.06 - miss) / 0.005) - norm.cdf((-0.06 - miss) / 0.005)  # smoothed by 5 mm
-    np.testing.assert_allclose(s.probability(miss), hits.mean(axis=1), atol=1e-9)
+    probability = s.each(aside, whips).probability(s.goal, s.error, blur=0.005)
+    np.testing.assert_allclose(probability, hits.mean(axis=1), atol=1e-9)
     expected = hits.mean(axis=1) - 0.2 * np.minimum(miss, 0.5).mean(axis=1)
     np.testing.assert_allclose(s.score(aside, whips), expected, atol=1e-9)
     assert s.score(aside, whips)[2] == pytest.approx(-0.1)
@@ -128,7 +147,7 @@ def test_whips_that_diverge_miss_by_all_and_are_told():
     s, whips = search(), belief(0.1).sample(np.random.default_rng(0), 40)
     Toy.lost = 1.05
     lengths = np.array([w.model.whip.length / LENGTH for w in whips])
-    miss = s.each(MIDDLE[None], whips)[0]
+    miss = s.each(MIDDLE[None], whips).distance[0]
     np.testing.assert_array_equal(np.isinf(miss), lengths > 1.05)
     found = planned()
     share = 1 - norm.cdf(np.log(1.05) / 0.1)
@@ -161,7 +180,7 @@ def test_what_the_integration_does_not_resolve_hits_nothing(monkeypatch):
 
 def test_what_the_motors_cannot_do_is_excess():
     """Torques of 2 |q_i| N m: the larger of them over 2 N m, less what is kept free, is beyond."""
-    s = search(limits=MOTOR)
+    s = search(limits=(MOTOR,))
     strikes = MIDDLE + np.array([[0, 0, 0, 0, 0], [-0.5, 0, 0, 0, 0], [0.45, 0.5, 0, 0, 0]])
     near = s.mean(strikes)
     for margin, beyond in ((0.1, [0.0, 0.1, 0.1]), (0.6, [0.1, 0.6, 0.6])):
@@ -179,7 +198,7 @@ def test_what_is_too_slow_is_excess_by_its_share():
     s = search(speed=5.0)
     strikes = MIDDLE + np.array([[0, 0, 0, 0, -0.2], [0, 0, 0, 0, 0.25], [0, 0, 0, 0, 0.5]])  # 3.2, 5, 6 m/s
     np.testing.assert_allclose(s.excess(s.mean(strikes)), [1 - 3.2 / 5, 0, 0], atol=1e-12)
-    both = search(limits=MOTOR, speed=5.0)
+    both = search(limits=(MOTOR,), speed=5.0)
     strong = strikes + np.array([-0.5, 0, 0, 0, 0])
     np.testing.assert_allclose(both.excess(both.mean(strong)), [0.1 + 1 - 3.2 / 5, 0.1, 0.1], atol=1e-12)
     nowhere = np.full((1, 2), np.nan)
@@ -207,7 +226,7 @@ def test_a_polished_strike_goes_along_the_derivative_in_units_of_ranges():
 
 
 def test_a_squeeze_finds_what_is_allowed():
-    s = search(limits=MOTOR)
+    s = search(limits=(MOTOR,))
     s.margin = 0.6
     start = np.random.default_rng(0).uniform(BOUNDS.lower, BOUNDS.upper, (8, 5))
     start[:, 0] = -0.95
@@ -260,7 +279,7 @@ def test_rounds_refine_over_the_samples():
 
 def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     weak = MotorLimits("weak", stall_torque=1.2, no_load_speed=10.0, stall_current=1.0)  # |q_i| <= 0.54
-    found = planned(0.05, limits=weak)
+    found = planned(0.05, limits=(weak,))
     assert found.usage is not None
     assert found.usage <= 0.9 + 1e-9
     assert found.usage == pytest.approx(2 * np.abs(found.strike[:2]).max() / 1.2)
@@ -272,7 +291,7 @@ def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     assert not beyond.allowed
     assert "no faster strike was found, although 7 m/s is required" in beyond.reason
     feeble = MotorLimits("feeble", stall_torque=0.1, no_load_speed=10.0, stall_current=1.0)
-    none = planned(0.05, limits=feeble, bounds=StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.5), (-0.2, 1.0, 2.0, 1.0, 1.5)))
+    none = planned(0.05, limits=(feeble,), bounds=StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.5), (-0.2, 1.0, 2.0, 1.0, 1.5)))
     assert not none.allowed
     assert none.usage is not None
     assert none.usage > 1
@@ -287,14 +306,14 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
         return None if asked[-1] <= 0.72 else "too much"
 
     strong = Target(tuple(PUSH @ np.array([-0.85, 0.5, 1.0, 0.5, 1.0])), 0.06)
-    found = planned(0.02, strong, limits=MOTOR, check=check)
+    found = planned(0.02, strong, limits=(MOTOR,), check=check)
     assert found.allowed
     assert np.abs(found.strike[:2]).max() <= 0.72
-    never = planned(0.02, strong, limits=MOTOR, check=lambda strike: "never")
+    never = planned(0.02, strong, limits=(MOTOR,), check=lambda strike: "never")
     assert not never.allowed
     without: list[Strike] = []
     planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
-    assert len(without) == planner.CHECKED
+    assert len(without) == planar_search.CHECKED
 
 
 @pytest.mark.parametrize(

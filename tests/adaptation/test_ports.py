@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.planner import Effort
+from whiptool.adaptation.plan_search import Effort
 from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.twins import draw_twin
@@ -55,6 +55,8 @@ def test_a_gap_holds_no_tip():
     assert seen_of(recording, target).seen_miss == pytest.approx(0.0, abs=1e-3)
     assert seen_of(lost, target).seen_miss == pytest.approx(2 * np.sin(np.pi / 12), abs=1e-3)  # the last frame, 5 off
     assert seen_of(recording.without(T > 0.04), target).seen_miss is None
+    lonely = recording.without(np.arange(len(T)) % 5 > 0)  # every fifth frame shows it, the third of them at 0.25 s
+    assert seen_of(lonely, target).seen_miss == pytest.approx(0.0, abs=1e-9)
     assert seen_of(recording, target, fault="the motor is hot").seen_miss is None
     with pytest.raises(InputError, match="tip"):
         seen_of(dataclasses.replace(recording, markers=("handle",)), target)

@@ -11,7 +11,7 @@ import pytest
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.planner import Effort, Plan
+from whiptool.adaptation.plan_search import Effort, Plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms

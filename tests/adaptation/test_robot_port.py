@@ -10,16 +10,14 @@ import pytest
 from recordings import write_rows
 
 from whiptool.adaptation import adapter
-from whiptool.adaptation.options import AdaptOptions, kept_in_space
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.options import AdaptOptions
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen, checked
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.limits.arm_limits import ArmLimits
-from whiptool.limits.clearance import Clearance
 from whiptool.models import preset
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
@@ -111,7 +109,7 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
 def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):
     """Each call is a process of its own; one that was killed after it asked asks for the same."""
     planned = Plan(tuple(map(float, STRIKE.vector)), 0.5, 0.1, 0.1, None, "a strike", 0.0)
-    monkeypatch.setattr(adapter, "aim", lambda *args, **named: planned)
+    monkeypatch.setattr(adapter, "plan", lambda *args, **named: planned)
     monkeypatch.setattr(adapt, "_page", lambda *args: "page")
     monkeypatch.setattr(adapter, "check_beginnings", lambda *args: [])  # the recording is made up
     reasons: list[str] = []
@@ -171,20 +169,18 @@ def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
     options.check()
     assert options.build_target(UR5E) == Target.arriving((1.5, 0.3, 0.5), np.pi / 2, speed=1.0)
     assert options.build_controller().prescribed
-    assert [type(x) for x in kept_in_space(UR5E)] == [ArmLimits, Clearance]
     still = AdaptOptions(model="ur5e", camera="tip", target=(1.5, 0.3, 0.5), direction=(0.0, 1.0, 0.0), least_speed=0.0)
     assert still.build_target(UR5E).speed is None
     planar = AdaptOptions(target=(1.2, 0.1), least_speed=5.0)
-    assert planar.build_target(preset("lemon2024")) == Target((1.2, 0.1))  # the planner's own demand there
-    assert kept_in_space(preset("lemon2024")) == ()
+    assert planar.build_target(preset("lemon2024")) == Target((1.2, 0.1), speed=5.0)
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         ({"model": "ur5e", "target": (1.0, 0.2, 0.6)}, "--model: got 'ur5e'; allowed: a model in the plane, but with"),
-        ({"port": "robot", "latency": 0.002}, "--latency.*nothing with --port robot"),
-        ({"port": "robot", "camera": "twin"}, "--camera.*nothing with --port robot"),
+        ({"port": "robot", "latency": 0.002}, "--latency.*only without --port robot"),
+        ({"port": "robot", "camera": "twin"}, "--camera.*only without --port robot"),
         ({"port": "robot", "family": "kin"}, "--family.*nothing, unless --port twin"),
     ],
 )

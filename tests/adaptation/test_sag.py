@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from whiptool.adaptation.planner import Effort, plan
+from whiptool.adaptation.plan_search import Effort
+from whiptool.adaptation.planner import plan
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.sag import expected_sag

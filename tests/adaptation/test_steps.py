@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.steps import Step, Steps, percent
 from whiptool.identification.judgement import Judgement

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from whip_study import CONTROLLER, MODEL
 
-from whiptool.adaptation import adapter, planner, posterior
+from whiptool.adaptation import adapter, plan_search, planar_search, posterior
 from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
 from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
-from whiptool.adaptation.planner import Demands, Effort, Plan, plan
+from whiptool.adaptation.plan_search import Demands, Effort, Passes, Plan
+from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
@@ -241,12 +242,12 @@ def test_limits_are_kept_where_they_can_be(prior):
     """Slow strikes only: the motors are weak."""
     kinder = dataclasses.replace(XM430, stall_torque=12.0, no_load_speed=30.0)
     rng = np.random.default_rng(0)
-    chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(limits=kinder))
+    chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(limits=(kinder,)))
     near = CompiledRollout(MODEL, CONTROLLER).approach(np.array([chosen.strike]), np.array(TARGET), t_stay=0.3)
     assert chosen.usage is not None
     assert chosen.usage <= 1
     assert kinder.violation_of_peaks(near)[0] < 0.1  # of the nominal whip, nearly the mean
-    assert "motors give" in chosen.reason
+    assert "of the motors' limits" in chosen.reason
 
 
 @pytest.mark.slow
@@ -266,13 +267,13 @@ def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
     known = sure()
     plans = [
         plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, demands=asked)
-        for asked in (Demands(limits=kinder), Demands(limits=kinder, check=check))
+        for asked in (Demands(limits=(kinder,)), Demands(limits=(kinder,), check=check))
     ]
     free, checked = (usage_of(Strike.from_vector(p.strike)) for p in plans)
     assert free > 0.75 > checked
-    assert len(asked) > planner.CHECKED
+    assert len(asked) > planar_search.CHECKED
     assert plans[1].probability == pytest.approx(1.0, abs=0.01)
-    never = Demands(limits=kinder, check=lambda s: "never")
+    never = Demands(limits=(kinder,), check=lambda s: "never")
     refused = plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, demands=never)
     assert usage_of(Strike.from_vector(refused.strike)) == pytest.approx(free)  # then the best of all
     assert [p.allowed for p in (*plans, refused)] == [True, True, False]
@@ -290,7 +291,7 @@ def test_a_strike_that_surely_hits_is_still_aimed_at_the_middle(prior, monkeypat
         return found.expected_miss
 
     aimed = expected()
-    monkeypatch.setattr(planner, "SURE", np.inf)  # content with the first that hits
+    monkeypatch.setattr(plan_search, "SURE", 1e9)  # content with the first that hits
     assert aimed < min(0.05, expected())
 
 
@@ -488,20 +489,23 @@ def test_a_hit_is_judged_from_what_was_seen(prior):
 def test_a_fast_tip_can_be_asked_for(prior):
     rng = np.random.default_rng(0)
     for speed in (5.0, 14.0):
-        chosen = plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=speed))
+        chosen = plan(prior, Target(TARGET, speed=speed), rng=rng, effort=QUICK)
         near = CompiledRollout(prior.at().model, CONTROLLER).approach(
             np.array([chosen.strike]), np.array(TARGET), t_stay=0.3
         )
         assert near.speed[0] >= speed * 0.999
-    assert "no faster strike" in plan(prior, Target(TARGET), rng=rng, effort=QUICK, demands=Demands(speed=1e3)).reason
+    assert "no faster strike" in plan(prior, Target(TARGET, speed=1e3), rng=rng, effort=QUICK).reason
 
 
 def test_whips_that_diverge_are_counted_not_averaged(prior, monkeypatch):
-    half = lambda self, strikes, whips: np.tile([0.1, np.inf], (len(strikes), len(whips) // 2))  # noqa: E731
-    monkeypatch.setattr(planner._Search, "each", half)
+    def half(self, strikes, whips) -> Passes:
+        distance = np.tile([0.1, np.inf], (len(strikes), len(whips) // 2))
+        return Passes(distance, np.zeros((*distance.shape, 2)))
+
+    monkeypatch.setattr(planar_search.PlanarSearch, "each", half)
     chosen = plan(prior, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK)
     assert chosen.expected_miss == pytest.approx(0.1)
-    assert "10.0 cm expected miss where it does not diverge, as 50% do" in chosen.reason
+    assert "expected miss 10.0 cm without the 50% of the samples that diverge" in chosen.reason
 
 
 def test_repeating_the_first_strike_is_the_baseline(prior):

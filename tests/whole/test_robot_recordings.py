@@ -11,7 +11,7 @@ import robot_lab
 
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.planner import Effort
+from whiptool.adaptation.plan_search import Effort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
@@ -146,7 +146,7 @@ def adaptation(folder) -> Adaptation:
     belief = default_prior(model, Controller(PositionControl()), whip="uniform")
     keeps = (ArmLimits.of(model.arm, prescribed=True),)
     effort = {"starts": 1, "first": LITTLE, "later": LITTLE}
-    options = Options(max_strikes=1, bounds=BOUNDS, keeps=keeps, t_stay=0.15, **effort)
+    options = Options(max_strikes=1, bounds=BOUNDS, limits=keeps, t_stay=0.15, **effort)
     return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
 
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.adaptation.aiming import aim
 from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
-from whiptool.adaptation.planner import FIRST, NEXT, Demands, Effort, Plan, plan, surest
+from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.planner import FIRST, NEXT, plan, surest
 from whiptool.adaptation.ports import Seen, checked, seen_of
 from whiptool.adaptation.posterior import AFTER, Learned, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief
@@ -28,7 +28,6 @@ from whiptool.identification.inputs import check_controllers
 from whiptool.identification.judgement import Judgement
 from whiptool.identification.predict import Predictor
 from whiptool.limits.all_limits import Limits
-from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import parameters
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
@@ -53,11 +52,9 @@ class Options:
         starts: Number of starting points of every identification.
         seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: A strike is watched so long after the movement ended [s].
-        bounds, limits, speed: Of the strikes, see `whiptool.adaptation.planner.Demands`.
-        admissible: See `whiptool.adaptation.planner.Demands`.
+        bounds, limits: Of the strikes, see `whiptool.adaptation.plan_search.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
-        keeps: In space: limits of joints and distances that strikes have to keep.
         first, later: Planning effort before any recording has been learned from, and after.
         retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
             from, has a hit probability below 50 %, or breaks a limit.
@@ -72,11 +69,8 @@ class Options:
     seed: int = 0
     t_stay: float = T_STAY
     bounds: StrikeBounds | None = None
-    limits: MotorLimits | None = None
-    speed: float = 0.0
+    limits: tuple[Limits, ...] = ()
     check: Callable[[Strike, Model], str | None] | None = None
-    admissible: Callable[[np.ndarray], np.ndarray] = lambda strikes: strikes
-    keeps: tuple[Limits, ...] = ()
     first: Effort = FIRST
     later: Effort = NEXT
     retries: int = 1
@@ -86,14 +80,14 @@ class Options:
             parameters.whole(name.replace("_", " "), getattr(self, name))
         for name in ("seed", "retries"):
             parameters.whole(name, getattr(self, name), low=0)
-        for name, value in {"t_stay": self.t_stay, "speed": self.speed, "stop at": self.stop_at or 0.0}.items():
+        for name, value in {"t_stay": self.t_stay, "stop at": self.stop_at or 0.0}.items():
             parameters.number(name, value, low=0)
 
     def demands(self, believed: Model) -> Demands:
         """What is asked of a strike, given the posterior mean of whip and arm."""
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
-        return Demands(self.bounds, self.limits, self.speed, asked, self.t_stay, self.admissible)
+        return Demands(self.bounds, self.limits, asked, self.t_stay)
 
 
 class Adapter:
@@ -270,7 +264,8 @@ class Adapter:
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
             if o.wiggle:
-                strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=o.keeps)
+                keeps = o.limits if self.prior.plant.model.dimension == 3 else ()  # a rig rehearses it
+                strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=keeps)
                 reason = f"a movement from which {gain:.1f} nat are learned about the whip"
             else:
                 strike, reason = hanging(self.belief, o.bounds), "the whip as it hangs: how long it is"
@@ -289,18 +284,6 @@ class Adapter:
         return None if controller.prescribed else expected_sag(controller.law, self._recordings)
 
     def _sought(self, rng: np.random.Generator, effort: Effort, sag: Sag | None) -> Plan:
-        if self.prior.plant.model.dimension == 3:
-            o = self.options
-            return aim(
-                self.belief,
-                self.target,
-                rng=rng,
-                limits=o.keeps,
-                past=self._past,
-                effort=effort,
-                bounds=o.bounds,
-                t_stay=o.t_stay,
-            )
         demands = self.options.demands(self.belief.at().model)
         return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from whiptool.adaptation.adapter import Adapter, Options
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Port, Seen, checked
 from whiptool.adaptation.prior import Belief
 from whiptool.adaptation.robot_port import RobotPort

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from tyro.conf import arg
 
 from whiptool.errors import InputError
-from whiptool.options import GoalOptions, ResumableOptions, TargetOptions, refuse_idle, whole
+from whiptool.options import GoalOptions, ResumableOptions, refuse_idle, whole
 from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.goals.target import Target
     from whiptool.impedance import Controller
-    from whiptool.limits.all_limits import Limits
     from whiptool.models import Model
     from whiptool.rig.stops import Interlock
 
@@ -70,8 +69,6 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Begin with a short, slow movement that is chosen for its information gain about the whip."""
     starts: int = 3
     """Number of starting points of every identification."""
-    least_speed: float | None = None
-    """Least predicted speed of the tip at the closest approach [m/s], along the required direction if there is one."""
     seed: int = 0
     """Seed of the twin's whip and of all other random numbers."""
 
@@ -111,10 +108,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
                 raise InputError(flag, given, "only for a model in space")
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target; in space with direction and speed of arrival."""
-        in_plane = model is None or model.dimension == 2
-        if in_plane and (self.target is None or len(self.target) == 2):
-            return TargetOptions.build_target(self, model)
+        """Target with direction and speed of arrival; a least speed of 0 requires no speed."""
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 
     def _refuse_idle(self) -> None:
@@ -154,7 +148,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.adapter import Options
     from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import read_belief
-    from whiptool.limits.arm_limits import ArmLimits
+    from whiptool.limits.all_limits import default_limits
     from whiptool.limits.motor_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
@@ -167,8 +161,8 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     target = options.build_target(model)
     controller = _controller(options, model)
     target.check_reach(model)
-    limits = options.limits or (None if tip else "xm430")
-    robot = ArmLimits.of(model.arm, prescribed=True) if ArmLimits.are_in(model.arm) else None
+    motor = options.limits or (None if tip else "xm430")
+    motors = () if motor is None else (limits_preset(motor),)
     usual = default_bounds(model.arm)
     slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
     loop = Options(
@@ -176,19 +170,16 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         starts=options.starts,
         seed=options.seed,
         t_stay=options.t_stay,
-        limits=None if limits is None else limits_preset(limits),
-        speed=options.least_speed or 0.0,
-        bounds=usual if limits is None else slow,
+        limits=(*motors, *default_limits(model, prescribed=True)),
+        bounds=slow if motors else usual,
         check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
-        admissible=(lambda strikes: strikes) if robot is None else robot.command.shortened,
-        keeps=kept_in_space(model),
         still=options.still,
         wiggle=options.wiggle,
-        **_efforts(model, limited=limits is not None),
+        **_efforts(model, limited=bool(motors)),
     )
     known = [read_recording(path).for_model(model) for path in options.known]
-    motor = None if tip else HARDWARE if options.friction else Motor()
-    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=motor, stock=stock)
+    drive = None if tip else HARDWARE if options.friction else Motor()
+    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=drive, stock=stock)
     interlock = Interlock()
     port = _port(options, model, controller, stock, interlock)
     _check_known(known, prior.plant.controller)
@@ -197,20 +188,13 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
 
 def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
     """How hard strikes are looked for: harder within the motors' limits, hardest where they are aimed in space."""
-    from whiptool.adaptation import aiming, planner
+    from whiptool.adaptation.planner import FIRST, FIRST_IN_SPACE, NEXT, NEXT_IN_SPACE, RETRIES_IN_SPACE
 
     if model.dimension == 3:
-        return {"first": aiming.FIRST, "later": aiming.NEXT, "retries": aiming.RETRIES}
+        return {"first": FIRST_IN_SPACE, "later": NEXT_IN_SPACE, "retries": RETRIES_IN_SPACE}
     if limited:
-        return {"first": replace(planner.FIRST, pool=1024), "later": replace(planner.NEXT, pool=512)}
-    return {"first": planner.FIRST, "later": planner.NEXT}
-
-
-def kept_in_space(model: Model) -> tuple[Limits, ...]:
-    """What a robot keeps: the limits of its joints, and that it and the whip keep clear of it and its floor."""
-    from whiptool.limits.all_limits import default_limits
-
-    return tuple(default_limits(model, prescribed=True)) if model.dimension == 3 else ()
+        return {"first": replace(FIRST, pool=1024), "later": replace(NEXT, pool=512)}
+    return {"first": FIRST, "later": NEXT}
 
 
 def _check_known(recordings, controller) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from whiptool.adaptation.planner import Plan
+from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.posterior import Learned
 from whiptool.identification.judgement import Judgement

@@ -12,11 +12,12 @@ from scipy.stats import norm
 
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
-from whiptool.adaptation.aiming import Passes, _Aimed, aim
+from whiptool.adaptation.aimed_search import AimedSearch
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.planner import Effort
+from whiptool.adaptation.plan_search import Demands, Effort, Passes
+from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
@@ -34,7 +35,7 @@ from whiptool.strike_map.striker import Striker
 
 STOCK = stock_of_material("cotton")
 LIMITS = (ArmLimits.of(MODEL.arm, prescribed=True), Clearance(MODEL, -1.7))
-FEW = Effort(pool=64, polished=4, whips=4, population=4, rounds=1)
+FEW = Effort(pool=64, polished=4, steps=20, whips=4, population=4, rounds=1)
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +74,8 @@ def test_a_strike_that_passes_every_whip_by_a_quarter_of_what_is_allowed_is_good
         if target.direction is not None:
             turned = np.arctan(0.005 / (max(10.0, 2 * (target.speed or 0)) * PACE))
             enough = within * (norm.cdf(0.3 / turned) - norm.cdf(-0.5 / turned)) - 0.2 * 0.015 - 0.2 * 0.1 / np.pi
-        assert _Aimed.sure(search, enough + 1e-9)
-        assert not _Aimed.sure(search, enough - 1e-9)
+        assert AimedSearch.sure(search, enough + 1e-9)
+        assert not AimedSearch.sure(search, enough - 1e-9)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -119,7 +120,7 @@ def test_an_aimed_strike_hits_within_the_limits(prior, reachable):
     target, strike = reachable
     sure = dataclasses.replace(prior, covariance=1e-6 * prior.covariance, model_error=ModelError(1e-3, 10.0))
     past = [strike + 0.01 * np.random.default_rng(2).standard_normal(len(strike))]
-    chosen = aim(sure, target, rng=np.random.default_rng(0), limits=LIMITS, past=past, effort=FEW)
+    chosen = plan(sure, target, rng=np.random.default_rng(0), demands=Demands(limits=LIMITS), past=past, effort=FEW)
     assert chosen.allowed
     assert chosen.probability is not None
     assert chosen.probability > 0.9
@@ -139,8 +140,8 @@ def test_a_rope_in_space_is_hit_as_aimed_after_one_wiggle(prior, reachable):
     truth = CompiledRollout(twin.model, CONTROLLER, timestep=2.5e-4)
     port = TipPort(twin, target, fps=100.0)
     assert truth.approach(strike[None], np.array(target.position)).distance[0] > 0.05
-    effort = Effort(pool=256, polished=8, whips=8, population=4, rounds=2)
-    options = Options(max_strikes=1, wiggle=True, keeps=LIMITS, first=effort, later=effort)
+    effort = Effort(pool=256, polished=8, steps=20, whips=8, population=4, rounds=2)
+    options = Options(max_strikes=1, wiggle=True, limits=LIMITS, first=effort, later=effort)
     adapter = Adapter(prior, target, options)
     while (asked := adapter.ask()) is not None:
         step = adapter.tell(port.strike(asked, adapter.number, None))

@@ -1,0 +1,98 @@
+"""Candidates of an arm in space: strikes that pass as asked, within a robot's limits, by derivatives.
+
+A robot's limits and directions leave a thin part of the box of strikes, and derivatives find it: random strikes that
+keep the limits, those whose tips pass the goal best on the mean of the belief, refined there along exact derivatives as
+a strike map's are (`whiptool.strike_map.refinement`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from whiptool.adaptation.plan_search import Effort, Search
+from whiptool.goals.goals import Goals
+from whiptool.strike_map.refinement import refine
+from whiptool.strike_map.turning import Front
+
+RATE = 100.0  # [1/s] of the paths that are compared
+STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
+
+
+class AimedSearch(Search):
+    """Random strikes, the best of which are refined; past ones are candidates, too."""
+
+    spread = 0.02
+
+    @cached_property
+    def front(self) -> Front:
+        """What turns strikes to where the goal lies."""
+        return Front(self.rollout.model)
+
+    def candidates(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+    ) -> tuple[np.ndarray, int]:
+        """See `Search.candidates`."""
+        starts = self.starts(rng, effort)
+        if len(past):
+            starts = np.vstack([np.array(past, float), starts])
+        return self.refined(starts, effort.steps), effort.pool + len(past)
+
+    def beyond(self, strikes: np.ndarray) -> np.ndarray:
+        """See `Search.beyond`."""
+        return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
+
+    def allows(self, strike: np.ndarray) -> bool:
+        """See `Search.allows`; limits are judged over the whole strike."""
+        return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
+
+    def starts(self, rng: np.random.Generator, effort: Effort) -> np.ndarray:
+        """Random strikes whose tips pass the goal best with the mean: those within limits of peaks, (B, m).
+
+        An arm whose first joint turns all of it strikes in all directions alike: at every instant of a path it is
+        turned to where the goal lies.
+        """
+        striker, goal = self.striker, self.goal
+        pool = striker.admissible(rng.uniform(striker.lower, striker.upper, (effort.pool, len(striker.lower))))
+        keep, paths = striker.paths(pool, rate=RATE)
+        tips = paths.reshape(-1, paths.shape[2])
+        velocities = np.gradient(paths, 1 / RATE, axis=1).reshape(tips.shape)
+        turned = self.front.angles(goal.positions)[0] - self.front.angles(tips)
+        left = goal.residuals(self.front.vectors(tips, turned), self.front.vectors(velocities, turned))
+        cost = np.linalg.norm(left, axis=1).reshape(paths.shape[:2])
+        cost = np.where(np.isfinite(cost), cost, np.inf)
+        when, rows = cost.argmin(axis=1), np.arange(len(pool))
+        angles = np.nan_to_num(np.remainder(turned.reshape(cost.shape)[rows, when] + np.pi, 2 * np.pi) - np.pi)
+        ready = self._wrapped(self.front.strikes(pool, angles))
+        inside = keep & striker.inside(ready)
+        worst = cost[rows, when] + np.where(inside, 0.0, goal.largest_cost)
+        return ready[np.argsort(worst)[: effort.polished]]
+
+    def _wrapped(self, strikes: np.ndarray) -> np.ndarray:
+        """Strikes of an arm that turns, a whole turn back where that puts their first joint into the box."""
+        if not self.front.turns:
+            return strikes
+        first = [0, self.rollout.model.arm.n]
+        wrapped = strikes.copy()
+        middle = (self.striker.lower[first] + self.striker.upper[first]) / 2
+        mean = strikes[:, first].mean(axis=1) - middle.mean()
+        wrapped[:, first] -= (2 * np.pi * np.round(mean / (2 * np.pi)))[:, None]
+        return wrapped
+
+    def refined(self, starts: np.ndarray, steps: int) -> np.ndarray:
+        """Strikes corrected until the mean hits, or they get no better; those without sound derivatives are left out.
+
+        Where the tip is nearest at rest, its direction and the instant of its closest approach have none.
+        """
+        slopes = self.striker.derivatives(starts, self.goals(len(starts)))
+        size = np.abs(slopes).max(axis=(1, 2))
+        sound = np.isfinite(size) & (size < STEEPEST)
+        if not sound.any():
+            return starts
+        return refine(self.striker, self.goals(int(sound.sum())), starts[sound], slopes[sound], steps=steps).strikes
+
+    def goals(self, count: int) -> Goals:
+        """Return the goal of so many strikes."""
+        return self.goal.rows(np.zeros(count, int))

@@ -1,0 +1,299 @@
+"""Planning a strike: what is required of it, and how strikes are scored over whips sampled from the belief."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.adaptation.cross_entropy import search_around
+from whiptool.adaptation.model_error import ModelError
+from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.goals.goals import Goals
+from whiptool.goals.target import Target
+from whiptool.identification.plant import Plant
+from whiptool.limits.all_limits import Limits
+from whiptool.models.parameters import whole
+from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.trajectory import Approach
+from whiptool.strike_map.striker import Striker
+
+SURE = 0.25  # of the hit radius and the cone: a strike that misses all whips by no more is worth no better one
+_FAST = 10.0  # [m/s] of the tip of such a strike; where a speed is asked for, at least twice that
+
+
+@dataclass(frozen=True)
+class Worth:
+    """Score of a strike in the search, in addition to its hit probability.
+
+    Args:
+        blur: The search smoothes where strikes pass by this, at least [m].
+        pull: Probability that a metre of expected miss is worth, where nothing hits; and half a turn off the direction.
+        far: A miss beyond is as good as any other [m].
+    """
+
+    blur: float = 0.005
+    pull: float = 0.2
+    far: float = 0.5
+
+
+WORTH = Worth()
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much computation the planner spends.
+
+    Args:
+        pool: Number of random candidate strikes, rolled out with the mean of the belief.
+        polished: Number of the best of them that are improved along exact derivatives with the mean.
+        steps: Largest number of such improvement steps.
+        whips: Number of whips sampled from the belief.
+        population, rounds: Size and number of rounds of the cross-entropy search over all sampled whips.
+    """
+
+    pool: int = 160
+    polished: int = 8
+    steps: int = 5
+    whips: int = 16
+    population: int = 8
+    rounds: int = 4
+
+    def __post_init__(self) -> None:
+        for name in ("pool", "polished", "whips"):
+            whole(name, getattr(self, name))
+        for name in ("steps", "population", "rounds"):
+            whole(name, getattr(self, name), low=0)
+
+
+@dataclass(frozen=True)
+class Demands:
+    """Constraints on a strike in addition to the hit.
+
+    Args:
+        bounds: Box of strikes; default: `default_bounds`.
+        limits: Limits that it has to keep on the mean; a strike beyond them is only taken if there is no other.
+        check: Says why a strike must not be made, or None; called for the best strikes, one after the other.
+        t_stay: A strike is watched so long after the movement ended [s].
+    """
+
+    bounds: StrikeBounds | None = None
+    limits: Sequence[Limits] = ()
+    check: Callable[[Strike], str | None] | None = None
+    t_stay: float = T_STAY
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The strike that was chosen.
+
+    Args:
+        strike: Strike vector.
+        probability: Predicted probability of a hit; None, as below, for a movement that is not meant to hit.
+        expected_miss: Mean miss distance over the sampled whips that do not diverge [m]; None also if all diverge.
+        mean_miss: Miss distance with the mean of the belief [m].
+        usage: Largest share of the motors' speed-torque line that the strike uses with the mean of the belief; None: no
+            limits were given, or the arm is in space.
+        reason: Why this strike was chosen, in words.
+        wall_time: Time that planning took [s].
+        allowed: Whether limits, least speed and `check` all allow the strike; if not, no allowed one was found.
+        misses: Predictive sample of the miss distance [m]: one per sampled whip, an error of the model drawn for each,
+            in rising order; None where it diverges. Empty: of a movement that is not meant to hit.
+        contact: When the tip is nearest to the target, on the mean [s].
+    """
+
+    strike: tuple[float, ...]
+    probability: float | None
+    expected_miss: float | None
+    mean_miss: float | None
+    usage: float | None
+    reason: str
+    wall_time: float
+    allowed: bool = True
+    misses: tuple[float | None, ...] = ()
+    contact: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Passes:
+    """How B strikes with each of S whips pass a goal.
+
+    Args:
+        distance: Closest approach [m], (B, S); infinite where it is not known.
+        velocity: Velocity of the tip there [m/s], (B, S, d).
+    """
+
+    distance: np.ndarray
+    velocity: np.ndarray
+
+    def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
+        """Return the hit probability of each strike, (B,), see `ModelError.hit_probability`."""
+        return error.hit_probability(goal, self.distance, self.velocity, blur=blur).mean(axis=1)
+
+    def angle(self, goal: Goals) -> np.ndarray:
+        """Return the angles between velocities and direction [rad], (B, S)."""
+        return goal.angle(self.velocity.reshape(-1, self.velocity.shape[2])).reshape(self.distance.shape)
+
+
+class Search(ABC):
+    """Rolls strikes out with a belief's mean and samples, and scores them; how candidates are found is left open.
+
+    Args:
+        belief: Distribution of the whip's numbers.
+        target: What is to be hit.
+        demands: What else is asked of the strike.
+        sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
+
+    Attributes:
+        margins: Parts of the limits that are kept free, one search after the other; without limits the first alone.
+        checked: Number of the best strikes of each search that may be chosen; None: all.
+        margin: Part that the present search keeps free.
+    """
+
+    margins: tuple[float, ...] = (0.0,)
+    checked: int | None = None
+    spread: float  # of the box's widths, of the first steps from the best strike
+
+    def __init__(
+        self,
+        belief: Belief,
+        target: Target,
+        demands: Demands,
+        sag: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        plant = belief.at()
+        assert plant.controller is not None
+        self.rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=sag)
+        self.striker = Striker(self.rollout, bounds=demands.bounds, limits=tuple(demands.limits), t_stay=demands.t_stay)
+        self.goal, self.error, self.check = target.goals, belief.model_error, demands.check
+        self.margins = self.margins if demands.limits else self.margins[:1]
+        self.margin = self.margins[0]
+
+    @abstractmethod
+    def candidates(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+    ) -> tuple[np.ndarray, int]:
+        """Return strikes that pass the goal well with the mean, (B, m), and of how many they are the best."""
+
+    @abstractmethod
+    def beyond(self, strikes: np.ndarray) -> np.ndarray:
+        """Return how far strikes are beyond the limits with the mean, (B,); finite, and <= 0 within."""
+
+    def allows(self, strike: np.ndarray) -> bool:
+        """Whether a strike (m,) may be chosen."""
+        return self.check is None or self.check(Strike.from_vector(strike)) is None
+
+    def usage(self, near: Approach) -> float | None:
+        """Return which share of the motors' line a strike (B = 1) uses; None: that is not asked."""
+        return None
+
+    def look(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Return strikes, the score of each over the sampled whips, and how many candidates there were."""
+        tried, number = self.candidates(rng, past, effort)
+        scores = self.score(tried, whips)
+        first = int(scores.argmax())
+        draws, values = search_around(
+            tried[first],
+            float(scores[first]),
+            lambda strikes: self.score(strikes, whips),
+            rng=rng,
+            width=self.striker.widths,
+            spread=self.spread,
+            population=effort.population,
+            rounds=effort.rounds,
+            within=self.striker.admissible,
+            sure=self.sure,
+        )
+        return np.vstack([tried, draws]), np.concatenate([scores, values]), number
+
+    def mean(self, strikes: np.ndarray) -> Approach:
+        """Return the closest approaches of strikes (B, m) with the mean."""
+        return self.rollout.approach(strikes, self.goal.positions[0], t_stay=self.striker.t_stay)
+
+    def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> Passes:
+        """Return how every strike passes with every whip."""
+        order = [whip for _ in strikes for whip in whips]
+        near = self.rollout.approach(
+            np.repeat(strikes, len(whips), axis=0),
+            self.goal.positions[0],
+            t_stay=self.striker.t_stay,
+            models=[whip.model for whip in order],
+            controllers=[whip.controller for whip in order if whip.controller is not None],
+        )
+        shape, distance = (len(strikes), len(whips)), np.where(near.known, near.distance, np.inf)
+        return Passes(distance.reshape(shape), np.nan_to_num(near.velocity).reshape(*shape, -1))
+
+    def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
+        """Return hit probabilities less a penalty for the miss; what is beyond the limits scores below all others."""
+        passes = self.each(strikes, whips)
+        score = passes.probability(self.goal, self.error, blur=WORTH.blur)
+        score = score - WORTH.pull * np.minimum(passes.distance, WORTH.far).mean(axis=1)
+        if self.goal.directions is not None:
+            score = score - WORTH.pull * passes.angle(self.goal).mean(axis=1) / math.pi
+        beyond = self.beyond(strikes)
+        return score - np.where(beyond > 0, 10 + beyond, 0)
+
+    def sure(self, score: float) -> bool:
+        """Whether a strike scores as much as one that passes the goal of every sampled whip by little."""
+        little, turned = SURE * self.goal.hit_radius, SURE * self.goal.cone
+        passes = Passes(np.full((1, 1), little), _arriving(self.goal, turned)[None, None])
+        best = float(passes.probability(self.goal, self.error, blur=WORTH.blur)[0]) - WORTH.pull * little
+        return score >= best - (0 if self.goal.directions is None else WORTH.pull * turned / math.pi)
+
+    def report(
+        self,
+        strike: np.ndarray,
+        whips: Sequence[Plant],
+        rng: np.random.Generator,
+        spent: float,
+        tried: int,
+        *,
+        allowed: bool,
+    ) -> Plan:
+        """Return the choice in words and numbers."""
+        passes, near = self.each(strike[None], whips), self.mean(strike[None])
+        miss, known = passes.distance[0], np.isfinite(passes.distance[0])
+        probability = float(passes.probability(self.goal, self.error)[0])
+        expected = float(miss[known].mean()) if known.any() else None
+        said = "all samples diverge" if expected is None else f"expected miss {100 * expected:.1f} cm"
+        if known.any() and not known.all():
+            said += f" without the {1 - known.mean():.0%} of the samples that diverge"
+        if self.goal.directions is not None and known.any():
+            off = float(passes.angle(self.goal)[0][known].mean())
+            said += f", {math.degrees(off):.1f} degrees off the direction"
+        usage, speed, asked = self.usage(near), float(self.goal.arrival_speed(near.velocity)[0]), self.goal.speed or 0.0
+        reason = (
+            f"best of {tried} candidates: hit probability {probability:.0%} over {len(whips)} posterior samples of the "
+            f"whip, {said}, tip speed {float(near.speed[0]):.1f} m/s"
+        )
+        if speed < asked:
+            reason += f"; no faster strike was found, although {asked:g} m/s is required"
+        if usage is not None and usage <= 1:
+            reason += f", using {usage:.0%} of the motors' limits"
+        elif usage is not None:
+            reason += f"; no plan within the motors' limits was found, and this one uses {usage:.0%} of them"
+        elif not allowed:
+            reason += "; no plan within the limits was found"
+        drawn = np.sort(self.error.drawn(miss, rng))
+        misses = tuple(x if np.isfinite(x) else None for x in drawn.tolist())
+        vector = tuple(map(float, Strike.from_vector(strike).vector))
+        nearest, contact = float(near.distance[0]), float(near.time[0])
+        return Plan(vector, probability, expected, nearest, usage, reason, spent, allowed, misses, contact)
+
+
+def _arriving(goal: Goals, angle: float) -> np.ndarray:
+    """Return a velocity (d,) [m/s] that is fast enough for a goal, and an angle [rad] off its direction."""
+    d = goal.positions.shape[1]
+    along = np.eye(d)[0] if goal.directions is None else goal.directions[0]
+    aside = np.eye(d)[np.abs(along).argmin()]
+    across = aside - (aside @ along) * along
+    if goal.sights is not None:
+        across = np.cross(along, goal.sights[0])
+    fast = max(_FAST, 2 * (goal.speed or 0.0))
+    return fast * (math.cos(angle) * along + math.sin(angle) * across / np.linalg.norm(across))

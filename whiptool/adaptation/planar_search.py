@@ -1,0 +1,126 @@
+"""Candidates of an arm in the plane: random strikes, improved along derivatives and brought within the motors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.adaptation.plan_search import Effort, Search
+from whiptool.rollout.trajectory import Approach
+
+MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the limits that is kept free; more, where all strikes were refused
+CHECKED = 3  # strikes that are asked about before more is kept free
+
+
+@dataclass(frozen=True)
+class Squeeze:
+    """How strikes are brought within limits: by random steps that shrink, for derivatives do not see the limits.
+
+    Args:
+        rounds: Rounds of steps.
+        children: Strikes that are tried in each.
+        kept: Number of the best of them and the former ones that are kept.
+        shrink: Factor of the steps from round to round.
+        near: Miss on the mean [m] that steps along derivatives mend: no more random ones.
+        last_steps: Such steps.
+    """
+
+    rounds: int = 12
+    children: int = 64
+    kept: int = 8
+    shrink: float = 0.8
+    near: float = 0.015
+    last_steps: int = 3
+
+
+_SQUEEZE = Squeeze()
+
+
+class PlanarSearch(Search):
+    """Random strikes and past ones with their neighbours, the best of them improved along exact derivatives.
+
+    Where limits or a speed leave a thin part of the box, random steps find it. Where `check` forbids the best `CHECKED`
+    strikes, more of the limits is kept free (`MARGINS`), and the search begins again.
+    """
+
+    margins, checked, spread = MARGINS, CHECKED, 0.04
+
+    def candidates(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+    ) -> tuple[np.ndarray, int]:
+        """See `Search.candidates`."""
+        lower, upper = self.striker.bounds.box
+        pool = self.striker.admissible(rng.uniform(lower, upper, (effort.pool, len(lower))))
+        if len(past):
+            known = np.array(past, float)
+            around = np.repeat(known, 8, axis=0)
+            around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
+            pool = np.vstack([self.striker.admissible(np.vstack([known, around])), pool])
+        best = pool[np.argsort(self.rank(self.mean(pool)))[: effort.polished]]
+        tried = np.vstack([best, self.polish(best, effort.steps)])
+        if self.striker.limits or self.goal.speed is not None:  # what is allowed is a thin part of the box
+            squeezed = self.squeeze(tried, rng)
+            tried = np.vstack([squeezed, self.polish(squeezed, _SQUEEZE.last_steps)])
+        return tried, len(pool)
+
+    def beyond(self, strikes: np.ndarray) -> np.ndarray:
+        """See `Search.beyond`; what is too slow is beyond, too."""
+        if not self.striker.limits and self.goal.speed is None:
+            return np.zeros(len(strikes))
+        return self.excess(self.mean(strikes))
+
+    def usage(self, near: Approach) -> float | None:
+        """See `Search.usage`."""
+        return float(self._violation(near)[0]) + 1 if self.striker.limits else None
+
+    def excess(self, near: Approach) -> np.ndarray:
+        """Return how far strikes are beyond what the limits leave and below the least speed, (B,); 0: neither."""
+        excess = np.zeros(len(near.distance))
+        if self.goal.speed is not None:
+            arrival = self.goal.arrival_speed(near.velocity)
+            excess = np.clip(np.nan_to_num(1 - arrival / self.goal.speed, nan=1.0), 0.0, 1.0)
+        if self.striker.limits:
+            excess = excess + np.clip(self._violation(near) + self.margin, 0.0, 10.0)
+        return excess
+
+    def _violation(self, near: Approach) -> np.ndarray:
+        return np.max([limits.violation_of_peaks(near) for limits in self.striker.limits.members], axis=0)
+
+    def rank(self, near: Approach) -> np.ndarray:
+        """Return miss distances, with what the motors cannot do and what is too slow behind all others, (B,)."""
+        excess = self.excess(near)
+        distance = np.where(near.known, near.distance, 1e3)
+        return distance + np.where(excess > 0, 10 + excess, 0)
+
+    def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
+        """Gauss-Newton steps towards no miss on the mean, by the strike's scaled numbers; the best of each path."""
+        width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
+        for step in range(steps + 1):
+            near, slope = self.rollout.gradient(x, self.goal.positions[0], t_stay=self.striker.t_stay)
+            rank = self.rank(near)
+            better = rank < value
+            best[better], value[better] = x[better], rank[better]
+            if step == steps:
+                break
+            g = slope * width  # by the numbers in units of their range
+            move = -near.distance[:, None] * g / np.maximum((g**2).sum(axis=1, keepdims=True), 1e-6)
+            length = np.linalg.norm(move, axis=1, keepdims=True)
+            move = np.nan_to_num(move * np.minimum(1.0, 0.1 / np.maximum(length, 1e-9)))
+            x = self.striker.admissible(x + move * width)
+        return best
+
+    def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
+        kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
+        for _ in range(_SQUEEZE.rounds):
+            if np.sort(rank)[: _SQUEEZE.kept // 2].max() <= _SQUEEZE.near:
+                break
+            parents = kept[rng.integers(len(kept), size=_SQUEEZE.children)]
+            children = parents + spread * self.striker.widths * rng.standard_normal(parents.shape)
+            children = self.striker.admissible(children)
+            kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
+            order = np.argsort(rank)[: _SQUEEZE.kept]
+            kept, rank, spread = kept[order], rank[order], spread * _SQUEEZE.shrink
+        return kept[np.argsort(rank)[: _SQUEEZE.kept]]
