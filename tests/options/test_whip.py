@@ -8,6 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 
+from whiptool.adaptation.options import AdaptOptions, prepare
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.options import ModelOptions, OptionGroup
@@ -70,3 +71,14 @@ def test_every_command_with_a_model_has_them(command):
     assert of_commands
     for options in of_commands:
         assert {"whip_length", "nodes", "taper", "youngs_modulus"} <= {f.name for f in fields(options)}
+
+
+def test_a_diameter_belongs_to_the_material_that_is_given():
+    """With `--material` it changes the prior, and needs no Young's modulus; without, it is one of three numbers."""
+    leather = AdaptOptions(camera="tip", material="leather", diameter=0.012, length=0.9)
+    assert leather.build_model() == preset("lemon2024")
+    rubber = AdaptOptions(camera="tip", youngs_modulus=2e7, diameter=0.012, density=900.0)
+    assert rubber.build_model() == ModelOptions(youngs_modulus=2e7, diameter=0.012, density=900.0).build_model()
+    prepare(rubber)  # not refused
+    with pytest.raises(InputError, match="go together"):
+        AdaptOptions(camera="tip", diameter=0.012).build_model()

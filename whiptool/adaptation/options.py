@@ -49,7 +49,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Material of the whip. The prior mean is then that of the material, otherwise that of --model; the prior
     covariance is that of materials in general."""
     diameter: float | None = None
-    """Measured diameter of a whip of --material; for a chain that of its wire [m]."""
+    """Diameter of a whip of --material, as measured, for a chain that of its wire, or of --youngs-modulus [m]."""
     length: float | None = None
     """Measured length of a whip of --material [m]."""
     max_strikes: int = 6
@@ -71,6 +71,12 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Number of starting points of every identification."""
     seed: int = 0
     """Seed of the twin's whip and of all other random numbers."""
+
+    @property
+    def material_of_model(self) -> dict[str, float | None]:
+        """The numbers of the material that replaces the model's; with --material the diameter is not one of them."""
+        given = super().material_of_model
+        return given if self.material is None else {**given, "diameter": None}
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -215,7 +221,7 @@ def _stock(options: AdaptOptions):
     if options.material is not None:
         return stock_of_material(options.material, diameter=options.diameter, length=options.length)
     for name in ("diameter", "length"):
-        if getattr(options, name) is not None:
+        if getattr(options, name) is not None and (name == "length" or options.youngs_modulus is None):
             raise InputError(f"--{name}", getattr(options, name), "only with --material", "or give --model or --prior")
     return None
 

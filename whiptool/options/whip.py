@@ -42,7 +42,7 @@ class WhipOptions(OptionGroup):
         Raises:
             InputError: A number is out of range, the material is not whole, or the model's whip cannot be changed so.
         """
-        material = {name: getattr(self, name) for name in _MATERIAL}
+        material = self.material_of_model
         missing = [flag(name) for name, value in material.items() if value is None]
         if 0 < len(missing) < len(material):
             raise InputError(missing[0], NOTHING, f"a value: {', '.join(map(flag, _MATERIAL))} go together")
@@ -55,6 +55,11 @@ class WhipOptions(OptionGroup):
             return model if set(changes.values()) == {None} else model.with_whip(**changes)
         except InputError as error:
             raise error.renamed(_FLAGS.get(error.name, error.name)) from None
+
+    @property
+    def material_of_model(self) -> dict[str, float | None]:
+        """The numbers of the material that replaces the model's."""
+        return {name: getattr(self, name) for name in _MATERIAL}
 
     @property
     def number_of_nodes(self) -> int | None:
