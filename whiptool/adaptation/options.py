@@ -73,10 +73,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Seed of the twin's whip and of all other random numbers."""
 
     @property
-    def material_of_model(self) -> dict[str, float | None]:
+    def material_of_model(self) -> dict[str, float]:
         """The numbers of the material that replaces the model's; with --material the diameter is not one of them."""
         given = super().material_of_model
-        return given if self.material is None else {**given, "diameter": None}
+        return {name: x for name, x in given.items() if self.material is None or name != "diameter"}
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -43,12 +43,12 @@ class WhipOptions(OptionGroup):
             InputError: A number is out of range, the material is not whole, or the model's whip cannot be changed so.
         """
         material = self.material_of_model
-        missing = [flag(name) for name, value in material.items() if value is None]
-        if 0 < len(missing) < len(material):
+        missing = [flag(name) for name in _MATERIAL if name not in material]
+        if material and missing:
             raise InputError(missing[0], NOTHING, f"a value: {', '.join(map(flag, _MATERIAL))} go together")
         changes = {"length": self.whip_length, "nodes": self.number_of_nodes, "taper": self.taper}
         try:
-            if not missing:
+            if material:
                 from whiptool.models.material import of_material
 
                 model = replace(model, whip=of_material(model.whip, **material))
@@ -57,9 +57,9 @@ class WhipOptions(OptionGroup):
             raise error.renamed(_FLAGS.get(error.name, error.name)) from None
 
     @property
-    def material_of_model(self) -> dict[str, float | None]:
-        """The numbers of the material that replaces the model's."""
-        return {name: getattr(self, name) for name in _MATERIAL}
+    def material_of_model(self) -> dict[str, float]:
+        """The numbers of the material that replaces the model's, as far as they are given."""
+        return {name: getattr(self, name) for name in _MATERIAL if getattr(self, name) is not None}
 
     @property
     def number_of_nodes(self) -> int | None:
