@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
@@ -63,20 +64,30 @@ def test_trials_at_several_radii_where_a_direction_is_asked_for():
 
 
 class Low:
-    """The first angle may be 0.6 at most."""
+    """The first angle may be 0.6 at most, which peaks tell or only the whole strike."""
 
-    judges, by_peaks, command, positions, smooth, of_candidates = "motor", True, None, None, (), False
+    judges, by_peaks, command, positions, smooth = "motor", True, None, None, ()
+
+    def __init__(self, *, whole: bool) -> None:
+        self.of_candidates = whole
 
     def violation_of_peaks(self, near):
-        return near.max_joint_speed[:, 0] - 0.6
+        return np.full(len(near.distance), -1.0) if self.of_candidates else near.max_joint_speed[:, 0] - 0.6
 
-    def violation(self, trajectory):
-        raise NotImplementedError("peaks decide")
+    def violation(self, strike):
+        return strike.vector[0] - 0.6
 
 
-def test_a_strike_that_the_limits_refuse_is_a_hit_at_no_radius():
+class Following(StraightFlight):
+    def trajectory(self, strike, *, t_stay):
+        return strike
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_strike_that_the_limits_refuse_is_a_hit_at_no_radius(whole):
     """Of samples at -0.3, 0.45, 0.8 and 0.89 rad the last two are refused, which alone pass the target at 0.9 rad."""
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.02, limits=Low())
+    limits, zone = Low(whole=whole), Disc((0.8, 0.2), 1.0)
+    task = StrikeTask(Following(), zone, bounds=BOUNDS, hit_radius=0.02, limits=limits)
     found = trials_within(
         Scripted(task, [-0.3, 0.45, 0.8, 0.89]), task, TARGETS, (0.2, 0.02), cap=4, convention="samples"
     )

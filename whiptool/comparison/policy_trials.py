@@ -40,7 +40,10 @@ def trials_within(
         made[lanes] += 1
         for radius, (trials, hit) in found.items():
             within = replace(goals.rows(lanes), hit_radius=radius)
-            new = lanes[within.hit_by(judged.approach) & ~judged.lost & ~hit[lanes]]
+            near = within.hit_by(judged.approach) & ~judged.lost & ~hit[lanes]
+            for i in np.flatnonzero(near & ~judged.hit) if task.limits.of_candidates else ():
+                near[i] = task.within_limits(judged.strikes[i])  # the task looks at the whole of its own hits alone
+            new = lanes[near]
             trials[new], hit[new] = made[new], True
 
     trials_to_hit(learner, task, goals, cap=cap, convention=convention, on_strikes=on_strikes)

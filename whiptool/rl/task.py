@@ -67,6 +67,7 @@ class Judged:
     """What B strikes came to, each at its own goal.
 
     Args:
+        strikes: Strike vectors, (B, n_act).
         approach: Their closest approaches.
         distance: Miss distances [m], a penalty where a strike diverged or is beyond the limits, (B,).
         cost: `Goals.cost` [m], the same penalty there, (B,); of points alone it is the distance.
@@ -75,6 +76,7 @@ class Judged:
         refused: By which of the task's limits, as `Outcome.refused` names them; empty: it is within all, (B,).
     """
 
+    strikes: np.ndarray
     approach: Approach
     distance: np.ndarray
     cost: np.ndarray
@@ -243,7 +245,7 @@ class StrikeTask:
         distance = np.where(wild | refused, penalty, approach.distance)
         velocity = np.where((wild | refused)[:, None], 0.0, approach.velocity)
         cost = np.where(wild | refused, penalty, goals.cost(distance, velocity))
-        return Judged(approach, distance, cost, hit & ~refused, wild, np.where(refused, by, ""))
+        return Judged(strikes, approach, distance, cost, hit & ~refused, wild, np.where(refused, by, ""))
 
     def _beyond(self, strikes: np.ndarray, approach: Approach, hit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far strikes are beyond the limits, and beyond which, (B,) each; of hits the whole strike is looked at."""
