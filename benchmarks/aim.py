@@ -8,7 +8,7 @@ whip's fall included. `one_shot`: the map's strike as it is, the first of the be
 rollout of it says; `one_shot_unchecked`: the map's first, without any rollout; `one_shot_by_joints`: the same, were the
 joints' limits all. `refined`: with rollouts, of the goals that any search of ours reached; goals that refinement misses
 are given to all of the map's candidates, to the search with gradients and to CMA-ES, and those never reached are
-listed. With --ignore-collisions what arm, whip and floor touch is no part of a hit; it is looked at in some of the
+listed. With --ignore-collisions what arm, whip and floor touch is not a part of a hit; it is looked at in some of the
 strikes (`clear`). `seconds_per_goal`: from the goal to the refined strike, one goal at a time, all cores;
 `processor_seconds_per_goal` likewise. Some of the strikes that hit are played again in MuJoCo and, with --oracle, with
 a Cosserat rod (extra `oracle`). Published: 73.5 % in one shot, 92.1 % with the best of 64, other limits and rope.
@@ -16,7 +16,7 @@ a Cosserat rod (extra `oracle`). Published: 73.5 % in one shot, 92.1 % with the 
     python benchmarks/aim.py [--quick] [--json] [--map FOLDER] [--goals N] [--replays N] [--oracle N] [--folder FOLDER]
                              [--ignore-collisions]
 
-With --folder, what is done stands there, and a run that was broken off goes on where it was. The map is built there
+With --folder, what is done stands there, and an interrupted run continues. The map is built there
 unless --map names the run folder of one:
 
     python -m whiptool.map build --model ur5e

@@ -54,7 +54,7 @@ def start(name: str, place: Path, *, resume: bool = False) -> subprocess.Popen:
     """Start a command in a new folder, where it makes or resumes `run`."""
     words = COMMANDS[name].split()
     named = words[: 1 + words.index(name)]
-    resumed = [*named, "--resume", RUN, *(word for word in words if word == "--no-video")]  # is no part of a run
+    resumed = [*named, "--resume", RUN, *(word for word in words if word == "--no-video")]  # is not a part of a run
     words = resumed if resume else [*words, "--out", RUN]
     with (place / "said.txt").open("ab") as said:
         return subprocess.Popen(command(*words), cwd=place, stdout=said, stderr=said)

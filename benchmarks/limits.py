@@ -8,7 +8,7 @@ smooth functions of a strike. Of strikes that were found the whole trajectory is
 
     python benchmarks/limits.py [--quick] [--json] [--out FILE.jsonl] [--targets N]
 
-With --out, what is found stands in that file, a line a search, and a run that was broken off goes on where it was.
+With --out, what is found stands in that file, a line a search, and an interrupted run continues.
 """
 
 from __future__ import annotations

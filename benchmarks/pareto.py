@@ -11,8 +11,8 @@ rollouts. Hypervolumes are parts of the box around all fronts, 1 being all of it
 
     python benchmarks/pareto.py [--quick] [--json] [--only MODEL] [--pair NAME] [--out FOLDER]
 
-With --out, what is found stands in that folder, with a figure of each pair's fronts, and a run that was broken off goes
-on where it was.
+With --out, what is found stands in that folder, with a figure of each pair's fronts, and a run that was interrupted
+goes on where it was.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ it is so there. One target after another, each on all cores.
 
     python benchmarks/reach.py [--quick] [--json] [--folder FOLDER]
 
-With --folder, what is found stands there, and a run that was broken off goes on where it was.
+With --folder, what is found stands there, and an interrupted run continues.
 """
 
 from __future__ import annotations

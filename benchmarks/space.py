@@ -8,7 +8,7 @@ error at its step; ours (all cores) is run at its largest step whose median erro
 `space_over_mujoco_loop`, for the whip as published, on universal joints, N = 25. `strikes_per_second` of it,
 `strikes_per_second_ur5e` of the UR5e under position control with a rope of rods, and
 `strikes_per_second_ur5e_impedance` of the UR5e under impedance with universal joints, are at a 95th percentile of the
-error of 0.1 mm; all random strikes are rolled out there, and `diverged` counts those that broke off.
+error of 0.1 mm; all random strikes are rolled out there, and `diverged` counts those that diverged.
 `compile_seconds`: of a first strike with an empty cache.
 
     python benchmarks/space.py [--quick] [--json]

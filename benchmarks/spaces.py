@@ -8,7 +8,7 @@ are the usual ones. It is the study of `python -m whiptool.reproduce spaces`.
 
     python benchmarks/spaces.py [--quick] [--json] [--targets N] [--folder FOLDER]
 
-With --folder, what is found stands there, and a run that was broken off goes on where it was.
+With --folder, what is found stands there, and an interrupted run continues.
 """
 
 from __future__ import annotations

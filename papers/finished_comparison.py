@@ -28,7 +28,7 @@ def read_run(folder: Path | str) -> Results:
     """The results in the run folder of `whiptool.compare` or `whiptool.reproduce`.
 
     Raises:
-        InputError: It is no such folder, or not all of its units are finished.
+        InputError: It is not such a folder, or not all of its units are finished.
     """
     folder = Path(folder)
     config = read_toml(folder / CONFIG)

@@ -93,16 +93,16 @@ class ReproduceOptions(ComparisonOptions):
         usual = ReproduceOptions(**QUICK) if self.quick else None
         if self.what in OTHERS:
             idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
-            refuse_idle(self, dict.fromkeys(sorted(idle), f"nothing with {self.what}, which has its own"), usual)
+            refuse_idle(self, dict.fromkeys(sorted(idle), f"only without {self.what}, which has its own"), usual)
         if self.what != "adapt":
             refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows", "space"), "nothing but with adapt"))
         if self.space:
-            refuse_idle(self, {"rows": "nothing with --space, which has one way to strike"})
+            refuse_idle(self, {"rows": "only without --space, which has one way to strike"})
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
             refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
         elif not self.further_zones:
-            refuse_idle(self, dict.fromkeys(further[1:], "nothing without --further-zones"), usual)
+            refuse_idle(self, dict.fromkeys(further[1:], "only with --further-zones"), usual)
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

@@ -1,6 +1,6 @@
 """Files from outside: read where they are regular files of a plausible size, every damage to them one line.
 
-Nothing is unpickled. A pipe or a device is no file: opening one may wait for ever, or read without end.
+Nothing is unpickled. A pipe or a device is not a file: opening one may wait for ever, or read without end.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _size(path: Path, name: str, kind: str) -> int:
         if stat.S_ISDIR(mode):
             raise InputError(name, str(path), f"a readable {kind}, not a folder")
         if not stat.S_ISREG(mode):
-            raise InputError(name, str(path), f"a readable {kind}, which is no pipe and no device")
+            raise InputError(name, str(path), f"a readable {kind}, which is not a pipe or a device")
         with path.open("rb"):
             return path.stat().st_size
     except (OSError, ValueError) as error:
@@ -70,7 +70,7 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
         name: What it is called in errors.
 
     Raises:
-        InputError: It is no regular file, cannot be read, is too large, or is not UTF-8.
+        InputError: It is not a regular file, cannot be read, is too large, or is not UTF-8.
     """
     path = Path(path)
     if (size := _size(path, name, f"{kind} file")) > LARGEST_TEXT:

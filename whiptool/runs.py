@@ -102,7 +102,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path, *, on_interrupt: str = "") -> RunFolder:
-        """A folder that `create` made; what a killed process had not written to its end is removed from it.
+        """A folder that `create` made; what a killed process had not finished writing is removed from it.
 
         Raises:
             InputError: It is not a run folder, cannot be written, or another process writes in it.

@@ -85,13 +85,13 @@ def append_to(file: FileIO, content: bytes) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what a killed process had not written to its end in a folder and those below it."""
+    """Remove what a killed process had not finished writing in a folder and those below it."""
     for path in folder.rglob(_UNFINISHED + "*"):
         path.unlink(missing_ok=True)
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether a file is what a killed process had not written to its end."""
+    """Whether a file is what a killed process had not finished writing."""
     return path.name.startswith(_UNFINISHED)
 
 

@@ -9,14 +9,14 @@ _NOTHING = 1e-15  # in SI units, below which any number here is the rest of a ro
 
 
 def rounded(x: float, digits: int = 3) -> str:
-    """Return a number to so many digits: `0` where only a rounding is left of it, and `none` where it is no number."""
+    """Return a number to so many digits: `0` where only a rounding is left of it, and `none` if it is not finite."""
     if not math.isfinite(x):
         return "none"
     return f"{x:.{digits}g}" if abs(x) >= _NOTHING else "0"
 
 
 def fixed(x: float, digits: int = 2) -> str:
-    """Return a number with so many digits after the point, and `none` where it is no number."""
+    """Return a number with so many digits after the point, and `none` if it is not finite."""
     return f"{x:.{digits}f}" if math.isfinite(x) else "none"
 
 

@@ -78,7 +78,7 @@ class Cascade:
 def cascades(
     hand: MeanHand, paths: Sequence[ThrowPath], whips: Sequence[Bullwhip], *, nodes: int = NODES
 ) -> list[Cascade | None]:
-    """Return the cascade of each path with its whip; None where the whip's motion broke off.
+    """Return the cascade of each path with its whip; None where the simulation of the whip diverged.
 
     The whip hangs at rest at first, and is clamped to the handle.
     """

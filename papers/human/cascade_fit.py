@@ -23,7 +23,7 @@ _WIDTHS = np.array([1.2] * INSTANTS + [0.8] * (INSTANTS - 1) + [1.2, 0.4, 1.0, 0
 # how near the model is to come: of speeds by their logarithm, of times, of shapes [m], of angles [rad]
 _SPEED, _TIME, _ENDS, _SHAPE, _HANDLE_ANGLE, _AHEAD, _BEND = 0.04, 0.015, 0.3, 0.15, 0.26, 0.35, 1.5
 _SHOWN = [0, 2, 4, 6]  # markers of the shape
-_LOST = 50.0  # residual of a whip whose motion broke off
+_LOST = 50.0  # residual of a whip whose simulation diverged
 _STEP = 1e-4
 _RESAMPLED_STEPS = 8
 

@@ -103,7 +103,7 @@ def _tell(options: HumanOptions, people: Any) -> int:
 
 
 def _finite(value: Any) -> Any:
-    """Return plain data with None in place of what is no number, such as the interval of a constant."""
+    """Return plain data with None in place of numbers that are not finite, such as the interval of a constant."""
     if isinstance(value, dict):
         return {name: _finite(one) for name, one in value.items()}
     if isinstance(value, list):

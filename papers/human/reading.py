@@ -268,5 +268,5 @@ def _shaped(path: Path, name: str, values: np.ndarray, shape: tuple[int | None, 
         wanted = " x ".join("throws" if x is None else str(x) for x in shape)
         raise InputError(f"{path}: {name}", f"an array of shape {values.shape}", wanted)
     if name != "WhipPos_PeakHand" and not np.isfinite(values).all():
-        raise InputError(f"{path}: {name}", "values that are no numbers", "speeds [m/s]")
+        raise InputError(f"{path}: {name}", "values that are not numbers", "speeds [m/s]")
     return values

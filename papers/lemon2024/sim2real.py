@@ -64,7 +64,7 @@ def sections(context: Context) -> list[Section]:
     """Strikes on the model and on the twin, compared, before and after identification.
 
     Raises:
-        WhiptoolError: Too few strikes came to their end.
+        WhiptoolError: Too few strikes were completed.
     """
     scene, quick = context.comparison.scene, context.quick
     plan = PlanUnit(scene=scene, iterations=2 if quick else 6, targets=2 if quick else 3)
@@ -78,7 +78,7 @@ def sections(context: Context) -> list[Section]:
     if len(done) <= LEARN_FROM:
         faults = {results[unit.key]["fault"] for unit in units} - {None}
         total = counted(len(units), "strike")
-        raise WhiptoolError(f"{len(done)} of {total} came to their end: {', '.join(sorted(faults))}")
+        raise WhiptoolError(f"{len(done)} of {total} were completed: {', '.join(sorted(faults))}")
     # iteration after iteration, target after target: it is the first strikes that are learnt from
     done.sort(key=lambda unit: (unit.number % plan.iterations, unit.number))
     recordings = [recording(unit, results[unit.key]) for unit in done]

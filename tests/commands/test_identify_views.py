@@ -83,7 +83,7 @@ def test_pixels_need_their_cameras(lab, monkeypatch, capsys):
     assert "cameras: got None; allowed: the file of cameras in space" in capsys.readouterr().err
     np.savetxt("plain.csv", np.zeros((3, 3)), delimiter=",", header="t,tip_x,tip_y", comments="")
     assert identify.main(["plain.csv", *WORDS, "--cameras", "cameras.toml"]) == 2
-    assert "--cameras: got 'cameras.toml'; allowed: nothing: no recording is in pixels" in capsys.readouterr().err
+    assert "--cameras: got 'cameras.toml'; allowed: only with films or recordings in pixels" in capsys.readouterr().err
 
 
 FAST = Strike(STRIKES[0].q_i, (0.1, -0.9, 1.4, -0.9, 0.3, 0.0), 0.3)

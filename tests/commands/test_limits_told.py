@@ -65,7 +65,7 @@ def test_a_search_that_no_strike_comes_through_says_why(capsys):
     words = ["--method", "random", "--max-trials", "20", "--hit-radius", "0.01", "--no-video", "--floor", "-0.2"]
     assert optimize.main([*words, "--out", "none"]) == 0
     lines = capsys.readouterr().out
-    assert "refused, as was every strike tried; the best: at 0.000 s" in lines
+    assert "refused, like all other strikes; the best: at 0.000 s" in lines
     assert "below the floor" in lines
     assert "refused        20 strikes: 20 would collide" in lines
     result = json.loads(Path("none/result.json").read_text())
@@ -131,7 +131,7 @@ def test_limits_within_which_no_start_or_no_end_can_be_held_are_refused_at_once(
     level_torque = weight * (m1 * c1 + m2 * (l1 + c2) + heavy.whip.mass * (l1 + l2))
     asked = float(said.split("shoulder ")[1].split(" N m")[0])
     assert 4.1 < 0.93 * level_torque < asked < level_torque
-    assert f"{end} postures: got 'none that can be held: " in said
+    assert f"{end} postures: got 'all beyond the arm: " in said
     down = ["--lower", "-0.1", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
     limits = AllLimits(XM430)
     bounds = StrikeBounds(*(tuple(map(float, x)) for x in (down[1:6], down[7:])))

@@ -61,7 +61,7 @@ def test_no_more_processes_than_units_and_cores(monkeypatch, capsys):
     assert asked == [2]
     cores = max(2, os.cpu_count() or 1)
     assert CompareOptions(workers=100_000).processes() == cores
-    assert capsys.readouterr().err == f"whiptool: --workers 100000: {cores} are used, as there are cores\n"
+    assert capsys.readouterr().err == f"whiptool: --workers 100000: {cores} are used, one per core\n"
     assert CompareOptions(workers=1).processes() == 1
     assert capsys.readouterr().err == ""
 

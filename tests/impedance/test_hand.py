@@ -44,7 +44,7 @@ def test_bad_tables_are_refused(table, said):
 
 
 def test_feedforward_has_no_meaning_there():
-    with pytest.raises(InputError, match="nothing in hand space"):
+    with pytest.raises(InputError, match="only in joint space"):
         Controller(feedforward=True, hand=HandControl())
 
 

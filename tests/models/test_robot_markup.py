@@ -34,8 +34,8 @@ def read(folder: Path, text: str, suffix: str = "xml") -> object:
         ("<a '" * 300_000, "MuJoCo compiles"),
         ('<a b="' * 300_000, "MuJoCo compiles"),
         (MJCF.format('<include file="x.xml"/>', ""), "at most 100 included files"),
-        (MJCF.format('<include file="/dev/zero"/>', ""), "no pipe and no device"),
-        (MJCF.format('<compiler meshdir="/dev"/><asset><mesh file="zero"/></asset>', ""), "no pipe and no device"),
+        (MJCF.format('<include file="/dev/zero"/>', ""), "not a pipe or a device"),
+        (MJCF.format('<compiler meshdir="/dev"/><asset><mesh file="zero"/></asset>', ""), "not a pipe or a device"),
     ],
 )
 def test_mjcf_that_would_not_end_is_refused_at_once(text: str, said: str, tmp_path: Path) -> None:

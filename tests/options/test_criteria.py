@@ -43,7 +43,7 @@ def test_noise_is_one_number_or_one_of_each():
     [
         ({"pareto": ("effort", "effort")}, "two different criteria"),
         ({"pareto": ("effort", "miss"), "minimise": "speed"}, "only without --pareto"),
-        ({"noise": (0.02,)}, "nothing without --minimise robustness"),
+        ({"noise": (0.02,)}, "only with --minimise robustness"),
         ({"minimise": "robustness", "noise": (-1.0,)}, "0 or more"),
     ],
 )

@@ -36,7 +36,7 @@ def test_a_tolerance_stands_alone():
         StepOptions(tolerance=1e-5, timestep=1e-3),
         SimulatorOptions(tolerance=1e-5, simulator="reference"),
     ):
-        with pytest.raises(InputError, match=r"^--tolerance: got 1e-05; allowed: nothing, where --"):
+        with pytest.raises(InputError, match=r"^--tolerance: got 1e-05; allowed: only without --"):
             options.check()
     with pytest.raises(InputError, match=r"^--tolerance: got 0; allowed: a finite number >= 1e-09"):
         StepOptions(tolerance=0).check()
@@ -45,7 +45,7 @@ def test_a_tolerance_stands_alone():
 @pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit", "implicitfast"])
 def test_an_integrator_is_the_references(integrator):
     SimulatorOptions(simulator="reference", integrator=integrator).check()
-    with pytest.raises(InputError, match=rf"^--integrator: got '{integrator}'; allowed: nothing, unless --simulator"):
+    with pytest.raises(InputError, match=rf"^--integrator: got '{integrator}'; allowed: only with --simulator"):
         SimulatorOptions(integrator=integrator).check()
 
 

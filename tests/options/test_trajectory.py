@@ -56,7 +56,7 @@ def test_the_files_of_one_strike_say_the_same(tmp_path):
     np.testing.assert_array_equal(read.q, found.q)
 
 
-@pytest.mark.parametrize(("place", "why"), [("none/way.csv", "none is no folder that is there"), ("way.csv", "folder")])
+@pytest.mark.parametrize(("place", "why"), [("none/way.csv", "none is not an existing folder"), ("way.csv", "folder")])
 def test_a_file_that_cannot_be_written_is_refused_before_anything_is_computed(place, why, tmp_path):
     (tmp_path / "way.csv").mkdir()
     with pytest.raises(InputError, match=f"--export-trajectory.*can be written.*{why}"):

@@ -31,7 +31,7 @@ def test_the_rule_that_options_ask_for(options, rule):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"cone": 20.0}, "--cone: got 20.0; allowed: nothing without --direction or --arrival-angle"),
+        ({"cone": 20.0}, "--cone: got 20.0; allowed: only with --direction or --arrival-angle"),
         ({"direction": (1.0, 0.0), "arrival_angle": (1.0,)}, "not both"),
         ({"arrival_angle": (90.0, 30.0)}, "--arrival-angle"),
         ({"arrival_angle": (0.0, 361.0)}, "one turn at most"),

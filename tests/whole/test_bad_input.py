@@ -95,30 +95,30 @@ SHARED = """
 --control-period nan | --control-period
 --space tool | joint, hand, pose
 --space pose | 3 joints or more, for the hand's position and orientation
---space hand --turn-stiffness 3 | nothing without --space pose
---space hand --turn-damping 3 | nothing without --space pose
+--space hand --turn-stiffness 3 | only with --space pose
+--space hand --turn-damping 3 | only with --space pose
 --space pose --controller constant --turn-damping -1 | --turn-damping
---turn-stiffness 3 | nothing without --space hand
+--turn-stiffness 3 | only with --space hand
 --space hand --home 0.1 | posture: got
 --space hand --home nan 1 | --home
 --space hand --home 0.3 0 | not a singular
 --space hand --feedforward | --feedforward
 --space hand --null-damping -1 | --null-damping
 --space hand --controller constant --preset nah2020 | --preset
---space hand --stiffness 100 | nothing without --controller constant
+--space hand --stiffness 100 | only with --controller constant
 --space hand --controller constant --damping nan | --damping
---home 0.3 1 | nothing without --space hand
---null-damping 2 | nothing without --space hand
---stiffness 100 | nothing without --space hand
---damping 100 | nothing without --space hand
+--home 0.3 1 | only with --space hand
+--null-damping 2 | only with --space hand
+--stiffness 100 | only with --space hand
+--damping 100 | only with --space hand
 --timestep 0 | --timestep
 --timestep 1e-300 | --timestep
 --timestep 1 | --timestep
 --timestep nan | --timestep
 --tolerance 0 | --tolerance
 --tolerance nan | --tolerance
---tolerance 1e-4 --timestep 1e-3 | nothing, where --timestep is given
---simulator reference --tolerance 1e-4 | nothing, where --simulator reference is given
+--tolerance 1e-4 --timestep 1e-3 | only without --timestep
+--simulator reference --tolerance 1e-4 | only without --simulator reference
 --whip-length 0 | --whip-length
 --whip-length nan | --whip-length
 --nodes 0 | --nodes
@@ -212,7 +212,7 @@ optimize --controller magic.toml | controller.hand.magic
 train --controller hand.toml | without a table [controller.hand]
 compare --controller hand.toml | without a table [controller.hand]
 optimize --space hand --lower 0 0 | 5 numbers, x_i y_i x_f y_f D
-simulate --model ur5e --space pose --turn-stiffness 9 --controller position | nothing without --controller constant
+simulate --model ur5e --space pose --turn-stiffness 9 --controller position | only with --controller constant
 simulate --model ur5e --space pose --controller position --strike 0 0 0 1 1 1 1 | x_i y_i z_i turn_x_i turn_y_i turn_z_i
 simulate --space hand --strike 0.3 0 0.4 | 5 numbers, x_i y_i x_f y_f D
 simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
@@ -229,10 +229,10 @@ optimize --direction 1 0 --arrival-angle 30 | --arrival-angle
 optimize --direction 1 0 --cone 0 | --cone
 optimize --arrival-angle nan | arrival
 optimize --least-speed 0 | --least-speed
-optimize --cone 20 | nothing without --direction
+optimize --cone 20 | only with --direction
 optimize --keep-free 0.1 | 0 for an arm without limits
 optimize --clearance 0.1 | 0 for an arm without capsules
-optimize --rest 1 | nothing without --export-trajectory
+optimize --rest 1 | only with --export-trajectory
 optimize --export-trajectory strike.txt | .csv
 optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate
 optimize --export-trajectory strike.csv --posture 1 | 2 numbers
@@ -263,12 +263,12 @@ optimize --model far.toml | lengths are in m
 optimize --model name-in-lines.toml | name
 optimize --model arrays.toml | nested
 optimize --model dots.toml | at most 50 parts
-optimize --model pipe.toml | no pipe and no device
-optimize --model device.toml | no pipe and no device
-optimize --model pipe.urdf | no pipe and no device
-optimize --model pipe.xml | no pipe and no device
-optimize --model of-pipe.toml | no pipe and no device
-optimize --model includes.xml | no pipe and no device
+optimize --model pipe.toml | not a pipe or a device
+optimize --model device.toml | not a pipe or a device
+optimize --model pipe.urdf | not a pipe or a device
+optimize --model pipe.xml | not a pipe or a device
+optimize --model of-pipe.toml | not a pipe or a device
+optimize --model includes.xml | not a pipe or a device
 optimize --model replicate.xml | replicas
 optimize --model deep.urdf | within elements
 optimize --model deep.xml | within elements
@@ -289,19 +289,19 @@ optimize --lower -78 27 99 81 0.4 --upper -70 30 100 90 1 | are these degrees?
 simulate --strike 0 0 0 0 1 --export-trajectory absent/strike.csv | is no folder that is there
 simulate --export NAME.xml | --export
 strike --strike 1e308 0 0 0 1 | strike vector
-train --region pipe.npz | no pipe and no device
+train --region pipe.npz | not a pipe or a device
 train --region pickled.npz | pickled
 train --region petabyte.npz | the shape
 adapt --known pipe.npz | pipe.npz
 adapt --known pickled.npz | pickled
-adapt --prior pipe.toml | no pipe and no device
+adapt --prior pipe.toml | not a pipe or a device
 adapt --prior huge-prior.toml | whip
-identify pipe.npz | no pipe and no device
-identify pipe.csv | no pipe and no device
+identify pipe.npz | not a pipe or a device
+identify pipe.csv | not a pipe or a device
 identify pickled.npz | pickled
 identify petabyte.npz | the shape
-identify --prior pipe.toml | no pipe and no device
-identify --tip pipe.toml | no pipe and no device
+identify --prior pipe.toml | not a pipe or a device
+identify --tip pipe.toml | not a pipe or a device
 view pickled-run | pickled
 view empty-run | empty
 view of-no-model | model: got 3
@@ -351,8 +351,8 @@ optimize --minimise robustness --noise 0.1 -0.1 0 0 0 | 0 or more
 optimize --minimise robustness --noise 0.1 0.1 | one number, or 5
 optimize --minimise robustness --noise nan | --noise
 optimize --minimise robustness --noise 0.2 | so that noisy durations stay positive
-optimize --noise 0.02 | nothing without --minimise robustness
-optimize --minimise effort --noise 0.02 | nothing without --minimise robustness
+optimize --noise 0.02 | only with --minimise robustness
+optimize --minimise effort --noise 0.02 | only with --minimise robustness
 optimize --pareto effort | --pareto
 optimize --pareto effort effort | two different criteria
 optimize --pareto effort beauty | peak-torque
@@ -423,7 +423,7 @@ train --arrival-angle 0 400 | one turn at most
 train --arrival-angle 1 2 3 | --arrival-angle
 train --arrival-angle -30 30 --cone 0 | --cone
 train --arrival-angle 30 --cone 181 | --cone
-train --cone 20 | nothing without --direction
+train --cone 20 | only with --direction
 train --least-speed 0 | --least-speed
 train --trials 1000000000000 | --trials
 train --strikes 0 | --strikes
@@ -469,7 +469,7 @@ compare --direction 1 0 0 | 2 coordinates
 compare --arrival-angle 90 30 | --arrival-angle
 compare --arrival-angle inf | --arrival-angle
 compare --arrival-angle 30 --cone nan | --cone
-compare --cone 20 | nothing without --direction
+compare --cone 20 | only with --direction
 compare --least-speed -1 | --least-speed
 compare --zone fast --zone-radius 0.3 | --zone-radius
 compare --zone fast --target 1 0 | --target
@@ -486,9 +486,9 @@ reproduce fig4 | fig5, fig6
 reproduce "" | fig5, fig6
 reproduce fig5 fig6 | command line
 reproduce fig5 --whips 3 | --whips
-reproduce aim --targets 10 | nothing with aim
-reproduce nah2023 --seeds 2 | nothing with nah2023
-reproduce spaces --targets 10 | nothing with spaces
+reproduce aim --targets 10 | only without aim
+reproduce nah2023 --seeds 2 | only without nah2023
+reproduce spaces --targets 10 | only without spaces
 reproduce adapt --whips 0 | --whips
 reproduce adapt --whip-targets 0 | --whip-targets
 reproduce adapt --rows magic | --rows

@@ -1,4 +1,4 @@
-"""Which parts of a source file are no formulas, and are left as they are.
+"""Which parts of a source file are not formulas, and are left as they are.
 
 Left out: annotations, defaults of arguments and fields, decorators, formatted strings, everything that only builds or
 guards an error of bad input, prints, warns or logs, representations, imports, choices of type,

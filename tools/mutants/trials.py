@@ -93,7 +93,7 @@ class Copy:
         return True, "", seconds
 
     def _usual(self, tests: tuple[str, ...], which: str) -> Run | None:
-        """How tests do without a mutant; None: there are none of that mark."""
+        """Result of tests without a mutant; None without tests of that mark."""
         if (tests, which) not in self.usual:
             run = self._run(tests, which, clock=3600.0, processor=3600.0)
             if run.code not in (0, NO_TESTS):

@@ -120,7 +120,7 @@ class Adaptation:
         """What the port saw of a strike that was carried out or refused.
 
         Raises:
-            StrikeStopped: It was broken off.
+            StrikeStopped: It was interrupted.
         """
         try:
             seen = self.port.strike(strike, adapter.number, adapter.place, adapter.belief.at().model)

@@ -121,11 +121,13 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         """Options that would change nothing are not taken for ones that did."""
         idle: dict[str, str] = {}
         if self.port == "twin":
-            idle |= dict.fromkeys(("approach_speed", "settle"), "nothing: the twin stands where its strike begins")
+            idle |= dict.fromkeys(
+                ("approach_speed", "settle"), "only with a real arm: the twin is already at the start of its strike"
+            )
             if self.camera == "tip":
-                idle |= dict.fromkeys(("rate", "friction", "latency"), "nothing with --camera tip, which has no servos")
+                idle |= dict.fromkeys(("rate", "friction", "latency"), "only without --camera tip, which has no servos")
         else:
-            idle["family"] = "nothing, unless --port twin is given"
+            idle["family"] = "only with --port twin"
         if self.port == ROBOT:
             idle |= dict.fromkeys(OF_RIGS, "only without --port robot, where your own program commands and records")
         refuse_idle(self, idle)

@@ -32,7 +32,7 @@ class Seen:
         recording: The filmed path of the tip; None: the tip was not seen.
         seen_miss: Miss distance along the filmed path, with the frames joined smoothly [m]; None: unknown.
         true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
-        fault: Why the strike was broken off, which ends the session; empty: it was not.
+        fault: Why the strike was interrupted, which ends the session; empty: it was not.
         refused: Why the strike was refused before anything moved; empty: it was not. The next one is planned.
     """
 
@@ -59,7 +59,7 @@ def seen_of(
         recording: Path of the tip; its time 0 is the start of the command.
         target: Position of the target [m].
         true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
-        fault: Why the strike was broken off; empty: it was not. After a fault no miss distance is computed.
+        fault: Why the strike was interrupted; empty: it was not. After a fault no miss distance is computed.
 
     Raises:
         InputError: The recording has no marker `tip`, is in pixels, or in a plane where the target is in space.
@@ -83,7 +83,7 @@ class Port(Protocol):
             believed: The posterior mean of whip and arm, for a rehearsal.
 
         Returns:
-            See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was broken off
+            See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was interrupted
             `Seen(None, None, fault="why")`. An exception ends the session as a fault does.
         """
         ...
@@ -195,7 +195,8 @@ class RigPort:
         """As `Port.strike`.
 
         Raises:
-            StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it was no trial.
+            StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it does not count as a
+                trial.
         """
         try:
             struck = self._make(number).strike(strike, folder=folder, believed=believed)

@@ -86,7 +86,7 @@ def _next(args: Sequence[str]) -> int:
     with cli.options_named(options, run_folder="--run"):
         begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
         if begun.port != ROBOT:
-            raise InputError("--run", str(options.run), f"a run that was begun with --port {ROBOT}")
+            raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT}")
         if options.cameras is not None and len(options.recordings) < 2:
             raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
         return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
@@ -105,7 +105,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
         tell_when_interrupted(lambda: _torque(adaptation))
         ask_to_release(adaptation.interlock, folder.path)
         for recording in adaptation.recordings:
-            print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'nothing to remark'}", file=sys.stderr)
+            print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'no remarks'}", file=sys.stderr)
         steps: list[Step] = []
         if told is not None and told.recordings:
             adapter, port = adaptation.adapter(), adaptation.port
@@ -179,7 +179,7 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
         "camera": options.camera,
         "target": f"({place}) m, hit radius {adaptation.target.hit_radius:g} m",
     }
-    subtitle = "Strike, film, identify, plan again: what each strike taught of the whip."
+    subtitle = "How the posterior of the whip changed with each strike."
     return to_html("An unknown whip", subtitle, facts, sections(steps, adaptation.prior, adaptation.target))
 
 
@@ -206,5 +206,5 @@ def _conclusion(summary: dict[str, Any], folder: Path) -> str:
     rows = zip(summary["judged_miss"], summary["judged_error"], summary["hit_probability"], strict=True)
     judged = ["unknown" if m is None else f"{100 * m:.2f} ± {100 * e:.2f} ({percent(p)})" for m, e, p in rows]
     said = "hit claimed at" if summary["hit"] else "no hit claimed up to"
-    misses = f"misses as judged, with standard error and probability of a hit [cm]: {', '.join(judged)}"
+    misses = f"estimated misses [cm] with standard error and hit probability: {', '.join(judged)}"
     return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"

@@ -96,7 +96,7 @@ def _parsed(
 
 
 def _check_words(words: Sequence[str]) -> None:
-    """Refuse what is no text in the terminal's encoding, which no file could hold, and what no path can be.
+    """Refuse words that are not text in the terminal's encoding, and words that are too long for a path.
 
     Raises:
         InputError: There is such a word.
@@ -265,7 +265,9 @@ def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
     config = read_config(run_folder)
     table = config.get("options")
     if config.get("command") != command or not isinstance(table, dict):
-        raise InputError("run_folder", str(run_folder), f"a folder that `whiptool {command}` made, its config whole")
+        raise InputError(
+            "run_folder", str(run_folder), f"a folder that `whiptool {command}` made, with a complete configuration"
+        )
     return stored_options(options, table, run_folder)
 
 
@@ -401,7 +403,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
                 "--resume",
                 str(folder.path),
                 f"a run of the same {part}",
-                f"the {part} is not what it was when the run was begun",
+                f"the {part} differs from when the run began",
             )
 
 
@@ -433,7 +435,7 @@ def check_matplotlib() -> None:
 def run(command: Callable[[], int]) -> int:
     """Run a command: its exit status, bad input being one line on stderr and status 2, a signal status 130."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks are no reason to stop
+        if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks do not stop it
             stream.reconfigure(errors="backslashreplace")
     Progress.quiet = False
     with Interruptions() as interruptions:

@@ -121,7 +121,7 @@ class ComparisonOptions(
         """How many to work in on this machine; more than there are cores would only wait for each other."""
         cores = os.cpu_count() or 1
         if self.workers is not None and self.workers > max(2, cores):
-            print(f"whiptool: --workers {self.workers}: {max(2, cores)} are used, as there are cores", file=sys.stderr)
+            print(f"whiptool: --workers {self.workers}: {max(2, cores)} are used, one per core", file=sys.stderr)
             return max(2, cores)
         return min(cores, 8) if self.workers is None else self.workers
 
@@ -188,9 +188,9 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
             find_method(method)
         usual = CompareOptions(**{k: v for k, v in QUICK.items() if hasattr(self, k)}) if self.quick else None
         if not set(get_args(Learner)) & set(self.methods):
-            refuse_idle(self, dict.fromkeys(LEARNING, "nothing without a learner among --methods"), usual)
+            refuse_idle(self, dict.fromkeys(LEARNING, "only with a learner among --methods"), usual)
         if set(self.observation) == {"tip"}:
-            refuse_idle(self, {"further_episodes": "nothing with --observation tip alone"}, usual)
+            refuse_idle(self, {"further_episodes": "only with an observation other than tip"}, usual)
         if self.zone == "fast":
             refuse_idle(self, dict.fromkeys(self.of_disc, "only without --zone fast"))
 

@@ -75,7 +75,7 @@ def _package(name: str) -> Finding:
 
 
 def _extra(extra: str, names: Iterable[str]) -> Finding:
-    """Optional packages: what is missing is named, and is no defect."""
+    """Optional packages: what is missing is named, and is not a defect."""
     versions = {name: _version(name) for name in names}
     missing = not all(versions.values())
     found = ", ".join(f"{name} {found or 'not installed'}" for name, found in versions.items())
@@ -120,7 +120,7 @@ def _engine() -> list[Finding]:
             version = (compiler_version(compiler).splitlines() or ["?"])[0]
             compiler_finding = Finding("C++ compiler", f"{compiler}: {version}")
         except CompilerHangs as error:
-            compiler_finding = Finding("C++ compiler", f"{compiler}: {error}", "set CXX to one that answers")
+            compiler_finding = Finding("C++ compiler", f"{compiler}: {error}", "set CXX to a compiler that works")
     rollout = CompiledRollout(preset("lemon2024"), Controller(ConstantImpedance()))
     engine = rollout._engine(forward=False)
     lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""

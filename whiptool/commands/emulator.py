@@ -30,7 +30,7 @@ class EmulatorOptions(ModelOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if not self.lockstep:
-            refuse_idle(self, {"period": "nothing without --lockstep"})
+            refuse_idle(self, {"period": "only with --lockstep"})
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -97,7 +97,7 @@ class _Run:
         controller = self._gather(names, held_out)
         self.assumed = controller is None and options.drive == "command"
         if controller is not None:
-            held = "nothing: the recordings hold their controller"
+            held = "only for recordings without their controller"
             refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
         self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
         self.free = full_names(options.free, self.plant)
@@ -142,9 +142,7 @@ class _Run:
 
         tip = read_marker(self.options.tip)
         if tip is not None and not any(may_be_filmed(name) for name in (*names, *held_out)):
-            raise InputError(
-                "--tip", self.options.tip, "nothing: no recording is a film, in which the tip is looked for"
-            )
+            raise InputError("--tip", self.options.tip, "only with films, in which the tip is tracked")
         cameras, handle = self._cameras([*names, *held_out]), self.options.drive == "handle"
         every = {name: opened(name, handle=handle, cameras=cameras) for name in (*names, *held_out)}
         self._check_films(every)  # before hours of film are tracked
@@ -181,7 +179,7 @@ class _Run:
         if self.options.cameras is None:
             return None
         if not any(in_pixels(name) or may_be_filmed(name) for name in names):
-            nothing = "nothing: no recording is in pixels (columns tip_u, tip_v) or a film"
+            nothing = "only with films or recordings in pixels (columns tip_u, tip_v)"
             raise InputError("--cameras", self.options.cameras, nothing)
         return Path(self.options.cameras)
 

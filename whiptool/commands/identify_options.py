@@ -134,7 +134,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if len(set(self.nodes)) < len(self.nodes) or not all(1 <= n <= 200 for n in self.nodes):
             raise InputError("--nodes", self.nodes, "different whole numbers from 1 to 200")
         if self.drive == "free":
-            refuse_idle(self, dict.fromkeys(OF_WHIPS, "nothing with --drive free"))
+            refuse_idle(self, dict.fromkeys(OF_WHIPS, "only without --drive free"))
         read_marker(self.tip)
 
     def _model(self) -> Model | None:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from whiptool.models.strike import Strike
     from whiptool.strike_map import Building, GoalRegion, MapPlan, StrikeMap
 
-WORDS = {"build": "build the map of a region of goals", "strike": "strike at a goal from a map that was built"}
+WORDS = {"build": "build the map of a region of goals", "strike": "look up the strike for a goal in a map"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +147,7 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
-        refuse_idle(self, {"t_stay": "nothing: that of the map"})
+        refuse_idle(self, {"t_stay": "only without a map, which has its own"})
 
 
 _BUILD = (
@@ -195,7 +195,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     building = options.build_building()
     parts, gate = load_parts(folder, building.plan.parts), load_gate(folder)
     if len(parts) < building.plan.parts or (gate is None and options.gate_strikes > 0):
-        rule = f"a map that was built to its end; go on with whiptool map build --resume {folder}"
+        rule = f"a finished map; continue with whiptool map build --resume {folder}"
         raise InputError("run_folder", str(folder), rule)
     return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
 
@@ -307,7 +307,7 @@ def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strik
         print("\n".join(lines), flush=True)
     place, expected = np.array(target.position), outcome.miss_distance
     config = cli.configuration(options, "map strike", model, rollout.controller)
-    if not options.run.exists():  # a map of the package, whose name is no path
+    if not options.run.exists():  # a map of the package, whose name is not a path
         config["options"]["run"] = options.run.name
     with (
         cli.new_folder(options, "map-strike", config) as folder,

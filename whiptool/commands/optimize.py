@@ -389,13 +389,13 @@ class _Run:
         bounds = self.objective.bounds
         refused = result.outcome.refused is not None
         batch = result.status.value == "hit" and result.first_hit != result.n_trials
-        first = f" (number {result.first_hit} was the first hit; batches are struck whole)" if batch else ""
+        first = f" (number {result.first_hit} was the first hit; whole batches are evaluated)" if batch else ""
         lines = [
             f"{result.method}: {result.message}, after {counted(result.n_trials, 'trial')}{first} in "
             f"{result.wall_time:.2f} s ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], self.model.arm, zip(bounds.lower, bounds.upper, strict=True)),
             *(
-                [f"  outcome        refused, as was every strike tried; the best: {with_cure(summary['beyond'])}"]
+                [f"  outcome        refused, like all other strikes; the best: {with_cure(summary['beyond'])}"]
                 if refused
                 else outcome_lines(result.outcome, self.target, self.model.arm)
             ),
@@ -477,7 +477,7 @@ def outcome_lines(outcome, target, arm) -> list[str]:
 
     if outcome.diverged:
         cure = "move less far or in more time, or take a smaller --timestep"
-        return [f"  outcome        the simulation diverged: the joints' speed left all bounds; {cure}"]
+        return [f"  outcome        the simulation diverged: the joint speeds grew without bound; {cure}"]
     where = ", ".join(f"{x:.3f}" for x in target.position)
     said = "hit" if outcome.hit else "missed"
     if not outcome.hit and outcome.arrival is not None:
@@ -524,7 +524,7 @@ def _arrival_lines(outcome, target) -> list[str]:
 def _in_mujoco(reference: dict, outcome) -> str:
     """The line that tells people how the strike did in MuJoCo."""
     if reference["miss_distance"] is None:
-        said = "not asked for such a strike" if outcome.lost else "not confirmed: no result in MuJoCo"
+        said = "not computed for such a strike" if outcome.lost else "not confirmed: no result in MuJoCo"
         return f"  reference      {said}"
     difference = f"a difference of {1e3 * reference['difference']:+.3f} mm{_arrival_in_mujoco(reference)}"
     return f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, {difference}"

@@ -37,7 +37,7 @@ def usual_for(kind: type[T], policy: Path) -> T:
     A direction and a cone belong together; of a range of arrival angles none is the usual one.
 
     Raises:
-        InputError: It is no policy.
+        InputError: It is not a policy.
     """
     trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
     passing = TrainOptions.named("of_this_call")

@@ -59,7 +59,7 @@ class RigOptions(ArmOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.port != "twin":
-            refuse_idle(self, {"true_model": "nothing, unless --port twin is given"})
+            refuse_idle(self, {"true_model": "only with --port twin"})
             _check_camera(self.camera)
         elif self.camera not in TWIN_CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
@@ -85,7 +85,7 @@ class StrikeOptions(RigOptions):
         for angle in (*strike.q_i, *strike.q_f):
             number("--strike: angle", angle, low=-2 * math.pi, high=2 * math.pi)
         if self.port != "twin":
-            refuse_idle(self, {"seed": "nothing, unless --port twin is given"})
+            refuse_idle(self, {"seed": "only with --port twin"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +177,7 @@ def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
 
 
 def _check_camera(name: str) -> None:
-    """Refuse what is no real camera."""
+    """Refuse what is not a real camera."""
     if name.endswith(".db3") and not Path(name).is_file():
         raise InputError("--camera", name, "a RealSense recording; there is no such file")
     if name not in ("none", "realsense") and not name.endswith(".db3"):

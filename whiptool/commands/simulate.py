@@ -83,7 +83,7 @@ class SimulateOptions(
             raise InputError("--strike", NOTHING, rule)
         else:
             used = {f.name for f in fields(ModelOptions)} | {"target", "export"}
-            refuse_idle(self, {f.name: "nothing without --strike" for f in fields(self) if f.name not in used})
+            refuse_idle(self, {f.name: "only with --strike" for f in fields(self) if f.name not in used})
 
     def of_policy(self) -> bool:
         """Whether the strike is that of a policy."""
@@ -174,7 +174,7 @@ def _check_same(options: SimulateOptions, model) -> None:
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
         if as_begun and config.get(part) != now[part]:
-            fix = f"the {part} is not what it was when the run was made: give --{part}"
+            fix = f"the {part} differs from when the run was made: give --{part}"
             raise InputError("RUN", str(options.run), f"a run of the same {part}", fix)
 
 

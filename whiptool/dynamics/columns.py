@@ -31,7 +31,7 @@ class Columns(dict[str, slice]):
 def outcome_columns(a: int, dimension: int) -> Columns:
     """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
 
-    The miss distance, its time, the tip's velocity and place there, whether the lane broke off, its last step, the
+    The miss distance, its time, the tip's velocity and place there, whether the lane diverged, its last step, the
     derivative of the miss distance, those of the tip's place and velocity there, and of each drive joint the largest
     speed and torque, the lowest and highest position, the effort (the integral of its squared torque by the trapezoidal
     rule), and the derivatives of effort and largest torque.

@@ -245,7 +245,7 @@ def check_radius(name: str, radius: float, place: Sequence[float], model: Model)
 def missed_words(missed: Mapping[str, float]) -> str:
     """Return what `Target.missed_by` found in words, such as `the direction by 12.3 degrees`.
 
-    A strike that is no hit, though it misses nothing, was not computed or measured well enough.
+    A strike that is not a hit, though it misses nothing, was not computed or measured well enough.
     """
     if not missed:
         return "by less than the uncertainty"

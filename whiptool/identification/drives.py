@@ -32,7 +32,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.resolution import displacements, stepped
 from whiptool.words import counted
 
-ORIGIN, AT_BASE = -2, -1  # places of markers that are no link's end: the shoulder, the swing's base
+ORIGIN, AT_BASE = -2, -1  # places of markers that are not at the end of a link: the shoulder, the swing's base
 BEFORE = 0.05  # [s] before a robot's command from which its log is followed: it and the whip are at rest until then
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
 _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parabola
@@ -135,7 +135,7 @@ def unknown_markers(recording: StrikeRecording) -> InputError:
 
 
 def _node(marker: str, count: int) -> int | None:
-    """Index of `node1`, ...; None if it is no node."""
+    """Index of `node1`, ...; None if it is not a node."""
     digits = marker.removeprefix("node")
     if digits == marker or not digits.isdigit() or not 1 <= int(digits) <= count:
         return None

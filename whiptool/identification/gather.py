@@ -22,7 +22,7 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
         handle: Whether the handle's path is needed, which is not tracked in images.
 
     Raises:
-        InputError: It is no recording or is damaged; or images are to show the handle.
+        InputError: It is not a recording or is damaged; or images are to show the handle.
     """
     options: dict[str, Any] = {}
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():

@@ -7,7 +7,7 @@ import numpy as np
 from whiptool.errors import InputError
 
 _HOLE = 0.04  # [s] between samples, and four times the usual; the motion in a longer gap is unknown
-_MOVED = 0.02  # [rad], [m] over a hole, or in so many seconds: less is no motion
+_MOVED = 0.02  # [rad], [m] over a hole, or in so many seconds: less is not a motion
 _SHORT = 0.05  # [s] in which speed is judged
 _AT_REST = 0.1  # [s] that a log may end before the last reading, if the arm stands
 

@@ -160,7 +160,7 @@ class Predictor:
 
     def many(self, i: int, plants: Sequence[Identifiable], delays: Sequence[float]) -> np.ndarray:
         """Readings of recording i with each of many plants and delays of its clock [s], (plants, K); NaN from where a
-        path broke off."""
+        path diverged."""
         d, read = self.drives[i], self._read[i]
         own = self.start[i][: sum(len(x) for x in d.unknowns.values())]
         shots = [d.shot(plant, d.pack(plant, []), own) for plant in plants]

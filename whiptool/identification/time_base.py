@@ -25,7 +25,7 @@ from whiptool.identification.solver import Block
 
 SIGNIFICANCE = 1e-3  # of a fit: how often sound recordings are taken for faulty ones
 SHARE = 0.5  # of the unexplained errors that a fault has to explain
-LEAST = 0.1  # frames: less is no fault of stamps
+LEAST = 0.1  # frames: less is not a fault of stamps
 DOUBT = 0.05  # above which a fit with separate clocks is worth its time
 CLOCK = ("delay", "clock_rate")  # of a recording's own unknowns
 _INSTANTS = 200  # of a recording, at most, at which a jump is tried

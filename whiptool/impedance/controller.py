@@ -76,7 +76,7 @@ class Controller(NoArray, instead="its parameters()"):
                     raise InputError(name, getattr(self, name), "only without position control")
         expect(HandControl, type(None), hand=self.hand)
         if self.hand is not None and self.feedforward:
-            raise InputError("feedforward", True, "nothing in hand space")
+            raise InputError("feedforward", True, "only in joint space")
 
     @property
     def prescribed(self) -> bool:

@@ -94,7 +94,7 @@ def _hand(table: Any) -> HandControl:
     """Return the control of the hand that a table `[controller.hand]` holds.
 
     Raises:
-        InputError: It is no table, a key is unknown, or a value breaks its rule.
+        InputError: It is not a table, a key is unknown, or a value breaks its rule.
     """
     known = [f.name for f in dataclasses.fields(HandControl)]
     if not isinstance(table, Mapping):

@@ -49,7 +49,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
         try:
             expect(bool, clamp=whip.get("clamp", False))
             others = {name: whip[key] for key, name in _WITH_PROFILE.items() if key in whip}
-            nodes: Any = whip.get("N")  # `lump` refuses what is no whole number
+            nodes: Any = whip.get("N")  # `lump` refuses what is not a whole number
             table["whip"] = profile.lump(nodes, **others)
         except InputError as error:
             raise error.within("whip.") from None

@@ -200,7 +200,7 @@ class JointTrajectory:
     def save_hand(self, path: Path | str) -> None:
         """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.
 
-        They are no part of the goal of `save_goal`: there such a trajectory is one of floating joints.
+        They are not part of the goal of `save_goal`: there such a trajectory is one of floating joints.
         """
         assert self.hand is not None
         points = []

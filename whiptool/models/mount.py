@@ -49,7 +49,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
         given: See `mount_rotation`.
 
     Raises:
-        InputError: It is no rotation.
+        InputError: It is not a rotation.
     """
     R = mount_rotation(given)
     first = arm.links[0]

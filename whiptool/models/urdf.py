@@ -45,7 +45,7 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
         choice: Which chain; default: all of a robot that does not branch, or the one to its only tool frame.
 
     Raises:
-        InputError: The file cannot be read, is no tree of links, has joints of an unknown type, joints in the chain
+        InputError: The file cannot be read, is not a tree of links, has joints of an unknown type, joints in the chain
             that mimic others or have no range, or does not have what was chosen.
     """
     choice = choice or ArmChoice()

@@ -126,7 +126,7 @@ def search(
 def run_search(
     objective: Objective, run: Method, name: str, *, seed: int, first: Sequence[float] | np.ndarray | None = None
 ) -> Result:
-    """As `search`, of a function that is no method of the command line."""
+    """As `search`, of a function that is not a method of the command line."""
     start = time.monotonic()
     try:
         if first is not None:

@@ -36,7 +36,7 @@ class TrialLog:
         limited: The objective has limits, or takes strikes of the hand: there is a column of what refused a strike,
             empty where nothing did.
         criteria: Names of what hits are judged by: there is a column of each, NaN where a strike was lost, and one of
-            the merit, NaN where it is no hit.
+            the merit, NaN where it is not a hit.
     """
 
     def __init__(

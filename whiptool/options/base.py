@@ -128,7 +128,7 @@ def check_place(name: str, path: Path) -> None:
     if is_folder:
         raise InputError(name, str(path), "a file that can be written, not a folder")
     if not folder.is_dir():
-        raise InputError(name, str(path), f"a file that can be written ({folder} is no folder that is there)")
+        raise InputError(name, str(path), f"a file that can be written ({folder} is not an existing folder)")
     if not os.access(path if path.exists() else folder, os.W_OK):
         raise InputError(name, str(path), "a file that can be written (permission denied)")
 

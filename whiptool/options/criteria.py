@@ -43,7 +43,7 @@ class CriteriaOptions(OptionGroup):
             if self.pareto[0] == self.pareto[1]:
                 raise InputError("--pareto", self.pareto, "two different criteria")
         if "robustness" not in (self.minimise, *(self.pareto or ())):
-            refuse_idle(self, {"noise": "nothing without --minimise robustness or robustness in --pareto"})
+            refuse_idle(self, {"noise": "only with --minimise robustness or robustness in --pareto"})
         for deviation in self.noise:
             number("--noise", deviation)
         Robustness(self.noise)

@@ -43,7 +43,7 @@ class StepOptions(OptionGroup):
         if self.tolerance is not None:
             number("--tolerance", self.tolerance, low=FINEST, high=COARSEST)
             if self.timestep is not None:
-                raise InputError("--tolerance", self.tolerance, "nothing, where --timestep is given")
+                raise InputError("--tolerance", self.tolerance, "only without --timestep")
 
     def warn_if_coarse(self, model: Model, controller: Controller, target: tuple[float, ...], t_stay: float) -> None:
         """Say so on stderr where random strikes miss by other distances at the step that was asked for."""
@@ -89,9 +89,9 @@ class SimulatorOptions(StepOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.tolerance is not None and self.simulator == "reference":
-            raise InputError("--tolerance", self.tolerance, "nothing, where --simulator reference is given")
+            raise InputError("--tolerance", self.tolerance, "only without --simulator reference")
         if self.integrator is not None and self.simulator != "reference":
-            raise InputError("--integrator", self.integrator, "nothing, unless --simulator reference is given")
+            raise InputError("--integrator", self.integrator, "only with --simulator reference")
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:
         """The simulator that `--simulator` names."""

@@ -52,9 +52,9 @@ class SpaceOptions(SimulatedControllerOptions):
         from whiptool.models.parameters import number
 
         if self.space == "joint":
-            refuse_idle(self, dict.fromkeys(("home", "null_damping", *_GAINS), "nothing without --space hand"))
+            refuse_idle(self, dict.fromkeys(("home", "null_damping", *_GAINS), "only with --space hand"))
         if self.space == "hand":
-            refuse_idle(self, dict.fromkeys(_GAINS[2:], "nothing without --space pose"))
+            refuse_idle(self, dict.fromkeys(_GAINS[2:], "only with --space pose"))
         for name in ("null_damping", *_GAINS):
             if getattr(self, name) is not None:
                 number("--" + name.replace("_", "-"), getattr(self, name), low=0)
@@ -73,7 +73,7 @@ class SpaceOptions(SimulatedControllerOptions):
             raise InputError("--space", self.space, f"only without --controller {self.law_or_file}",
                              "write a table [controller.hand] into the file")  # fmt: skip
         if self.feedforward:
-            raise InputError("--feedforward", True, "nothing in hand space")
+            raise InputError("--feedforward", True, "only in joint space")
         return replace(controller, hand=self._hand())
 
     def law_label(self) -> str:
@@ -95,7 +95,7 @@ class SpaceOptions(SimulatedControllerOptions):
         if self.space == "joint" or self.law_or_file != "constant":
             for name in _GAINS:
                 if getattr(self, name) is not None:
-                    rule = "nothing without --controller constant"
+                    rule = "only with --controller constant"
                     raise InputError("--" + name.replace("_", "-"), getattr(self, name), rule)
             return super()._named_law()
         if self.preset is not None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
 
-_IDLE = "nothing without --export-trajectory"
+_IDLE = "only with --export-trajectory"
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
 
 
@@ -105,7 +105,7 @@ class TrajectoryOptions(OptionGroup):
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
     def write_trajectory(self, trajectory: JointTrajectory) -> list[Path]:
-        """Write a trajectory to the file that the options name, and the hand's poses that are no part of that next to
+        """Write a trajectory to the file that the options name, and the hand's poses, which that file lacks, next to
         it; return the files.
 
         Raises:

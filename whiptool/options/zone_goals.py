@@ -43,7 +43,7 @@ class ZoneGoalOptions(ZoneOptions):
         if self.direction is not None and self.arrival_angle is not None:
             raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
         if self.direction is None and self.arrival_angle is None:
-            refuse_idle(self, {"cone": "nothing without --direction or --arrival-angle"})
+            refuse_idle(self, {"cone": "only with --direction or --arrival-angle"})
         if self.arrival_angle is not None:
             self._check_angles(self.arrival_angle)
         self.build_arrival()

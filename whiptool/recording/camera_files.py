@@ -25,8 +25,8 @@ def read_cameras(path: str | Path) -> dict[str, SpaceCamera]:
     """Return the cameras of a file, by name.
 
     Raises:
-        InputError: It is no TOML file, has no table of cameras, or one of them lacks a key, has one too many, or is no
-            camera.
+        InputError: It is not a TOML file, has no table of cameras, or one of them lacks a key, has one too many, or is
+            not a camera.
     """
     try:
         table = read_toml(Path(path))
@@ -49,7 +49,7 @@ def camera_of(place: str, table: object) -> SpaceCamera:
         table: By the names of the fields.
 
     Raises:
-        InputError: It is no table, lacks a key, has one too many, or is no camera.
+        InputError: It is not a table, lacks a key, has one too many, or is not a camera.
     """
     try:
         return build_from(SpaceCamera, table, f"{place}.")

@@ -72,7 +72,7 @@ class Column:
 
     @property
     def holds(self) -> bool:
-        """Whether it is of a gripper, which is no joint of the arm."""
+        """Whether it is of a gripper, which is not a joint of the arm."""
         return bool(_HAND & set(self.words))
 
 

@@ -135,7 +135,7 @@ class Cycles:
         """Read a file of `CycleLog`, also one whose writer was killed.
 
         Raises:
-            InputError: It is no such file.
+            InputError: It is not such a file.
         """
         return _parse(Path(path).read_bytes(), str(path))
 

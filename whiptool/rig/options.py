@@ -67,7 +67,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         number("--latency", self.latency, low=0, high=LONGEST_DELAY)
         loop_options(self)
         if self.port != "twin":
-            refuse_idle(self, {"friction": "nothing, unless --port twin is given"})
+            refuse_idle(self, {"friction": "only with --port twin"})
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

@@ -119,7 +119,8 @@ class Rig(Protocol):
 
         Raises:
             StrikeRefused: The strike must not be made; nothing was armed.
-            StrikeStopped: A fault ended it: it is no trial. What it left is in the exception and in the folder.
+            StrikeStopped: A fault ended it: it does not count as a trial. What it left is in the exception and in the
+                folder.
             StrikeInterrupted: A signal came, likewise; it is a KeyboardInterrupt.
             Locked: The arm was stopped before, and no person has released its interlock.
             InputError: Servos, line or camera are not as they must be.
@@ -433,7 +434,7 @@ class RigRollout(Rollout):
         done: Strikes that a run made before it was killed.
 
     A strike that the rig refuses, or whose tip was not seen, has no closest approach: `Approach.lost` says which. One
-    that a fault or a signal ends is no trial: its exception ends the search.
+    that a fault or a signal ends does not count as a trial: its exception ends the search.
 
     Attributes:
         struck: What each strike left; None: it was refused.

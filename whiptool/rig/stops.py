@@ -42,7 +42,8 @@ class NotConfirmed(InputError):
 
 
 class StrikeStopped(WhiptoolError):
-    """A strike that was broken off by a fault, or whose film was lost: it is no trial, and the session is over.
+    """A strike that was interrupted by a fault, or whose film was lost: it does not count as a trial, and the session
+    is over.
 
     Args:
         reason: Why.
@@ -56,7 +57,8 @@ class StrikeStopped(WhiptoolError):
 
 
 class StrikeInterrupted(KeyboardInterrupt):
-    """A strike during which a signal came (Ctrl-C, SIGTERM or SIGHUP): it is no trial, and the session is over.
+    """A strike during which a signal came (Ctrl-C, SIGTERM or SIGHUP): it does not count as a trial, and the session is
+    over.
 
     Args:
         reason: The signal.

@@ -56,7 +56,7 @@ class Learner(ABC):
 
     @staticmethod
     def check(losses: dict[str, float]) -> None:
-        """Refuse to go on with a loss that is no number.
+        """Refuse to continue with a loss that is not finite.
 
         Raises:
             Diverged: One of them is not finite.

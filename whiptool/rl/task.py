@@ -134,7 +134,7 @@ class StrikeTask:
         bounds: Box of the strikes; actions in [-1, 1] cover it.
         limits: Which strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike whose
             joints are commanded faster than they may is shortened, and one that is beyond them all the same is refused:
-            it is no hit, and its miss distance is a penalty.
+            it is not a hit, and its miss distance is a penalty.
 
     Raises:
         InputError: The observation is unknown, or a number is out of range.

@@ -302,7 +302,7 @@ def load_checkpoint(path: Path) -> dict:
     """A checkpoint's tensors and numbers; nothing in the file is executed.
 
     Raises:
-        InputError: It is not there, or is no checkpoint.
+        InputError: It is not there, or is not a checkpoint.
     """
     whole_file(path, "checkpoint")
     try:

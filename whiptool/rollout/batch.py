@@ -114,7 +114,7 @@ class Rolled:
         path: Tip at equal times, (B, samples, d), or with derivatives (B, samples, 2 d); NaN after the strike's end.
         rows: Every step, strike after strike, in the columns of `row_columns`; `first_row` says where each begins.
         y, dy: What is observed and its derivatives, (rows, C), strike after strike; `y_row` says where each begins.
-            NaN from where a strike broke off.
+            NaN from where a strike diverged.
     """
 
     out: np.ndarray

@@ -45,7 +45,7 @@ class InterpretedEngine:
         return rolled
 
     def _roll(self, batch: Batch, which: np.ndarray) -> _History:
-        """Step strikes together, some steps in a row; a strike that ended or broke off goes on unheeded."""
+        """Step strikes together, some steps in a row; strikes that ended or diverged are ignored."""
         count = _IN_A_ROW if self._control is None else batch.hold
         history = _History(self.system, batch, which, count)
         steps = self._several(len(which), count, observed=batch.columns is not None)
@@ -146,7 +146,7 @@ class _History:
         p: Parameters, (L, P).
         tip, tau, seen: The tip's position and velocity, the drive's torques, what is observed.
         last: The last instant of each strike, (L,).
-        alive, diverged: Whether it still moves, and whether it broke off, (L,).
+        alive, diverged: Whether it still moves, and whether it diverged, (L,).
     """
 
     def __init__(self, system: System, batch: Batch, which: np.ndarray, count: int) -> None:
@@ -205,7 +205,7 @@ class _History:
             u[first + 1 : first + count + 1] = u[first]
 
     def end(self, first: int, count: int) -> None:
-        """Find which strikes ended or broke off in the last steps."""
+        """Find which strikes ended or diverged in the last steps."""
         n = self.x[0].shape[2] // 2
         with np.errstate(over="ignore", invalid="ignore"):
             squared = np.einsum("klj,klj->kl", *[self.x[0][first + 1 : first + count + 1, :, n:]] * 2)

@@ -41,7 +41,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         tip: Where [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
-        diverged: Whether the rollout broke off because the joints' speed left all bounds, (B,).
+        diverged: Whether the simulation diverged, with joint speeds that grew without bound, (B,).
         error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
         effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],

@@ -189,7 +189,7 @@ def find_blobs(
         # Light spills over the threshold's edge, but not into a neighbouring blob
         wide = cv2.dilate(own, np.ones((2 * _BLOBS.margin + 1, 2 * _BLOBS.margin + 1), np.uint8)).astype(bool)
         wide &= (labels[window] == i) | (labels[window] == 0)
-        # What is darker than the background (arm and whip before it) is no light, nor negative light, which would push
+        # What is darker than the background (arm and whip before it) is not light, nor negative light, which would push
         # the centroid away from the whip; noise around zero stays
         light = np.where(strength[window] < -3 * noise, 0, strength[window]) * wide
         mass = float(light.sum())

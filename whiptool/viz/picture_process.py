@@ -26,7 +26,7 @@ class Pictures:
         trajectory, model: The strike, and the model that it was rolled out with.
         target: What was to be hit.
         title: Title of the figures.
-        beyond: Whether the strike is beyond its limits, which is no hit.
+        beyond: Whether the strike is beyond its limits, which is not a hit.
     """
 
     folder: Path

@@ -110,7 +110,8 @@ def find_format(path: Path | str) -> str:
 
 
 def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
-    """Return the modules of extras that recordings are read with; what is no recording is reported when it is read."""
+    """Return the modules of extras that recordings are read with; what is not a recording is reported when it is
+    read."""
     found = []
     for path in paths:
         with suppress(InputError):

@@ -87,7 +87,7 @@ def stamps_of_film(played: np.ndarray, fps: float | None) -> tuple[np.ndarray | 
 
     An even clock whose stamps are rounded to milliseconds is taken as even. A film that plays much slower than it was
     taken (`fps`) is in slow motion: its stamps are scaled. Stamps that are merely evenly counted say no more than the
-    rate, which a writer may have made up: without `fps` they are no clock.
+    rate, which a writer may have made up: without `fps` they are not a clock.
 
     Args:
         played: When each image is to be shown [s], (F,).

@@ -2,7 +2,7 @@
 
 The time is the column that is called so (`t`, `time`, `timestamp`, `stamp`, perhaps with its unit, as in `t [ms]`),
 else the first. Joints are found by the columns' names, as `whiptool.recording.joint_names` takes them apart: columns
-that say that they are positions where there are such, else all that are no speed, torque or command, and no gripper.
+that say that they are positions where there are such, else all that are not speeds, torques, commands or grippers.
 Columns that are merely numbered are in the order of their numbers. The key `joint_columns` of a sidecar says which are
 the arm's joints.
 """
@@ -53,7 +53,7 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
             are called.
 
     Raises:
-        InputError: It is no such file, has no joints, a column is missing, their units differ, or stamps cannot be
+        InputError: It is not such a file, has no joints, a column is missing, their units differ, or stamps cannot be
             right.
     """
     names, table = read_columns(path)

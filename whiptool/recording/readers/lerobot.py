@@ -67,7 +67,7 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
     """Read one episode's rows, and where its images are.
 
     Raises:
-        InputError: It is no dataset of version 3, damaged, or has no such episode; or pyarrow is not installed.
+        InputError: It is not a dataset of version 3, damaged, or has no such episode; or pyarrow is not installed.
     """
     folder = Path(folder)
     info_file = whole_file(folder / "meta/info.json")

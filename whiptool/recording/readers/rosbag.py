@@ -47,7 +47,7 @@ def db3_topics(path: Path | str) -> dict[str, int]:
     """Topics of images, and how many each has.
 
     Raises:
-        InputError: It is no bag, or damaged; or rosbags is not installed.
+        InputError: It is not a bag, or damaged; or rosbags is not installed.
     """
     with _opened(path) as bag:
         return {c.topic: c.msgcount for c in bag.connections if c.msgtype == IMAGE}
@@ -65,7 +65,7 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
         (H, W) uint8 or uint16.
 
     Raises:
-        InputError: It is no bag, or damaged; the topic is not there; an image is of another encoding (allowed are
+        InputError: It is not a bag, or damaged; the topic is not there; an image is of another encoding (allowed are
             16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8, bgra8) or cut off; or rosbags is not installed.
     """
     topic = _one_topic(path, topic)

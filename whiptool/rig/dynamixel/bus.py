@@ -99,7 +99,7 @@ class DynamixelBus(Line):
                 with self._guarded():
                     known = self._port.setBaudRate(other)
                     self.drain()
-                self._dirty = False  # what is still under way at another rate is no packet at this one
+                self._dirty = False  # what is still under way at another rate is not a packet at this one
                 if known and self.ping(id, timeout=max(self.timeout, 0.03 + 300 / other)):
                     fix = f"python -m whiptool.rig.dynamixel --port {self.device} --baud {other} --set-baud {self.baud}"
                     return InputError("baud", self.baud, f"{other}, the rate of servo {id}", f"or change it: {fix}")

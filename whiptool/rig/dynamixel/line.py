@@ -188,7 +188,8 @@ class Line:
 
 
 def accept(error: int, id: int, asked: str) -> None:
-    """Refuse a status with an error number. The alert bit alone is no refusal: what it is about stands in the block."""
+    """Refuse a status with an error number. The alert bit alone is not a refusal: what it is about stands in the
+    block."""
     number = error & 0x7F
     if number:
         raise Refused(f"servo {id}, asked {asked}: {STATUS_ERRORS.get(number, f'error {number}')}")

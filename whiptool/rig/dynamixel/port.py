@@ -23,7 +23,7 @@ class NoReply(BusError):
 
 
 class Damaged(NoReply):
-    """Something came back that is no whole answer."""
+    """Something came back that is not a whole answer."""
 
 
 class Unplugged(BusError):

@@ -285,7 +285,7 @@ class Servo:
             self._silent += dt
             if self._silent > watchdog * WATCHDOG_UNIT + 1e-9:
                 # The manual: "the DYNAMIXEL will stop", its goals read-only until 0 is written to the watchdog. It
-                # does not say that Torque Enable is cleared, so it is not; in current mode to stop is no current.
+                # does not say that Torque Enable is cleared, so it is not; in current mode stopping means zero current.
                 self.set("bus_watchdog", WATCHDOG_TRIPPED)
                 self.set("goal_current", 0)
                 self.set("goal_pwm", 0)
