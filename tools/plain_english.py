@@ -31,7 +31,7 @@ WORDS = {
     r"anew": "again",
     r"but for": "except for",
     r"(was|is|were|be) broken off|broke off": "interrupted, diverged",
-    r"(?<!there )(is|was) no (trial|hit|number|table|policy|node|recording|file|folder)": "is not a X, does not count as a X",
+    r"(?<!there )(is|was) no (trial|hit|number|table|policy|node|recording|file|folder)": "is not a X; does not count",
     r"1 more": "log(1 + x)",
     r"where all is right|as one likes|that is meant|put aside": "say it in the field's words",
 }
