@@ -104,17 +104,17 @@ def test_a_strike_that_was_asked_for_is_asked_for_again_until_it_is_told(prior, 
     assert late.done
     assert late.ask() is None
     assert told(prior, tmp_path, strikes=2).ask() is None
-    with pytest.raises(InputError, match="told: got 'strike 3'; allowed: a strike that was asked for"):
+    with pytest.raises(InputError, match="told: got 'strike 3'; allowed: a strike that was requested"):
         late.tell(still(3))
 
 
 def test_what_was_not_asked_for_and_what_was_told_before_is_refused(prior, tmp_path):
     adapter = told(prior, tmp_path, strikes=3)
-    with pytest.raises(InputError, match="told: got 'strike 1'; allowed: a strike that was asked for"):
+    with pytest.raises(InputError, match="told: got 'strike 1'; allowed: a strike that was requested"):
         adapter.tell(still(1))
     adapter.ask()
     other = dataclasses.replace(still(1), strike=dataclasses.replace(STRIKE, D=0.7))
-    with pytest.raises(InputError, match="which was asked for"):
+    with pytest.raises(InputError, match="the requested strike"):
         adapter.tell(other)
     adapter.tell(still(1))
     adapter.ask()

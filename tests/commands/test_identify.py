@@ -572,5 +572,5 @@ def test_recordings_share_a_controller():
         ]
 
     assert common_controller(of(plain, told)) == common_controller(of(told, plain)) == told
-    with pytest.raises(InputError, match="fit them apart"):
+    with pytest.raises(InputError, match="fit them separately"):
         common_controller(of(told, other))

@@ -567,7 +567,7 @@ adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
 adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
-adapt-next --run of-robot good.npz | a strike that was asked for
+adapt-next --run of-robot good.npz | a strike that was requested
 adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
 identify --free | --free
 identify --free magic | --free

@@ -109,7 +109,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
         raise InputError("port: markers", recording.markers, "the tip among them")
     if recording.strike is not None and not _is_same(recording.strike, strike):
         given = recording.strike.vector.tolist()
-        raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, which was asked for")
+        raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, the requested strike")
     named = f"strike {number}"
     source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
     return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))

@@ -132,7 +132,7 @@ class _Run:
             print(f"{name}: put back: {labels}", file=sys.stderr)
             return put_back(recording, labels)
         rule = "labels that stay with their markers"
-        raise InputError("recording", f"{name}: {labels}", rule, "mend them where they were recorded, or --mend-labels")
+        raise InputError("recording", f"{name}: {labels}", rule, "correct them at their source, or use --mend-labels")
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
@@ -417,7 +417,7 @@ def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:
     either = "one of them was moved, markers or cameras were exchanged, or they saw different strikes"
     which = f"{name} was moved" if name is not None else either
     rule = "cameras that stand as they were calibrated, whose lines of sight to a marker meet"
-    raise InputError("cameras", f"lines of sight that pass each other: {told}", rule, f"{which}: calibrate again")
+    raise InputError("cameras", f"lines of sight that do not meet: {told}", rule, f"{which}: calibrate again")
 
 
 def _file_names(sources: list[str]) -> list[str]:

@@ -199,7 +199,7 @@ def predict(
         known = [np.maximum(x, problem.of_marker(i, "handle")) for i, x in zip(every, known, strict=True)]
     for recording, x in zip(recordings, known, strict=True):
         if x.all():
-            raise InputError("held-out recording", recording.source, "one whose last frames show the whip, too")
+            raise InputError("held-out recording", recording.source, "a recording whose last frames also show the whip")
     return problem.compare(problem.solve(z, fixed=True, known=known), known)
 
 

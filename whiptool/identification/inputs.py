@@ -176,7 +176,7 @@ def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | Non
             found = dataclasses.replace(found, compensated=controller.compensated)
         if found is not None and controller != found:
             name = f"{recording.called}: controller"
-            raise InputError(name, recording.controller, "that of the other recordings", "fit them apart")
+            raise InputError(name, recording.controller, "that of the other recordings", "fit them separately")
         found = controller
     return found
 

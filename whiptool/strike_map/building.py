@@ -89,7 +89,7 @@ class Building:
         drawn = self.striker.limits.random_strikes(self.striker.bounds, rng, count)
         found = harvest.pick(drawn, room=self.plan.room)
         if not before and not len(found):
-            raise InputError("zone", str(self.region.zone), f"one that some of {count} random strikes pass as asked")
+            raise InputError("zone", str(self.region.zone), f"one that some of {count} random strikes pass")
         return found
 
     def _practice(self, harvest: Harvest, answers: Answers, rng: np.random.Generator, *, room: int) -> Answers:

@@ -17,7 +17,7 @@ from whiptool.vision.camera_track import CameraTrack
 
 LATEST = 0.1  # [s] between two cameras' clocks
 FEWEST = 10  # points that say whether two cameras agree
-APART = 1.0  # [pixels] of lines of sight that pass each other: calibrations leave less
+APART = 1.0  # [pixels] of lines of sight that do not meet: calibrations leave less
 CLEARLY = 4.0  # standard errors likewise
 CAP = 5.0  # standard errors that a sight counts as at most: a marker may be lost
 _NORMAL = 0.6745  # median of the size of a standard normal number
