@@ -29,10 +29,10 @@ class InputError(WhiptoolError, ValueError):
     """A value from outside that breaks a rule.
 
     Args:
-        name: What the value is called where the user wrote it (option, key, argument).
+        name: Name of the value for the user (option, key, argument).
         given: The value as given.
         allowed: The rule that it breaks.
-        fix: What to do about it, if the rule does not say it already; default: the question whether one of the words
+        fix: Correction, if the rule does not say it already; default: the question whether one of the words
             that are allowed was meant, where one is like what was given.
     """
 
@@ -121,7 +121,7 @@ def no_attribute(owner: object, name: str, cures: Mapping[str, str] | None = Non
     Args:
         owner: The object.
         name: Name of the attribute.
-        cures: What to write instead, by names that are guessed.
+        cures: Corrections by names that users guess.
     """
     cure = (cures or {}).get(name)
     said = f"{type(owner).__name__} has no attribute {name!r}"

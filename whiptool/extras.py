@@ -27,7 +27,7 @@ class MissingPackage(InputError):
     Args:
         purpose: What needs it, such as `whiptool train`.
         state: A sentence about the package, such as `the package torch is not installed`.
-        fix: What to do about it.
+        fix: Command that installs it.
     """
 
     def __init__(self, purpose: str, state: str, fix: str) -> None:

@@ -29,7 +29,7 @@ def whole_file(path: Path | str, name: str = "recording", *, largest: float = LA
 
     Args:
         path: The file.
-        name: What it is called in errors.
+        name: Name in error messages.
         largest: Size [bytes].
 
     Raises:
@@ -66,8 +66,8 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
 
     Args:
         path: The file.
-        kind: What it is, such as `TOML`.
-        name: What it is called in errors.
+        kind: Kind of file, such as `TOML`.
+        name: Name in error messages.
 
     Raises:
         InputError: It is not a regular file, cannot be read, is too large, or is not UTF-8.
@@ -107,7 +107,7 @@ def read_arrays(path: Path | str, name: str, shapes: Mapping[str, str] | None = 
 
     Args:
         path: The file.
-        name: What it is called in errors, such as `recording`.
+        name: Name in error messages, such as `recording`.
         shapes: Arrays of numbers that there must be, with a letter for each of their axes: axes with the same letter
             are equally long. None: whatever there is.
 

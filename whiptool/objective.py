@@ -45,7 +45,7 @@ class Arrival:
     Args:
         angle: Between its velocity and the direction [rad], see `Target`; None: the target asks for none.
         speed: Along the direction [m/s]; of a target without direction the tip's speed.
-        cost: What searches minimise instead of the miss distance [m], see `Goals.residuals`.
+        cost: Cost that searches minimise instead of the miss distance [m], see `Goals.residuals`.
     """
 
     angle: float | None

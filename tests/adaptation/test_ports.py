@@ -70,7 +70,7 @@ def test_a_gap_holds_no_tip():
         (0.03, "float from strike 2.*a Seen"),
         (Seen("film.npz", 0.1), "str from strike 2.*a StrikeRecording"),
         (Seen(dataclasses.replace(circle(), markers=("handle",)), 0.1), "handle.*the tip"),
-        (Seen(circle(strike=Strike((0.0, 0.0), (1.0, 1.0), 1.0)), 0.1), "strike of the recording.*the requested strike"),
+        (Seen(circle(strike=Strike((0.0, 0.0), (1.0, 1.0), 1.0)), 0.1), "strike of the recording.*requested strike"),
     ],
 )
 def test_a_port_is_told_what_it_should_return(returned, said):

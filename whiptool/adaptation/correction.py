@@ -32,7 +32,7 @@ def correct(
     frames show the tip, or the model's tip is lost, the strike stays.
 
     Args:
-        strike: What was struck.
+        strike: The strike that was made.
         recording: Its tip.
         rollout: Rollout of the model, which is not the whip that was struck with.
         target: [m]

@@ -29,13 +29,13 @@ def search_around(
 
     Args:
         best: Strike to begin at, (m,).
-        value: What it is worth.
+        value: Worth of the strike.
         worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
         rng: Generator of the draws.
         width: Width of the box of strikes, by number, (m,).
         spread: Standard deviation of the first draws, in parts of the width.
         population: Strikes in a round.
-        rounds: At most so many.
+        rounds: Largest number of rounds.
         within: Brings strikes (B, m) to where they may be.
         sure: Whether a strike of this worth needs no better one.
     """

@@ -79,7 +79,7 @@ class Material:
         friction: Moment of dry friction [N m].
         drag_coefficient: Across.
         length: [m]
-        width: What the air meets, in diameters.
+        width: Width of the cross section in the air flow, in diameters.
     """
 
     diameter: Range
@@ -172,7 +172,7 @@ def stock_of_material(name: str, *, diameter: float | None = None, length: float
 
     Args:
         name: One of `MATERIALS`.
-        diameter, length: Where they were measured [m]; taken as right to 2 %.
+        diameter, length: Measured values [m], if any; their standard error is taken as 2 %.
 
     Raises:
         InputError: The material is not in the table, or a measure is not positive.

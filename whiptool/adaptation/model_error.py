@@ -46,7 +46,7 @@ class ModelError:
         Args:
             variance: Mean square of the errors [m^2].
             readings: How many independent ones there were; with none the distribution stays.
-            strikes: In how many strikes.
+            strikes: Number of strikes.
         """
         if self.freedom == np.inf or readings == 0:
             return self

@@ -77,8 +77,9 @@ class Port(Protocol):
         """Strike and film.
 
         Args:
-            strike: What to do.
-            number: From 1; 0 is a first look. A simulated port gives the same number the same noise.
+            strike: The strike to make.
+            number: Number of the strike, from 1; 0 is a first look. A simulated port gives the same number the same
+                noise.
             folder: For the port's own records; None: none are kept.
             believed: The posterior mean of whip and arm, for a rehearsal.
 

@@ -86,7 +86,7 @@ def sample_posterior(
     Args:
         prior: Before any recording.
         recordings, contacts: As given to `whiptool.adaptation.posterior.update`.
-        learned: What it returned; recordings that it refused are left out here, too.
+        learned: Result of learning; recordings that were refused there are left out here.
         rng: Random generator of the draws.
         rounds, size: As in `importance_sample`.
 

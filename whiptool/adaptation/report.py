@@ -105,7 +105,7 @@ def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Secti
     Args:
         steps: All strikes, in order; the first look, if any, first.
         prior: Before any recording.
-        target: What was to be hit.
+        target: Target of the strikes.
     """
     if not steps:
         return [Section("Strikes", [Text("No strike was made.")])]

@@ -29,8 +29,8 @@ class AwaitsRecording(WhiptoolError):
     Args:
         strike: Which.
         number: Its number in the run.
-        trajectory: What the robot is to run.
-        recording: Where its recording is looked for.
+        trajectory: Trajectory that the robot has to run.
+        recording: Path at which its recording is expected.
     """
 
     def __init__(self, strike: Strike, number: int, trajectory: Path, recording: Path) -> None:

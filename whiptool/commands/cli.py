@@ -306,7 +306,7 @@ def configuration(
         options: Those of this call alone are left out.
         command: Its name, as in `python -m whiptool.COMMAND`.
         model, controller: As the options resolve them; None: they stand elsewhere.
-        parts: What else the options resolve to, as plain TOML data.
+        parts: Further resolved parts, as plain TOML data.
     """
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
@@ -323,7 +323,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
     """Make the folder of a new run, as `--out` says, or below `runs`.
 
     Args:
-        options: Where it goes.
+        options: Options that name the folder.
         name: Name of the folder, unless `--out` gives another.
         config: See `configuration`.
 
@@ -373,7 +373,7 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
     """The folder that a command writes its run in: a new one, or that of the run to resume.
 
     Args:
-        options: Where it goes.
+        options: Options that name the folder.
         name: Name of a new folder, unless `--out` names it.
         config: The configuration as it is resolved now, see `configuration`.
 

@@ -36,7 +36,7 @@ def help_text(options: type[OptionGroup], *, prog: str, description: str, whole:
     Args:
         options: Options of the command; those that its groups name in `first` stand on the first screen.
         prog: The command, such as `whiptool optimize`.
-        description: What it does.
+        description: Description of the command.
         whole: Whether all options are shown.
     """
     shown, first = list(_shown(options)), options.named("first")

@@ -34,7 +34,7 @@ class StrikePictures:
         label: The controller in words.
         video: Whether there is a video.
         beyond: Beyond which limit the strike is, in words; it is then shown as no hit. None: beyond none.
-        process: That draws; None: a new one.
+        process: Process that draws; None: a new one.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ class LearnerUnit(Unit):
     Args:
         scene: See there.
         method: sac, td3, ddpg or ppo.
-        observation: What it sees.
+        observation: Observation of the learner.
         seed: Seed of its training.
         episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.Plan`.
         reward: See `whiptool.rl.task.StrikeTask`.

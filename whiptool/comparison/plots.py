@@ -106,7 +106,7 @@ def plot_rewards(
     """Mean reward of every episode (Fig. 7): the mean over seeds smoothed, its range over seeds, and raw behind it.
 
     Args:
-        ax: Where to.
+        ax: Axes to draw into.
         rewards: For each method (S, E), seeds by episodes.
         random_episodes: Marked: before them nothing is learned.
         window: Episodes of the running mean.

@@ -21,7 +21,7 @@ class Scene:
 
     Args:
         model, controller: Whip, arm, and law.
-        zone: Where the targets lie.
+        zone: Zone of the targets.
         arrival: How the tip has to arrive there.
         targets: Their number.
         target_seed: They are drawn with it.

@@ -34,7 +34,7 @@ class Series:
 
     Args:
         method: Its name on the command line.
-        observation: What a learner saw; empty for a search.
+        observation: Observation of a learner; empty for a search.
         convention: How its policy struck (`whiptool.rl.policy.CONVENTIONS`); empty for a search.
         hit_radius: [m]
         trials: To the first hit, the cap where there was none, (S, T).
@@ -42,7 +42,7 @@ class Series:
         training_trials: Strikes that each seed was trained with before, a mean.
         n_diverged: Strikes that diverged while searching or training, all seeds.
         wall_time: A seed's search or training, a mean [s].
-        notes: What went otherwise than planned.
+        notes: Deviations from the plan.
         cap: Most trials at a target.
     """
 

@@ -41,7 +41,7 @@ def work_on(
 
     Args:
         units: By name; they and `work` are sent to the workers.
-        work: What is done with a unit.
+        work: Function that processes a unit.
         workers: Processes on this machine; 1: this process itself.
         cluster: Address of a Ray cluster, or `auto` for the one that this machine belongs to; None: this machine.
         on_death: Called with the names of the units over one of which a worker died; they are tried again.

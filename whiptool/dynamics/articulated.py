@@ -275,7 +275,7 @@ def give_way(
 
     Args:
         carried: By the hinges.
-        axes: In the world's axes, (3, K).
+        axes: Axes of the hinges in the world's axes, (3, K).
         torque, armature: Torque and armature of each hinge [N m], [kg m^2], (K, 1).
     """
     K, world = axes.shape[1], ca.horzsplit(axes)

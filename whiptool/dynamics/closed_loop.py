@@ -173,7 +173,7 @@ class ClosedLoop(System):
         Args:
             t, q, v: Time [s] and state of the arm.
             weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
-            hand: Where the hand is, for a law of its errors.
+            hand: Position of the hand, for a law of its errors.
         """
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
         expression, P = LAWS[self.structure.law].expression, self.parameters

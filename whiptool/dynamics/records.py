@@ -101,7 +101,7 @@ class Stored(Generic[R]):
         Args:
             start: The first record.
             name: Name of the symbols.
-            uses: What is wanted of a record.
+            uses: Entries of a record that are needed.
             follow: Gives the record after one.
         """
         wanted, after = uses(self.record), self.column(follow(self.record))

@@ -104,9 +104,9 @@ class SerialArm:
         kinds, axes: Kinds and axes of each joint; the axis in its link's frame.
         positions: Positions of each joint in the frame of the link before [m], (3, 1).
         rotations: Rotations of each link's frame in that of the link before, where its joint is at 0.
-        hand_position, hand_rotation: In the last link's frame.
+        hand_position, hand_rotation: Pose of the hand in the last link's frame.
         armatures: Inertia of the joints' rotors (a, 1) [kg m^2 or kg].
-        bodies: That its links carry.
+        bodies: Bodies that its links carry.
     """
 
     kinds: tuple[str, ...]

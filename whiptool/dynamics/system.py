@@ -123,8 +123,8 @@ class System(ABC):
         Args:
             now: Time, step, the drive's state and input of this stage.
             before: Accelerations of the first stage (a, 1), in the second.
-            motion: What `hand` keeps.
-            carried: What the hand carries.
+            motion: Quantities that `hand` keeps.
+            carried: Quantities of the whip that the hand carries.
         """
 
     def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

@@ -98,7 +98,7 @@ def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
 
     Args:
         predictor: Predictor of all recordings.
-        plant: Where the fit starts.
+        plant: Plant with the values at which the fit starts.
 
     Raises:
         InputError: Units, axes, joints or the time of the start are wrong, as far as the readings tell.

@@ -22,7 +22,7 @@ class Parameter:
     """One free number after the fit.
 
     Args:
-        name, value, start: In its own unit.
+        name, value, start: Name, fitted value and starting value, in the parameter's unit.
         unit: SI; empty: it has none.
         kind: `well determined`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a
             tenth of its usual size); `weak`: not; `traded`: with all others known it would be well determined, but its
@@ -53,7 +53,7 @@ def classify(
     """Every shared unknown with its class, error and interval.
 
     Args:
-        uncertainty: At the best end of all starts.
+        uncertainty: Uncertainty at the best end of all starts.
         starts: First value of each unknown.
         level: Level of the intervals.
         withdrawn: Whether nothing of it holds.

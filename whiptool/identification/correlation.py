@@ -96,7 +96,7 @@ def autoregression(correlations: np.ndarray, most: int, readings: float) -> Auto
     Args:
         correlations: Estimated, at lags 0 to `most` or beyond.
         most: Terms.
-        readings: From how many independent ones.
+        readings: Number of independent readings.
     """
     a, variance, known = np.zeros(0), 1.0, [1.0]
     best, lowest = WHITE, 0.0

@@ -61,7 +61,7 @@ class Shot:
         x0, dx0: Start and its changes, (2 n,), (D, 2 n).
         u: The base at steps + 2 instants, (I, 7), in space (I, 21); None if it does not move.
         moving: Its changes along some directions, (some, I, ...), the first of which is number `first`.
-        place, dplace: Where the base is, (I, d), (D, I, d).
+        place, dplace: Position of the base and its derivatives, (I, d), (D, I, d).
     """
 
     p: np.ndarray
@@ -474,7 +474,7 @@ def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.n
     turns there, another one bends evenly.
 
     Args:
-        recording: From the release on.
+        recording: Recording from the release on.
         plant: Whip and clamp.
         hand: Its place [m], (2,).
     """

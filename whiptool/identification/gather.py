@@ -52,7 +52,7 @@ def tracked(
     """One recording, tracked if it is filmed (with progress on stderr).
 
     Args:
-        found: What `opened` returned.
+        found: Result of `opened`.
         name: Name of its file.
         tip: Looks of the tip's marker; default: those of the virtual camera.
 

@@ -200,7 +200,7 @@ def check_controllers(
 
     Args:
         recordings: Some may hold no controller.
-        controller: That of the plant.
+        controller: Controller of the plant.
         free: Names of numbers that are fitted; those of the controller need not be the recordings'.
 
     Raises:

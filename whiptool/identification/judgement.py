@@ -88,7 +88,7 @@ def frames_of(recording: StrikeRecording, target: Target, until: float | None = 
 
     Args:
         recording: The tip.
-        target: Where it may come near.
+        target: Target of the strike.
         until: Later frames are left out, unless the tip comes nearest there [s]; None: none are.
     """
     i = recording.markers.index("tip")
@@ -124,7 +124,7 @@ def weigh(
 
     Args:
         t, paths: See above.
-        frames: What was seen.
+        frames: Frames that show the tip.
         target: Point and hit radius.
         sizes, paces: Of a discrepancy, the ones that are tried [m], [s].
     """

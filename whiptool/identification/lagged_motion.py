@@ -20,7 +20,7 @@ class LaggedReference:
 
     Args:
         strike: The command, of joints.
-        arm: With a joints, in space.
+        arm: Arm with a joints, in space.
         instants: Times at which the hand is wanted [s], (I,), from 0 on.
 
     Attributes:

@@ -27,7 +27,7 @@ class SmoothSpline:
     """A regression spline of d quantities whose jerk is a priori about `jerk` at random.
 
     Args:
-        start, end: What it has to cover [s].
+        start, end: Times that it has to cover [s].
         knots: Their spacing [s].
         jerk: Root mean square of the third derivative.
         d: Number of quantities.
@@ -135,7 +135,7 @@ class Motion(Protocol):
 
     Attributes:
         start: Coefficients that fit the measurement best, (C,).
-        rows, mean: What is known of the coefficients c apart from the markers: `rows @ c - mean` is standard normal.
+        rows, mean: Knowledge of the coefficients c apart from the markers: `rows @ c - mean` is standard normal.
     """
 
     start: np.ndarray
@@ -218,7 +218,7 @@ class MeasuredJoints:
 
     Args:
         t, q: Joint log: (S,) [s], (S, a) [rad].
-        arm: With a joints.
+        arm: Arm with a joints.
         instants: Times at which the base is wanted [s], (I,).
         knots: Spacing of the spline's knots [s]; default: as the log tells, see `cross_validated`.
         at_rest: Whether the arm is at rest at the first instant.

@@ -104,7 +104,7 @@ class AngleRecording:
         start: Angles and their rates at t[0] as measured, (2, n) [rad, rad/s]; a first guess, and where predictions
             begin.
         sigma: Standard error of the angles [rad].
-        source: Where it came from.
+        source: File of the recording.
 
     Raises:
         InputError: Shapes do not fit, times do not increase, or nothing was seen.

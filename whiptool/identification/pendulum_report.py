@@ -21,7 +21,7 @@ def sections(fit: Fit, fitted: Sequence[AngleRecording], held_out: Sequence[Angl
     """The report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
-        fit: What was found.
+        fit: The fit.
         fitted, held_out: The swings, in the fit's order.
     """
     pairs = [(r, f, "held out") for r, f in zip(held_out, fit.held_out, strict=True)]

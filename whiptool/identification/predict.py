@@ -49,7 +49,7 @@ class Predictor:
     """Predicts recordings of one kind.
 
     Args:
-        recordings: What was measured.
+        recordings: Recordings to predict.
         plant: Plant of which some numbers vary; its structure is kept.
         drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
@@ -129,7 +129,7 @@ class Predictor:
         """Predictions of all recordings.
 
         Args:
-            plant: With the free numbers set.
+            plant: Plant with the free parameters set.
             nuisance: Values of the shared nuisance.
             own: Unknowns of each recording, as `start` orders them.
             derivatives: Also by all unknowns.

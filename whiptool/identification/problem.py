@@ -40,8 +40,8 @@ class Options:
         per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
             `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
         bounds: Bounds of free numbers, by name.
-        prior: On shared free numbers.
-        loss: Where Huber's loss turns linear, in standard errors; None: least squares.
+        prior: Prior of the shared free parameters.
+        loss: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
         starts: How many; the first is the plant as given.
         dispersion: The others are drawn within this factor of it.
         pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
@@ -137,7 +137,7 @@ class Problem:
         Args:
             z: Shared unknowns.
             fixed: Whether they stay as they are, and only own unknowns are sought.
-            known: Which readings of each recording are fitted, 1 or 0; default: all.
+            known: Readings of each recording that are fitted, 1 or 0; default: all.
         """
         if self.options.drive == "passive":
             own: Sequence[np.ndarray] = self.predictor.start

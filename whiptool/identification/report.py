@@ -52,7 +52,7 @@ def sections(
     """The report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
-        fit: What was found.
+        fit: The fit.
         fitted, held_out: The recordings, in the fit's order.
         nodes: N, RMSE of the fitted and of the held-out recordings [m], for each N that was tried.
         chosen: The N that was taken.

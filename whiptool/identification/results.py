@@ -30,12 +30,12 @@ class RecordingFit:
     """One recording and its prediction.
 
     Args:
-        source: Where it came from.
+        source: File of the recording.
         residuals: Predicted minus measured [m], [rad], or of a camera's view [pixels] and, of depth, of its inverse
             [1/m], (K,).
         measured: Likewise, (K,).
         sigma: Stated standard errors, (K,).
-        weight: From Huber's loss, 1 for what fits, (K,).
+        weight: Weights of Huber's loss, 1 for small residuals, (K,).
         channels: Frame, marker and axis of each residual, (K, 3); axis 2 of a view is depth.
         markers: Names of the markers that `channels` counts.
         own: The recording's own unknowns by name.
@@ -161,7 +161,7 @@ class Fit(NoArray, instead="its parameters"):
 
     Args:
         plant: Plant with the fitted parameters.
-        drive: What drove the whip.
+        drive: Drive of the whip.
         parameters: Shared free parameters, each with its class and interval.
         nuisance: Fitted values of the shared nuisance parameters.
         uncertainty: Covariance, correlations, flat directions.

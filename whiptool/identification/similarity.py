@@ -53,7 +53,7 @@ def similarity(
     Args:
         t: Times [s], (T,), increasing, at least five of them.
         measured, simulated: Tip positions from the shoulder [m], (T, d); frames in which either is NaN are left out.
-        target: Where the tip was to go [m], (d,).
+        target: Target of the tip [m], (d,).
 
     Raises:
         InputError: Shapes differ, times do not increase, or fewer than five frames hold both.

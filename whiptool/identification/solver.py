@@ -26,7 +26,7 @@ class Damping:
     """Marquardt's damping.
 
     Args:
-        start: Where it begins.
+        start: Starting point.
         least: Keeps flat directions still.
         most: No step lowers the cost beyond.
     """
@@ -98,7 +98,7 @@ class Loss:
     """What is minimised, of the residuals of all blocks.
 
     Args:
-        limit: Where Huber's loss turns linear, in standard errors; None: least squares.
+        limit: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
         robust: How many residuals of each block it is for, the first ones; default: all.
     """
 
@@ -158,8 +158,8 @@ def solve(
         evaluate: Blocks at (z, own), with derivatives or without (A and B are then ignored).
         z, own: Start.
         lower, upper: Bounds of z, (G,).
-        loss: What is minimised.
-        max_iterations: At most.
+        loss: Loss to minimise.
+        max_iterations: Largest number of iterations.
         tolerance: It ends where the cost would fall by no more than this, per mean squared residual; or where shared
             unknowns stay while each recording's own still move along a flat valley of the cost (`Status.SETTLED`).
     """

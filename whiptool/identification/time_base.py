@@ -71,7 +71,7 @@ class Readings:
 
     Args:
         block: Whitened residuals and derivatives, then what regularises the recording's own unknowns.
-        channel: Which series each residual belongs to, (K,).
+        channel: Series of each residual, (K,).
         t: Time of each reading [s], (K,).
         slope: By the time of a reading, whitened, (K,).
         clock: The recording's own delay [s] and clock rate less 1, if they are to be judged: column of the block's B,
@@ -149,7 +149,7 @@ class _Regression:
     Args:
         size: Size of the fault.
         information: Its square, of all that is left of it.
-        left: What is left of it in each recording's readings.
+        left: Part of it that remains in each recording's readings.
     """
 
     size: float

@@ -27,9 +27,9 @@ class Uncertainty:
         covariance: Covariance of z, flat directions left out, (G, G).
         correlation: The same, scaled, (G, G).
         singular_values: Singular values of the Jacobian of the whitened residuals by z, largest first, (G,).
-        directions: Which combination of z each one is for, rows, (G, G).
-        units: What singular values and directions count z in, (G,), see `variables.room`.
-        flat: Which directions are unseen, (G,).
+        directions: Combination of z of each singular value, in rows, (G, G).
+        units: Units of z for singular values and directions, (G,), see `variables.room`.
+        flat: Directions about which the recordings contain no information, (G,).
         condition_number: Condition number of the Jacobian with columns of unit length: what correlation alone does.
         residual_variance: Residual variance of the whitened residuals; 1 if the stated errors are right.
         freedom: Degrees of freedom of that variance, fewer where errors correlate; intervals use Student's t of them.

@@ -80,7 +80,7 @@ def impedance_cost(
     """Cost of a strike from 0 to D.
 
     Args:
-        trajectory: With T instants of an arm of a joints.
+        trajectory: Trajectory with T instants of an arm with a joints.
         model: Its arm gives the inertia I(q), through Pinocchio.
         D: Duration of the movement [s].
         beta: Weight of the velocity error in `eps = e + beta de` (Eq. 8) [s].

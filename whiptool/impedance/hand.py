@@ -58,7 +58,7 @@ def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool)
     """Return the space of an arm's hand strikes, made once.
 
     Args:
-        arm: In the plane or in space.
+        arm: Arm in the plane or in space.
         hand: How its hand is controlled.
         led: Whether its joints follow the hand's path exactly.
 

@@ -74,13 +74,13 @@ class Interception:
         strike: Which.
         start: t0 [s], on the clock of the track.
         contact: When the tip meets the target [s], on the same clock.
-        point: Where (x, y) [m].
+        point: Position of the contact (x, y) [m].
         tip_speed: There [m/s].
         probability: Predicted probability of a hit, over tracks other than those that chose the strike.
         expected_miss: Mean over the same tracks, each at most half a metre [m].
-        mean_miss: On the most probable track [m].
+        mean_miss: Miss on the most probable track [m].
         warning: Warning of the track that it is planned on (`Track.warning`); empty: none.
-        wall_time: That planning took [s].
+        wall_time: Time that planning took [s].
     """
 
     strike: Strike

@@ -25,11 +25,11 @@ class Library:
         rollout: Rollout of the whip.
         strikes: (B, 2 a + 1).
         box: Lower and upper bounds of the strikes, (2 a + 1,) each.
-        free: Which of a strike's numbers may be chosen, (2 a + 1,).
+        free: Coordinates of a strike that may be chosen, (2 a + 1,).
         limits: Limits of the motors, if any.
         t_stay: A strike is watched so long after the movement ended [s].
         speed: Speed of the tip, at least, where it is to hit [m/s].
-        owner: Which strike each of the N points belongs to, (N,).
+        owner: Strike of each of the N points, (N,).
         tau: When the tip is there, from the strike's start [s], (N,).
         points, velocities: Points and velocities of the tip [m], [m/s], (N, 2).
         tree: Tree of the points.
@@ -67,8 +67,8 @@ class Library:
             rollout: Rollout of the whip.
             size: How many strikes.
             seed: Seed of the strikes.
-            q_i: Where the arm waits [rad]: all strikes begin there. Default: wherever the strike wants to begin, and
-                the arm has to be there, the whip at rest, when it starts.
+            q_i: Posture in which the arm waits [rad] and all strikes begin. Default: wherever the strike wants to
+                begin, and the arm has to be there, the whip at rest, when it starts.
             bounds: Box of strikes; default: `default_bounds`.
             limits: Limits of the motors; strikes beyond them are left out.
             t_stay, speed: As above.

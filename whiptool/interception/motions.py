@@ -19,7 +19,7 @@ class Motion(Protocol):
     """A family of paths with p numbers.
 
     Args:
-        name: What it is called.
+        name: Name of the motion.
         names: Names of the p numbers.
         loosely: Mean and weight (1 / standard error, 0: none) of what is known of them beforehand, (p,) each.
     """
@@ -47,7 +47,7 @@ class Polynomial:
     """At rest (order 0) or with a velocity (order 1), under a known acceleration: x, y, then vx, vy at time 0.
 
     Args:
-        name: What it is called.
+        name: Name of the motion.
         order: 0 or 1.
         acceleration: (x, y) [m/s^2].
     """

@@ -98,7 +98,7 @@ def refresh(
     it is, is not taken.
 
     Args:
-        interception: That has not started yet.
+        interception: Interception that has not started yet.
         track, library, now, rng, hit_radius, latency, camera, steps, samples: As in `plan`.
         aim: Whether the strike may change, or t0 alone.
 
@@ -152,9 +152,9 @@ def intercept(
         rng: As in `plan`.
         camera: Its standard error is that of the frames; default: `Camera()`.
         motion, pivot: As in `fit_track`; what is chosen at the first plan is kept.
-        update: What later frames change: `aim` (strike and t0), `time` (t0 alone), `none`.
+        update: Quantities that later frames change: `aim` (strike and t0), `time` (t0 alone), `none`.
         hit_radius, latency, horizon: As in `plan`.
-        plan_time, refresh_time: What computing takes [s]: no strike starts sooner than that (and the latency) after
+        plan_time, refresh_time: Computing times [s]: no strike starts sooner than that (and the latency) after
             the frame that it is computed from, and frames that come in the meantime wait.
 
     Yields:

@@ -211,8 +211,8 @@ class AllLimits:
 
         Args:
             strikes: Vectors, (B, 2 a + 1).
-            near: What came of them.
-            trajectory: What gives the whole of one, where its peaks do not decide.
+            near: Closest approaches of the strikes.
+            trajectory: Function that returns the whole trajectory of a strike that its peak values do not decide.
         """
         return self.judged(strikes, near, trajectory)[0]
 
@@ -243,8 +243,8 @@ class AllLimits:
         """How far a whole strike is beyond the limits; <= 0: within.
 
         Args:
-            trajectory: What it did.
-            strike: What was commanded; None: that is not judged.
+            trajectory: Motion of the strike.
+            strike: Commanded strike; None: limits of the command are not checked.
         """
         return self.judged_whole(trajectory, strike)[0]
 

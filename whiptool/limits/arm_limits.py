@@ -76,7 +76,7 @@ class ArmLimits:
         """Return the limits of an arm.
 
         Args:
-            arm: Whose joints have limits.
+            arm: Arm whose joints have limits.
             keep_free: This share of every limit is kept free.
             prescribed: Whether joints move exactly as commanded, as under position control.
 

@@ -23,7 +23,7 @@ class CommandLimits:
     10/sqrt(3) and 60.
 
     Args:
-        joints: What each joint can do; see `JointLimits`.
+        joints: Limits of each joint; see `JointLimits`.
         share: Share of the velocity limits that searches command; the rest is left for how joints depart from the
             command.
         slides: Which joints slide, counted from 0; the others turn.

@@ -19,7 +19,7 @@ class PathClearance:
     Joints move together along a straight line from `q_i` to `q_f`, so that the way does not depend on the duration.
 
     Args:
-        model: With an arm in space.
+        model: Model with an arm in space.
         floor: Its height [m]; None: no floor.
         least: Distance to be kept [m].
     """

@@ -26,8 +26,8 @@ class ArmChoice:
     Args:
         tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other.
         moving: Names of the joints that move; None: all between base and tip, except those that are locked.
-        locked: Where joints are that do not move [rad or m], by name; a joint that neither moves nor is named here is
-            locked at 0.
+        locked: Positions of joints that do not move [rad or m], by name; a joint that neither moves nor is named here
+            is locked at 0.
         outward: Direction in the tip's frame in which a stick or the whip goes on (3,); flanges have their z axis so.
         never_touch: Pairs of joints, by their names, or `base` and one, whose links' shapes are not compared; None:
             those that touch where all joints are at 0.

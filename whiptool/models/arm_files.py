@@ -58,7 +58,7 @@ def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
 
     Args:
         table: Table of an arm.
-        folder: Where `file` is looked for.
+        folder: Folder of `file`.
 
     Raises:
         InputError: A key is unknown or missing, or a value breaks its rule; the key is named.

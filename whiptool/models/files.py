@@ -31,7 +31,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
 
     Args:
         table: Table of a model.
-        folder: Where the file of an arm is looked for, if the table names one.
+        folder: Folder of the arm's file, if the table names one.
 
     Raises:
         InputError: A key is unknown or missing, or a value breaks its rule; the key is named.

@@ -54,7 +54,7 @@ class HandPath:
 
         Args:
             t: (...,)
-            hand: Where it is then.
+            hand: Pose of the hand at that time.
             speed: Its velocity and angular velocity then (..., m).
         """
         wanted, motion = self.hand(t)

@@ -69,7 +69,7 @@ class HandSpace:
     Of all postures that hold the hand somewhere, the arm takes that nearest to its home posture.
 
     Args:
-        arm: In the plane or in space.
+        arm: Arm in the plane or in space.
         posture: The home posture [rad or m], (a,); default: see `home_posture`.
         orientation: Whether strikes hold the hand's orientation, as it is turned from the home posture's.
         led: Whether the joints follow the hand's path exactly.

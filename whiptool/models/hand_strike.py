@@ -25,7 +25,7 @@ class HandStrike(Vector):
     Args:
         x_i: Coordinates of the hand at the start: its place [m] and, where the strike holds its orientation, how it is
             turned from the home posture's [rad]; length m.
-        x_f: At the end, likewise.
+        x_f: Coordinates of the hand at the end, likewise.
         D: Duration of the movement [s].
 
     Raises:

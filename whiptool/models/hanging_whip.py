@@ -20,7 +20,7 @@ class HangingWhip:
     that much of its length is not counted, so that every feasible strike is kept.
 
     Args:
-        model: With an arm in space.
+        model: Model with an arm in space.
         floor: Its height [m].
         least: Distance to be kept [m].
     """

@@ -73,7 +73,7 @@ class HandKinematics:
     the given posture's, in the plane an angle, in space a rotation vector in the base's axes.
 
     Args:
-        arm: In the plane or in space.
+        arm: Arm in the plane or in space.
         posture: The given posture [rad or m], (a,).
         orientation: Whether the coordinates hold the hand's orientation.
 

@@ -88,7 +88,7 @@ class StrikeSpace(Protocol):
         """Refuse strikes, (width,) or (B, width), with an angle farther from 0 than two turns, as degrees would be.
 
         Args:
-            name: What they are called where they were given.
+            name: Name of the values for the user.
             vectors: Strikes.
         """
         ...
@@ -167,7 +167,7 @@ def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> N
     """Refuse positions that turn a joint farther than any arm does, as angles in degrees would.
 
     Args:
-        name: What they are called where they were given.
+        name: Name of the values for the user.
         positions: Positions of the arm's joints in their order, once or several times in a row, (k a,) or (B, k a); of
             joints that slide they are lengths, and not looked at.
         arm: Arm of a joints.
@@ -183,10 +183,10 @@ def refuse_far(name: str, rows: np.ndarray, turning: Sequence[bool], of: Sequenc
     """Refuse an angle that is more than two turns from 0, as degrees would be.
 
     Args:
-        name: What the numbers are called where they were given.
+        name: Name of the values for the user.
         rows: Numbers, (B, k) [rad where they are angles].
-        turning: Which of k are angles, (k,).
-        of: What each of k is called.
+        turning: Which of the k values are angles, (k,).
+        of: Name of each of the k values.
 
     Raises:
         InputError: There is one.
@@ -209,7 +209,7 @@ def checked_vectors(strikes: Any, width: int, whose: str) -> np.ndarray:
     Args:
         strikes: One strike or many, or vectors of shape (B, width) or (width,).
         width: Numbers of a vector.
-        whose: What they are of, in words.
+        whose: Owner of the strikes, in words.
 
     Raises:
         InputError: They are of another width, a value is not finite, or a duration D is not positive.

@@ -43,7 +43,7 @@ class JointTrajectory:
         joints: Names.
         t: Times [s], (T,), from 0, increasing.
         q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
-        hand: Where that holds the hand, see `hand_poses`, (T, 7); None: not known.
+        hand: Poses of the hand, see `hand_poses`, (T, 7); None: unknown.
 
     Raises:
         InputError: Shapes do not match, a value is not finite, a quaternion is not of unit length, or times do not
@@ -87,13 +87,13 @@ class JointTrajectory:
         """Return the way from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay.
 
         Args:
-            strike: What is to be struck; of a strike of the hand its joints' path.
+            strike: The strike; for one in hand space the path of its joints.
             joints: Names of its n joints.
             start: Present posture [rad or m], (n,); default: the strike's start, so that there is no way to it.
             limits: Limits of each joint; see `lead_in_time`. Default: none.
             rate: Samples a second [1/s]; parts of the trajectory begin at samples.
             rest: Between the way and the strike [s], at least.
-            t_stay: At the end, after the strike [s], at least.
+            t_stay: Least time after the strike [s].
 
         Raises:
             InputError: A value is out of range, or of another number of joints.

@@ -129,7 +129,7 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
     """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
 
     Args:
-        model: With an arm in space of a joints, and a whip of N nodes.
+        model: Model with an arm in space of a joints, and a whip of N nodes.
         q: Joint positions: behind the arm's, those of universal nodes x1, y1, x2, y2, ..., (..., a + 2 N), or the
             directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N).
         v: How fast they change, like q; default: at rest.
@@ -152,7 +152,7 @@ def whip_motion(
     """Return positions [m] and velocities [m/s] of the nodes of a whip in space behind its hand, (..., N, 3) each.
 
     Args:
-        model: With the whip.
+        model: Model with the whip.
         hand: The hand's frame.
         q, v: Positions and speeds of the whip's joints, as in `chain_motion` behind the arm's; v's default: at rest.
     """
@@ -164,7 +164,7 @@ def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.nd
     """Return the positions of the nodes of a whip in space behind its hand [m], (T, N, 3).
 
     Args:
-        model: With the whip.
+        model: Model with the whip.
         origin, rotation: Origin and rotation of the hand's frame, (T, 3) and (T, 3, 3).
         q: Positions of the whip's joints, as in `chain_motion` behind the arm's.
     """

@@ -38,7 +38,7 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Args:
         path: Path of the file.
-        choice: Which chain; default: all of a robot that does not branch.
+        choice: Chain of the robot; default: all of a robot that does not branch.
 
     Raises:
         InputError: The file cannot be read, its gravity is not that of a model, it closes a loop of the arm or

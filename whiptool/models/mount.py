@@ -45,7 +45,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
     """Return an arm whose base is turned about the origin.
 
     Args:
-        arm: Whose base's z axis points up.
+        arm: Arm whose base's z axis points up.
         given: See `mount_rotation`.
 
     Raises:

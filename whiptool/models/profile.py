@@ -39,9 +39,9 @@ class WhipProfile(NoArray, instead="its numbers"):
         density_taper, stiffness_taper, damping_taper: Tip over handle.
         rest_curvature: Curvature of the slack whip [1/m].
         drag: Quadratic drag per length [N s^2/m^3].
-        tip_mass: At the tip, such as a cracker or a marker [kg].
+        tip_mass: Mass at the tip, such as a cracker or a marker [kg].
         bead_mass: Bead mass of a bead or knot somewhere along the whip [kg].
-        bead_place: Where it is, in parts of the length from the handle.
+        bead_place: Position of the bead, as a fraction of the length from the handle.
         density_waves: w_1, w_2, w_3 of the mass per length.
         stiffness_waves: Those of bending stiffness and damping alike: a thicker place has more of both.
 
@@ -83,7 +83,7 @@ class WhipProfile(NoArray, instead="its numbers"):
 
         Args:
             youngs_modulus: E [Pa]; of a rope far below that of its fibres.
-            diameter: At the handle [m], at most 0.2 m.
+            diameter: Diameter at the handle [m], at most 0.2 m.
             density: Mass per volume [kg/m^3].
             others: The further arguments of a profile: length, bending_damping, tapers, ...
 
@@ -230,7 +230,7 @@ def graded(
     Args:
         profile: Each of `WhipProfile.numbers`.
         quantity: `linear_density`, `bending_stiffness` or `bending_damping`.
-        place: In parts of the length.
+        place: Position as a fraction of the length.
         constant: Makes of an array what numbers of the profile are multiplied with.
     """
     taper, waves = _GRADED[quantity]

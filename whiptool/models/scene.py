@@ -34,7 +34,7 @@ class _Body:
     Args:
         name: For people.
         link: Its number.
-        capsule: In the link's frame; of the whip one of its length anywhere.
+        capsule: Capsule in the link's frame; for the whip one of its length anywhere.
         segment: Segment of the whip, from the hand.
     """
 
@@ -90,7 +90,7 @@ class Scene:
     Args:
         model: Arm and whip.
         floor: Its height [m]; None: no floor.
-        of: Which of them, one or several.
+        of: Number of the node, or several.
 
     Attributes:
         bodies: All, those of the whip last.

@@ -119,8 +119,8 @@ class SpatialLink:
         kind: Whether the joint turns about its axis or slides along it.
         friction: Viscous friction of the joint [N m s/rad or N s/m].
         armature: Inertia of the rotor, as the joint feels it [kg m^2 or kg].
-        limits: What the joint can do.
-        capsules: What of the body may touch something; none: nothing of it does.
+        limits: Limits of the joint.
+        capsules: Collision shapes of the body; none: it is not checked.
 
     Raises:
         InputError: A value is not finite, or no body has such an inertia, axis or rotation.
@@ -213,7 +213,7 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
     Args:
         links: The links in order.
         joints: Their joints' names; default: joint1, joint2, ...
-        hand_position: Where the whip's first joint is, in the last link's frame [m], (3,).
+        hand_position: Position of the whip's first joint in the last link's frame [m], (3,).
         hand_rotation: The hand's frame in the last link's, (3, 3): the whip lies along its -z where its joints are
             at 0.
         base: Capsules of what does not move, in the base's frame.
@@ -223,7 +223,7 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
             control; its torques are not known.
         names: What the joints are called elsewhere, as by the robot's controller, to which strikes are exported; empty:
             the same.
-        notes: What was assumed where the arm was read from a file, for people.
+        notes: Assumptions made when the arm was read from a file, in sentences.
 
     Raises:
         InputError: There is no link, a name is wrong, or a prismatic joint has no limits of position.

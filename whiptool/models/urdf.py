@@ -42,7 +42,7 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Args:
         path: Path of the file; xacro has to be expanded.
-        choice: Which chain; default: all of a robot that does not branch, or the one to its only tool frame.
+        choice: Chain of the robot; default: all of a robot that does not branch, or the one to its only tool frame.
 
     Raises:
         InputError: The file cannot be read, is not a tree of links, has joints of an unknown type, joints in the chain

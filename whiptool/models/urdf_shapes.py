@@ -73,7 +73,7 @@ def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) ->
 
     Args:
         model: Changed in place.
-        robot: What it was read from.
+        robot: Robot from which it was read.
         folder: Folder of the file, from which meshes are looked for.
         main: Names of the links that joints move, except what is fixed to them.
     """

@@ -40,8 +40,8 @@ class HitProblem:
 
     Args:
         objective: Counts the trials.
-        criterion: Whose largest measure is to be small.
-        caps: What else is kept besides the hit.
+        criterion: Criterion whose largest measure is minimised.
+        caps: Further constraints besides the hit.
     """
 
     def __init__(self, objective: Objective, criterion: Criterion, caps: Sequence[Cap]) -> None:
@@ -124,10 +124,10 @@ def descend(
     additional variable bounds them all and is minimised (the epigraph form): their maximum has a kink where two meet.
 
     Args:
-        objective: At whose target.
+        objective: Objective with the target.
         start: Strike vector, (m,); it need not be a hit.
-        criterion: What is minimised.
-        caps: What is kept besides the hit.
+        criterion: Criterion to minimise.
+        caps: Further constraints besides the hit.
         steps: Gradient evaluations at most.
 
     Raises:

@@ -92,7 +92,7 @@ def warm_search(
     """Strike what the library has nearest to the target; after a miss, search around it.
 
     Args:
-        objective: What is to be hit; its bounds are narrowed.
+        objective: Objective with the target; its bounds are reduced.
         method: As in `search`.
         library: Library of past strikes.
         seed: Seed of the method.

@@ -24,10 +24,10 @@ def step_down(objective: Objective, start: np.ndarray, criterion: Criterion, *, 
     best hit `descend` is the more exact.
 
     Args:
-        objective: At whose target; every strike is a trial.
+        objective: Objective with the target; every strike is a trial.
         start: Strike vector, (m,); it need not be a hit.
-        criterion: What is minimised.
-        steps: At most.
+        criterion: Criterion to minimise.
+        steps: Largest number of steps.
 
     Raises:
         SearchStopped: The objective ended the search.

@@ -31,7 +31,7 @@ def spell_methods(options: OptionGroup, name: str) -> None:
     """Give methods their own spelling, whose names were written with capital letters or hyphens.
 
     Args:
-        options: That are being made.
+        options: Options that are being made.
         name: Name of the field that holds one method or several.
     """
     written = getattr(options, name)
@@ -68,7 +68,7 @@ class SearchOptions(OptionGroup):
         """Return the box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
 
         Args:
-            model: Whose arm strikes.
+            model: Model with the arm that strikes.
             space: Space of the strikes; default: that of the arm's joints.
 
         Raises:

@@ -72,8 +72,8 @@ class TrajectoryOptions(OptionGroup):
 
         Args:
             model: Model of the arm, whose own limits the samples always keep.
-            strike: What is to be struck.
-            t_stay: At the end, after the strike [s].
+            strike: The strike.
+            t_stay: Time after the strike [s].
             given: What it has to keep besides; what the whip does is not looked at, see `refuse_beyond`.
 
         Raises:

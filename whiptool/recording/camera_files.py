@@ -45,7 +45,7 @@ def camera_of(place: str, table: object) -> SpaceCamera:
     """Return the camera of a table, as `SpaceCamera.table` writes it.
 
     Args:
-        place: Where the table stands, for errors.
+        place: Place of the table, for error messages.
         table: By the names of the fields.
 
     Raises:

@@ -94,7 +94,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
     Args:
         name: Name of the times, for errors.
         t: (T,) [s], strictly increasing.
-        longest: That they may span [s].
+        longest: Largest span of the times [s].
 
     Raises:
         InputError: Their steps or their span cannot be right; the message names the likely cause.

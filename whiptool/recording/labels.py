@@ -31,7 +31,7 @@ class Exchange:
     Args:
         t: Time of the first frame with the new labels [s].
         markers: Labels as that frame has them.
-        before: What these markers were called before, in the same order.
+        before: Former labels of these markers, in the same order.
     """
 
     t: float
@@ -65,8 +65,8 @@ class Labels:
     """What was found of a recording's labels.
 
     Args:
-        exchanges: In order of time.
-        swallowed: In order of time.
+        exchanges: Exchanges in order of time.
+        swallowed: Merged markers in order of time.
         order: Whose column each marker's points stand in at every frame, (T, M): `points[f, order[f, m]]` is marker m.
     """
 

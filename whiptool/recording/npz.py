@@ -29,7 +29,7 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
     Args:
         path: The file.
         build: Makes a recording of the values, by their keys.
-        keys: That there may be.
+        keys: Allowed keys.
         layout: Number of the layout that is read.
 
     Raises:

@@ -27,12 +27,12 @@ class SpaceCamera:
         name: For people and for files.
         width, height: Width and height of its images [pixels].
         camera_matrix: Intrinsics [pixels], (3, 3): focal lengths on the diagonal, principal point in the last column.
-        rotation: From the world's axes to the camera's (right, down, forward), (3, 3).
+        rotation: Rotation from the world's axes to the camera's (right, down, forward), (3, 3).
         position: Position of its centre of projection in the world [m], (3,).
         distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
         fps: Frames per second.
         exposure: How long each row collects light [s].
-        readout: From the first row's start to the start of the row after the last [s]; 0 is a global shutter.
+        readout: Time from the first row's start to the start of the row after the last [s]; 0 is a global shutter.
 
     Raises:
         InputError: A number is out of range, a shape is wrong, or the matrix is not a rotation.
@@ -138,7 +138,7 @@ def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | 
 
     Args:
         position: Position of the camera [m], (3,).
-        point: That its optical axis goes through [m], (3,).
+        point: Point on its optical axis [m], (3,).
 
     Raises:
         InputError: The point is where the camera is, or straight above or below it.

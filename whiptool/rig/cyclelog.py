@@ -108,7 +108,7 @@ class Cycles:
         q_d: Desired position [rad], (C, n).
         voltage, temperature: [V], [deg C], (C, n).
         flags, phase, state: Of `Flag`, `Phase`, `whiptool.rig.safety.State`, (C,) integers.
-        about: What the run was.
+        about: Description of the run.
     """
 
     t: np.ndarray

@@ -66,7 +66,7 @@ class Watch:
         """Count a cycle in which the servos gave no sample; return the fault, if this is one too many.
 
         Args:
-            why: What the line said of it.
+            why: Message of the line.
         """
         self._missed += 1
         if self._missed >= self.guards.missed:

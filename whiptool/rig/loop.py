@@ -38,7 +38,7 @@ class Run:
         fault: Why it ended early, or that a signal came; None: neither.
         torque_off: Whether every servo confirmed that its torque is off.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
-        torque: What became of the motors, in words: that torque is off, or to cut the power.
+        torque: State of the motors in words: torque is off, or the power has to be cut.
     """
 
     cycles: Cycles
@@ -57,7 +57,7 @@ class Cycle(NamedTuple):
         stamp: When the sample was there, by the clock [s].
         late: By how much the cycle began too late [s].
         counts: Goal currents that were sent, in the servos' units.
-        flags: What was wrong with it.
+        flags: Faults of the cycle.
         sample: As the servos gave it.
         tau: Torque that the controller asked for [N m].
         q_d: Reference [rad].
@@ -103,7 +103,7 @@ class RigLoop:
         model: For gravity; its arm has as many joints as there are servos.
         controller: Controller of the strike; its `control_period` is not used, `torque_limit` is.
         options: Rates, waits, caps.
-        guards: What ends a run.
+        guards: Guards that end a run.
         clock: Default: the monotonic one.
 
     Raises:
@@ -147,7 +147,7 @@ class RigLoop:
         it: `safety.interlock.release()`.
 
         Args:
-            strike: What to do.
+            strike: The strike to make.
             path: The record goes to this file as it is made; None: to memory only.
             about: Kept with the record.
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be

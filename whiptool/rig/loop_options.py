@@ -27,7 +27,7 @@ class LoopOptions:
         caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
         rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
             or unstable at this rate.
-        delay: From a sample to the torque that it leads to [s], as the rehearsal has it: the line's and the adapter's.
+        delay: Delay from a sample to its torque [s] in the rehearsal: that of the line and the adapter.
         margin: Part of the motors' speed-torque line that is kept free.
         stiffness, damping: Natural frequency [rad/s] and damping ratio of the posture controller that moves the arm
             before and after the strike; its matrices are the arm's inertia times these.

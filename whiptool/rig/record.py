@@ -40,7 +40,7 @@ def build_recording(
         controller: The controller's table.
         target: Its position [m].
         t_stay: As in the loop [s].
-        source: Where it comes from.
+        source: Name of its source.
 
     Raises:
         InputError: The run never came to its strike.

@@ -42,7 +42,7 @@ class Safety:
         current: Current limit while armed [A].
         watchdog: A servo stops when it hears nothing for this long [s], 0.04 to 0.1.
         attempts: How often torque off is tried, at most, until every servo confirms it.
-        interlock: What locks after a stop; default: a new one.
+        interlock: Interlock that is set after a stop; default: a new one.
     """
 
     def __init__(

@@ -42,7 +42,7 @@ class Struck:
     """One strike on a rig.
 
     Args:
-        run: What the control loop left.
+        run: Result of the control loop.
         recording: Joints, and the tip as the camera saw it; None if the run never came to its strike.
         truth: True motion of a twin's arm and whip, time 0 at the strike's first cycle.
     """
@@ -113,7 +113,7 @@ class Rig(Protocol):
         """Strike once; the records go to a folder as they are made.
 
         Args:
-            strike: What to do.
+            strike: The strike to make.
             folder: For the records; None: they are not kept.
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the rig's model.
 
@@ -152,14 +152,14 @@ class TwinRig:
     Args:
         model: The nominal model of whip and arm.
         controller: Controller of the strike.
-        truth: What is really there; default: the model, ideal motors.
+        truth: True model and motors; default: the model, ideal motors.
         camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
             tracked images have, without the images; `none`.
-        target: Where the target stands [m]; it is in the images.
+        target: Position of the target [m], which is visible in the images.
         options: Options of the loop.
         at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
         seed: Seed of the camera's noise.
-        interlock: What locks after a stop; default: a new one.
+        interlock: Interlock that is set after a stop; default: a new one.
     """
 
     def __init__(
@@ -286,7 +286,7 @@ class HardwareRig:
         line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
         confirm: Asked before every strike; False ends the session. None: no question, unless the arm was stopped.
-        interlock: What locks after a stop; default: a new one.
+        interlock: Interlock that is set after a stop; default: a new one.
     """
 
     def __init__(
@@ -437,7 +437,7 @@ class RigRollout(Rollout):
     that a fault or a signal ends does not count as a trial: its exception ends the search.
 
     Attributes:
-        struck: What each strike left; None: it was refused.
+        struck: Result of each strike; None: it was refused.
         refused: Why strikes were refused, by their numbers.
     """
 

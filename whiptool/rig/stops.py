@@ -47,8 +47,8 @@ class StrikeStopped(WhiptoolError):
 
     Args:
         reason: Why.
-        struck: What it left, for the records; None: the port keeps none.
-        torque: What became of the motors, in words.
+        struck: Result of the strike, for the records; None: the port keeps none.
+        torque: State of the motors, in words.
     """
 
     def __init__(self, reason: str, struck: Any = None, torque: str = "") -> None:
@@ -62,8 +62,8 @@ class StrikeInterrupted(KeyboardInterrupt):
 
     Args:
         reason: The signal.
-        struck: What the strike left, for the records.
-        torque: What became of the motors, in words.
+        struck: Result of the strike, for the records.
+        torque: State of the motors, in words.
     """
 
     def __init__(self, reason: str, struck: Any, torque: str) -> None:
@@ -119,7 +119,7 @@ class Interlock:
         Args:
             reason: Why the arm was stopped; the first reason is kept.
             lasting: Whether later calls are to know of it.
-            torque: What became of the motors, in words.
+            torque: State of the motors, in words.
         """
         self.stop = self.stop or reason
         if not lasting:

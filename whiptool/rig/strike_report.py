@@ -47,7 +47,7 @@ def sections(
     """Return the report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
-        struck: What the strike left; after a fault, the parts that there are.
+        struck: Result of the strike; after a fault, its existing parts.
         model: For the names of the arm's joints.
         target: Position and hit radius.
         pictures: As `draw` returns them.

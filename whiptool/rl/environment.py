@@ -55,15 +55,15 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
             `default_controller`.
-        zone: Where targets are drawn; default: the paper's disc, in space a ball around the usual target.
+        zone: Zone of the targets; default: the paper's disc, in space a ball around the usual target.
         arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
         observation: `tip`, `relative` or `goal`, see `StrikeTask`.
         hit_radius: [m]
         strikes: Strikes at one target before the episode is truncated.
         t_stay: [s]
         bounds: Box of the strikes.
-        limits: Which strikes have to keep; default: what the model's arm has, of a robot those of its joints, itself
-            and its floor, see `StrikeTask`; None: the arm can do anything.
+        limits: Limits that strikes have to keep; default: what the model's arm has, of a robot those of its joints,
+            itself and its floor, see `StrikeTask`; None: the arm can do anything.
 
     Raises:
         InputError: One of them breaks its rule.

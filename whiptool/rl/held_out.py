@@ -39,7 +39,7 @@ class Best:
 
     Args:
         episode: After which it was.
-        score: At the held-out goals.
+        score: Score at the held-out goals.
         actor: The state of its network.
     """
 

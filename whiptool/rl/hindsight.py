@@ -43,7 +43,7 @@ def new_targets(
 
     Args:
         paths: (B, S, d) [m].
-        zone: Where targets lie.
+        zone: Zone of the targets.
         hit_radius: [m]
         uniform: Uniform random numbers, (B, 2 d + 2).
         wanted: Which samples are drawn from where a path has some of them in the zone, (B, S); None: all.
@@ -85,7 +85,7 @@ def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: floa
 
     Args:
         paths: (B, S, d) [m], at `RATE`.
-        zone, rule, hit_radius: What is struck at.
+        zone, rule, hit_radius: Zone of the targets, required arrival and hit radius.
         uniform: Uniform random numbers, (B, `uniforms`).
     """
     if rule.only_points:

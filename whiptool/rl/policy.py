@@ -27,7 +27,7 @@ class Policy:
 
     Args:
         learner: Trained on the task's observation; its weights stay as they are.
-        task: What it was trained on, with its zone, hit radius and rollout.
+        task: Task on which it was trained, with its zone, hit radius and rollout.
     """
 
     def __init__(self, learner: Learner, task: StrikeTask) -> None:
@@ -106,7 +106,7 @@ def trials_to_hit(
 
     Args:
         learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
-        task: What is struck and seen.
+        task: Task with targets and observations.
         targets: Goals, or places (B, d) [m] if the task draws no directions.
         cap: Strikes at most at each target.
         convention: One of `CONVENTIONS`.

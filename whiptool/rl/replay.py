@@ -14,7 +14,7 @@ class Transitions:
 
     Args:
         obs, next_obs: (B, n_obs).
-        action: In [-1, 1], (B, n_act).
+        action: Actions in [-1, 1], (B, n_act).
         reward: (B,).
         terminated: 1 where nothing follows, (B,); a truncated trial has 0, so that its future is bootstrapped.
     """

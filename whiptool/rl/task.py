@@ -95,10 +95,10 @@ class Step:
     """Results of a batch of strikes, one per lane; B lanes.
 
     Args:
-        obs: What is seen after the strike, (B, n_obs).
+        obs: Observation after the strike, (B, n_obs).
         reward: Reward of the task's kind, (B,).
         truncated: Whether its number of strikes is used up without a hit, (B,).
-        judged: What the strikes came to.
+        judged: Outcomes of the strikes.
     """
 
     obs: np.ndarray
@@ -122,7 +122,7 @@ class StrikeTask:
 
     Args:
         rollout: Simulator.
-        zone: Where targets are drawn.
+        zone: Zone of the targets.
         arrival: How the tip has to arrive there.
         observation: `tip`: tip position and velocity at the closest approach; `relative`: the same, measured from
             the target; `goal`: the first, and the goal: the target, and the direction if one is asked for. Before the
@@ -132,9 +132,9 @@ class StrikeTask:
         strikes: Strikes at one target before it is given up.
         t_stay: [s]
         bounds: Box of the strikes; actions in [-1, 1] cover it.
-        limits: Which strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike whose
-            joints are commanded faster than they may is shortened, and one that is beyond them all the same is refused:
-            it is not a hit, and its miss distance is a penalty.
+        limits: Limits that strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike
+            whose joints are commanded faster than they may is shortened, and one that is beyond them all the same is
+            refused: it is not a hit, and its miss distance is a penalty.
 
     Raises:
         InputError: The observation is unknown, or a number is out of range.

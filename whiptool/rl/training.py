@@ -47,13 +47,13 @@ class Episode:
     """Results of one episode.
 
     Args:
-        number: From 1.
+        number: Number of the episode, from 1.
         strikes: Made so far.
         mean_reward: Over its trials, Fig. 7.
         share_hit: Share of its trials that hit.
         diverged: Strikes that did, so far.
         losses: By name; empty while nothing is learned.
-        held_out: What the policy came to at held-out goals; None in most episodes.
+        held_out: Score of the policy at held-out goals; None in most episodes.
         best: Whether that is the best so far.
     """
 
@@ -95,8 +95,8 @@ class Training:
     """A learner, its task and its plan, with all that changes while it trains.
 
     Args:
-        learner: From `make_learner`; everything random is drawn from its generator.
-        task: What it learns.
+        learner: Learner from `make_learner`; everything random is drawn from its generator.
+        task: Task that it learns.
         plan: For how long.
         held_out: Goals by which the best policy is kept; None: none is.
 

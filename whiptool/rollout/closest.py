@@ -15,7 +15,7 @@ class ClosestApproach(NamedTuple):
 
     Args:
         distance: [m], (...); infinite where a path has no segment, or none whose ends are known.
-        segment: Which segment, (...).
+        segment: Number of the segment, (...).
         share: The share of the way along it, 0 to 1, (...).
     """
 
@@ -36,7 +36,7 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
     """Return the nearest points of the segments between successive points of paths.
 
     Args:
-        paths: In d dimensions, (..., T, d) [m]; NaN where there is no point.
+        paths: Paths in d dimensions, (..., T, d) [m]; NaN where there is no point.
         place: (d,), or one for each path, (..., d) [m].
     """
     start, step = paths[..., :-1, :] - np.asarray(place)[..., None, :], np.diff(paths, axis=-2)

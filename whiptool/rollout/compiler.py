@@ -124,7 +124,7 @@ def load_library(
         generated: C code that the driver includes as `GENERATED`.
         driver: C++ code.
         defines: Macros.
-        functions: That the library has to have.
+        functions: Functions that the library has to have.
 
     Returns:
         The library; None where there is no compiler, and, with one line in the log, where it fails.

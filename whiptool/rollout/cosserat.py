@@ -57,7 +57,8 @@ class TipPaths(NamedTuple):
         t: Times [s], (T,).
         tip: [m], (B, T, 3).
         velocity: [m/s], (B, T, 3).
-        nodes: From the hand to the tip [m], (B, T, elements + 1, 3); None of paths that were extrapolated.
+        nodes: Positions of the nodes from the hand to the tip [m], (B, T, elements + 1, 3); None of paths that were
+            extrapolated.
     """
 
     t: np.ndarray

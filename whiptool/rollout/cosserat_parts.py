@@ -20,7 +20,7 @@ class MovedHand(ea.ConstraintBase):
     """A rod's first node follows a path; the rod turns about it freely.
 
     Args:
-        places, velocities: At every half step, (2 steps + 1, 3) [m], [m/s].
+        places, velocities: Places and velocities at every half step, (2 steps + 1, 3) [m], [m/s].
         half: Half a step [s].
     """
 

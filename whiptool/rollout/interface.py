@@ -25,7 +25,7 @@ class Rollout(ABC):
 
     Args:
         model: Whip, arm and gravity.
-        engine: What computes, or strikes: a name.
+        engine: Name of the engine or rig.
         timestep: Timestep of the integrator [s].
         tolerance: Largest error of a distance by integration [m], where steps are chosen by their errors; else None.
         one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.

@@ -136,7 +136,7 @@ class _History:
     """Every instant of L strikes: numbers, (T, L, size), and in forward mode how they change.
 
     Args:
-        system: What they are strikes of.
+        system: System of the strikes.
         batch: All strikes.
         which: Those to roll out, (L,).
         count: Steps in a row; T is a multiple of it.

@@ -23,7 +23,7 @@ class MujocoRods:
     """The joints of a whip of rods in MuJoCo: their torques, and states in the coordinates of rods.
 
     Args:
-        model: With a whip of N rods on an arm of a joints.
+        model: Model with a whip of N rods on an arm of a joints.
         mj: Its arm and whip, as `build_spec` gives them.
     """
 

@@ -35,9 +35,9 @@ def refine(
 
     Args:
         rollout: The simulator of the strike.
-        strike, t_stay: What was rolled out.
-        path: What it came to.
-        target: Where the miss distance is measured from [m].
+        strike, t_stay: The simulated strike.
+        path: Trajectory of the strike.
+        target: Target of the miss distance [m].
     """
     if rollout.tolerance is not None:
         near = rollout.approach(strike, target, t_stay=t_stay)

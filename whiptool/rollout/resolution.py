@@ -34,7 +34,7 @@ class Resolved:
     """Outcomes of B strikes, each stepped as finely as it needs.
 
     Args:
-        out: In the engine's columns, (B, columns).
+        out: Outcomes in the engine's columns, (B, columns).
         error: Estimated error of the distances [m], (B,); infinite where no tolerance was fine enough.
         tolerance: Tolerance of the steps' errors that was taken [m], (B,).
     """

@@ -38,7 +38,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         distance: Distance of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
         time: When [s], (B,).
         velocity: Velocity of the tip, then [m/s], (B, 2), in space (B, 3).
-        tip: Where [m], (B, 2), in space (B, 3).
+        tip: Position of the tip at the closest approach [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the simulation diverged, with joint speeds that grew without bound, (B,).
@@ -82,7 +82,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
 
         Args:
-            i: Which strike.
+            i: Number of the strike.
             paths: Some paths at its steps, (paths, T, d) [m]; NaN from where it diverged.
             target: (d,) [m].
             h: Step [s].

@@ -68,7 +68,7 @@ class Answers:
             striker: Rolls out.
             strikes: Vectors, (S, m).
             which: Numbers of the strikes, (K,), in ascending order.
-            when: Which sample, (K,), neither a path's first nor its last.
+            when: Number of the sample, (K,), neither a path's first nor its last.
             progress: Show a bar.
         """
         names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension

@@ -24,7 +24,7 @@ class MapPlan:
     """How much is rolled out to build a map.
 
     Args:
-        random_strikes: What the first answers are passages of.
+        random_strikes: Number of random strikes whose passages are the first answers.
         room: Answers in each cell of the region at first; each round of practice makes room for one more.
         rounds: Rounds of practice.
         goals: Goals of each round.

@@ -18,7 +18,7 @@ class Foreign:
 
     Args:
         what: It is.
-        cure: What to do.
+        cure: Correction.
         suffixes: Suffixes of its files; empty: any.
         head: A regular expression that its first bytes match.
     """

@@ -23,8 +23,8 @@ class FrameClock:
 
     Args:
         times: Middle of the first row's exposure of each frame that is kept [s], 0 the command's start.
-        keep: Which of all frames are kept, (F,).
-        notes: Which clock it was, and what was left out.
+        keep: Numbers of the frames that are kept, (F,).
+        notes: The clock that was used, and the frames that were left out.
     """
 
     times: np.ndarray
@@ -41,8 +41,8 @@ def frame_clock(
     Args:
         side: Its keys `timestamps` (numbers, or a CSV file) and `fps`, `stamp`, `exposure` and `start`.
         count: Number of frames.
-        stamps: That the file holds (count,) [s]; None: it holds none.
-        of: Whose they are, for people.
+        stamps: Time stamps in the file (count,) [s]; None without any.
+        of: Owner of the stamps, for messages.
         numbers: Numbers of the frames, (count,); default: from 0 on.
         hint: Frames per second as the file says, for the message only: it knows nothing of frames that were dropped.
 

@@ -33,7 +33,7 @@ class JointLog:
         names: Names of the n columns; empty where their order alone says which is which.
         unit: `rad` or `deg` where the columns' names say it; empty: they do not.
         listed: Whether the columns were listed in the arm's order.
-        notes: What was assumed and left out.
+        notes: Assumptions, and columns that were left out.
     """
 
     t: np.ndarray
@@ -49,7 +49,7 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
 
     Args:
         path: The file.
-        columns: Which of its columns are the arm's joints: by the joints' names, or in the arm's order; None: as they
+        columns: Columns of the arm's joints: by the joints' names, or in the arm's order; None: as they
             are called.
 
     Raises:
@@ -78,7 +78,7 @@ class Chosen:
 
     Args:
         names: Names of the columns in the file.
-        aliases: What they are called for the arm; empty: the same.
+        aliases: Names of the columns in the arm; empty: the same.
         in_order: Whether their order alone says which is which.
         listed: Whether the user listed them in the arm's order.
         unit, notes: As of a `JointLog`.

@@ -52,7 +52,7 @@ class Episode:
         names: Names of the n columns of each feature, as far as `info.json` has them.
         videos: For each camera its MP4 file, and when the episode begins in it [s].
         fps: Rows and images per second.
-        files: What was read.
+        files: Files that were read.
     """
 
     t: np.ndarray

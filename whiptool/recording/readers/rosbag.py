@@ -58,7 +58,7 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
 
     Args:
         path: The `.db3` file, or the bag's folder.
-        topic: Which images; None if there is only one topic of them.
+        topic: Topic of the images; None if only one topic has images.
 
     Yields:
         The message's stamp, by the clock that its header has, and the image: (H, W, 3) uint8 in the order BGR, or

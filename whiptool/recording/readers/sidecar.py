@@ -67,8 +67,8 @@ class Sidecar:
 
     Args:
         table: Key and value.
-        folder: Where file names in it are looked up.
-        place: What errors are prefixed with.
+        folder: Folder of the files that it names.
+        place: Prefix of error messages.
     """
 
     table: Mapping[str, Any]
@@ -82,7 +82,7 @@ class Sidecar:
         Args:
             path: The recording.
             options: Those of its reader.
-            keys: What the format knows in addition to the common keys.
+            keys: Keys of the format in addition to the common keys.
             file: The sidecar, if it is not `NAME.toml`.
 
         Raises:
@@ -160,7 +160,7 @@ class Sidecar:
         """What the common keys say of a recording, as arguments of `StrikeRecording`; times without `start`.
 
         Args:
-            notes: What else to report of how it was read.
+            notes: Further remarks on how it was read.
             log: Joints that the recording holds itself, where no file of them is named.
 
         Raises:

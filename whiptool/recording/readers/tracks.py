@@ -146,8 +146,8 @@ def split_columns(
 
     Args:
         names: Names of the columns.
-        more: What columns of a marker may hold besides its coordinates; of two that end alike, the longer is meant.
-        axes: What its coordinates are called.
+        more: Further columns of a marker besides its coordinates; of two that end alike, the longer is meant.
+        axes: Names of its coordinates.
 
     Raises:
         InputError: A name does not end in `_x`, ..., a marker lacks one of the first two axes, or only some have a z.

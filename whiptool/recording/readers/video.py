@@ -55,13 +55,13 @@ class VideoSource:
         homography: Pixel (u, v, 1) -> strike plane (x, y) [m], (3, 3); pixel (0, 0) is the centre of the first. None
             where the camera is not calibrated yet.
         exposure: Exposure of every row [s].
-        readout: From the first row's exposure to the last's [s]; 0 with a global shutter.
+        readout: Time from the first row's exposure to the last's [s]; 0 with a global shutter.
         kind: Kind of light, `color` or `infrared`; empty where the images themselves show it by their number of
             channels.
         synthetic: Whether no real camera took them.
         fps: Images per second, the inverse of the median step of `times`.
         view: The camera in space that took them, with their exposure, readout and rate; None where they are of a plane.
-        about: What else is known, as arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
+        about: Further arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
             joints_q, camera, source, sha256, exposure.
     """
 

@@ -18,8 +18,8 @@ class Assumed:
 
     Args:
         name: Name of the register.
-        value: What it is set to by `--for-strikes`: the maker's default.
-        meaning: What it is for, as a reader of the message needs it.
+        value: Value that `--for-strikes` sets, the maker's default.
+        meaning: Purpose of the register, for messages.
         holds: Whether a value will do; None: only `value` does.
     """
 

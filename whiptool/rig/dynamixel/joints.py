@@ -46,8 +46,8 @@ class Joints:
         bus: The line.
         zero: Counts of Present Position at q = 0, the arm hanging straight down; default: 2048 each.
         direction: +1 or -1 each: whether counts grow with the joint's angle; default: +1.
-        torque_constant: At the output [N m/A]; default: stall torque over stall current, 1.78.
-        units: What a count is worth.
+        torque_constant: Torque constant at the output [N m/A]; default: stall torque over stall current, 1.78.
+        units: Units of the counts.
     """
 
     def __init__(

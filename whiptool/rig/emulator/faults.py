@@ -30,8 +30,8 @@ class Fault:
     """One fault.
 
     Args:
-        kind: What happens.
-        at: From this simulated time on [s].
+        kind: Kind of the fault.
+        at: Simulated time from which it occurs [s].
         count: Number of packets that a fault of the line affects.
         servo: Number of the servo that a fault affects, from 0.
         seed: Seed of what is random about it: the bit that flips, where a reply is split.

@@ -26,7 +26,7 @@ class Chain:
     """Servos on one line.
 
     Args:
-        servos: In the order in which they sit on the line.
+        servos: Servos in their order on the line.
         on_goal: Called after any write to Goal Current, by whichever instruction, whether a servo took it or not, while
             a servo's torque is on: the beat of the lock-step mode.
     """

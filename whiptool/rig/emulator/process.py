@@ -38,7 +38,7 @@ class Emulator:
     `port` is the device to open, as `/dev/ttyUSB0` would be. Use it as a context manager, or call `close`.
 
     Args:
-        options: What is emulated, and how its time runs.
+        options: Emulated arm, and how its time runs.
 
     Raises:
         WhiptoolError: The process did not start.

@@ -58,10 +58,10 @@ class Server:
     """Serves one emulated rig on a pseudo-terminal until it is stopped; `port` is the device to open.
 
     Args:
-        options: What is emulated.
+        options: Emulated arm.
         control: A `multiprocessing.connection.Connection` on which commands come. None: no commands, and no one can ask
             what happened, and so nothing is kept of it.
-        clock: Where wall-clock time comes from [s].
+        clock: Source of the wall-clock time [s].
     """
 
     def __init__(

@@ -58,9 +58,9 @@ class Servo:
     """Registers of one servo and the state behind them.
 
     Args:
-        id: On the bus.
+        id: Id on the bus.
         motor: For the supply's voltage.
-        units: What a count is worth.
+        units: Units of the counts.
         baud: Value of Baud Rate(8).
         return_delay: Value of Return Delay Time(9), in 2 us.
     """
