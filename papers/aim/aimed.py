@@ -209,7 +209,7 @@ def aim(
         strike_map: Strike map of the task.
         folder: Folder of the map.
         store: Store of the results.
-        goals: How many.
+        goals: Number of goals.
         replays: Strikes that are replayed in MuJoCo, the first that hit.
         oracle: Of the same, how many are played with a Cosserat rod.
         touched: How many strikes are checked for collisions if collisions are not among the task's limits.

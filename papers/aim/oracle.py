@@ -45,7 +45,7 @@ class OracleUnit(Unit):
     Args:
         task: Which they are of; its arm moves as commanded, whatever the whip does.
         goals: Which of its goals each is for, (B,).
-        strikes: Their numbers, (B, m).
+        strikes: Strike vectors, (B, m).
     """
 
     task: AimTask

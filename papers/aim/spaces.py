@@ -93,7 +93,7 @@ class SpaceStudy:
     """All searches.
 
     Args:
-        targets: Their number.
+        targets: Number of targets.
         cap: Trials at most at each.
         found: Results of units by key.
     """

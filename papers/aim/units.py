@@ -176,12 +176,12 @@ class Found:
     """What a search came to.
 
     Args:
-        search: Its name.
+        search: Name of the search.
         hit: Whether it hits.
         miss: [m]; None if it diverged.
         angle: [rad]; None if it diverged, or where none is asked for.
         within: Whether it keeps the limits.
-        strike: Its numbers.
+        strike: Strike vector.
     """
 
     search: str
@@ -205,7 +205,7 @@ class ReplayUnit(Unit):
     Args:
         task: Which it is of.
         goal: Which of its goals.
-        strike: Its numbers.
+        strike: Strike vector.
     """
 
     task: AimTask

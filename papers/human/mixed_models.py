@@ -51,7 +51,7 @@ class MixedModel:
         between: Standard deviation between people of each of those.
         within: Standard deviation of throws about their person's line.
         log_likelihood: Log likelihood of the fit by maximum likelihood.
-        throws: How many there were.
+        throws: Number of throws.
     """
 
     quantity: str

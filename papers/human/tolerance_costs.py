@@ -91,7 +91,7 @@ def tolerance(rollout: Rollout, target: Target, strikes: np.ndarray, *, draws: i
 
     Args:
         rollout: The machine.
-        target: What is to be hit, with its hit radius.
+        target: Target of the strike, with its hit radius.
         strikes: The method's.
         draws: Noisy strikes of each size.
         seed: Seed of the noise.
@@ -140,11 +140,11 @@ def costs(
 
     Args:
         rollout: The machine.
-        target: What is to be hit.
+        target: Target of the strike.
         strike: Whose executions have independent normal noise, (m,).
         places: Strikes at which the same scatter is tried for the cost of tolerance.
         size: Size of the noise [rad, s].
-        executions: Their number.
+        executions: Number of executions.
         seed: Seed of the noise.
     """
     rng = np.random.default_rng(seed)

@@ -17,7 +17,7 @@ class LastNodes(Rollout):
 
     Args:
         rollout: What rolls them out.
-        count: How many nodes, the tip included.
+        count: Number of nodes, the tip included.
         until: Instant after the movement's beginning at which a strike ends, whatever its duration is [s].
     """
 

@@ -35,7 +35,7 @@ class TrialsUnit(Unit):
     Args:
         target: Which, from 0.
         seed: Seed of the random strikes.
-        trials: How many.
+        trials: Number of trials.
         random: Random strikes of each.
     """
 
@@ -109,7 +109,7 @@ class BesideUnit(Unit):
 
     Args:
         target: Which, from 0.
-        strike: Its vector.
+        strike: Strike vector.
         cap: Rollouts in each box.
     """
 
@@ -138,7 +138,7 @@ class ReferenceUnit(Unit):
 
     Args:
         target: Which, from 0.
-        strike: Its vector.
+        strike: Strike vector.
     """
 
     target: int

@@ -67,7 +67,7 @@ class Size:
         rigs: Whips of each family that go through the whole chain, at one target each.
         transfers: Whips of each family that are struck at further targets; and those of `strange` that are tried with
             `uniform`.
-        further: How many.
+        further: Number of further.
         rig_transfers: Whips of each family that are struck at further targets through the whole chain.
         episodes: Episodes of SAC's training.
     """

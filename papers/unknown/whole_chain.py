@@ -95,7 +95,7 @@ class RigUnit(Unit):
     Args:
         study: See there.
         family, seed: Family and seed of the whip.
-        target: Its number.
+        target: Number of the target.
         method: `adapt`, `still`, `wiggle` or `uniform`.
     """
 
@@ -135,7 +135,7 @@ class RigTransferUnit(Unit):
     Args:
         study: See there.
         family, seed: Family and seed of the whip.
-        target: Its number.
+        target: Number of the target.
         further: Numbers of the others; those that the motors do not reach are left out.
     """
 

@@ -23,7 +23,7 @@ class Scene:
         model, controller: Whip, arm, and law.
         zone: Zone of the targets.
         arrival: How the tip has to arrive there.
-        targets: Their number.
+        targets: Number of targets.
         target_seed: They are drawn with it.
         radii: Hit radii [m]; with the first one learners are trained.
         cap: Trials at most at each target.

@@ -31,7 +31,7 @@ class SpaceCamera:
         position: Position of its centre of projection in the world [m], (3,).
         distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
         fps: Frames per second.
-        exposure: How long each row collects light [s].
+        exposure: Exposure time of each row [s].
         readout: Time from the first row's start to the start of the row after the last [s]; 0 is a global shutter.
 
     Raises:

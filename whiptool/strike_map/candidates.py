@@ -52,8 +52,8 @@ def candidates(
         striker: Says in which box strikes lie.
         answers: To choose from, turned to the front.
         front: Turns goals to the front, and strikes back.
-        goal: In its own place.
-        shortlist: How many answers are corrected.
+        goal: Goal at its position.
+        shortlist: Number of answers that are corrected.
     """
     angle = front.angles(goal.positions)
     nearest = answers.take(answers.shortlist(front.goals(goal, -angle), shortlist))

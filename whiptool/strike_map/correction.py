@@ -16,7 +16,7 @@ class Correction:
     Args:
         change: Change of each number, (B, m).
         size: Norm of the change in widths, (B,).
-        left: What is left of the residuals to first order [m], (B,).
+        left: Remaining residuals to first order [m], (B,).
     """
 
     change: np.ndarray

@@ -25,8 +25,8 @@ class GoalRegion:
     """Goals of a zone.
 
     Args:
-        zone: Where their points lie.
-        rule: How the tip has to arrive there.
+        zone: Zone of the targets.
+        rule: Required arrival of the tip.
         hit_radius: [m]
 
     Raises:

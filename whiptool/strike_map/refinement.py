@@ -25,9 +25,9 @@ class Refined:
 
     Args:
         strikes: The best of each, (B, m).
-        struck: What they come to.
-        rollouts: How many it took in all, without those for derivatives.
-        derivatives: How many times derivatives of a strike were taken.
+        struck: Outcomes of the strikes.
+        rollouts: Total number of rollouts, without those for derivatives.
+        derivatives: Number of derivatives of strikes that were computed.
     """
 
     strikes: np.ndarray
@@ -62,7 +62,7 @@ def refine(
         goals: One each.
         strikes: To begin with, (B, m).
         slopes: Derivatives of the residuals there or near there, (B, r, m); None: they are taken.
-        steps: At most.
+        steps: Largest number of steps.
     """
     state = _Refinement(striker, goals, strikes, slopes)
     for _ in range(steps):

@@ -23,10 +23,10 @@ class Landings:
     """How B strikes came to B goals.
 
     Args:
-        residuals: What is left between strike and goal [m], (B, r), see `Goals.residuals`; NaN if it diverged.
+        residuals: Residuals between strike and goal [m], (B, r), see `Goals.residuals`; NaN if it diverged.
         distance: Closest approach of the tip [m], (B,).
         angle: Between its velocity and the direction [rad], (B,); NaN where none is asked for.
-        beyond: How far the strike is beyond the limits, (B,); <= 0: within.
+        beyond: Excess of the strike over the limits, (B,); at most 0 within them.
         hit: Whether it hits, within the limits, (B,).
     """
 

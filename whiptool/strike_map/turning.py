@@ -41,7 +41,7 @@ class Front:
     Of an arm that does not turn as a whole nothing is turned.
 
     Args:
-        model: With the arm.
+        model: Model with the arm.
     """
 
     def __init__(self, model: Model) -> None:

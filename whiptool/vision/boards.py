@@ -18,8 +18,8 @@ class Corners:
     """Corners of a board that an image shows.
 
     Args:
-        ids: Which corners, (P,), as rows of the board's `points`.
-        pixels: Where they are, (P, 2).
+        ids: Numbers of the corners, (P,), as rows of the board's `points`.
+        pixels: Their positions in the image, (P, 2).
     """
 
     ids: np.ndarray

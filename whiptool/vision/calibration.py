@@ -53,8 +53,8 @@ def calibrate_points(
     """From at least four known points of the strike plane, no three of four on a line.
 
     Args:
-        pixels: Where they are seen, (P, 2).
-        metres: Where they are on the strike plane [m], (P, 2).
+        pixels: Positions in the image, (P, 2).
+        metres: Positions on the strike plane [m], (P, 2).
         camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:
@@ -151,8 +151,8 @@ def calibrate_checkerboard(
         image: (H, W, 3) or (H, W) of uint8.
         corners: Inner corners along a row, and rows of them.
         square: Side of a square [m].
-        origin: Where the first corner (upper left) is on the strike plane [m], (2,).
-        angle: How far the board's rows are turned from x toward y [rad].
+        origin: Position of the first corner (upper left) on the strike plane [m], (2,).
+        angle: Angle by which the board's rows are turned from x toward y [rad].
         camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:

@@ -32,8 +32,8 @@ class CameraSettings:
             plane.
         rotation: Rotation vector [rad], (3,), in the camera's axes (right, down, forward), that turns a camera looking
             straight at the plane, upright, into this one.
-        exposure: How long each row collects light [s].
-        readout: From the first row's start to the start of the row after the last [s]; 0 is a global shutter.
+        exposure: Exposure time of each row [s].
+        readout: Time from the first row's start to the start of the row after the last [s]; 0 is a global shutter.
         kind: `color` or `infrared`.
 
     Raises:
@@ -172,7 +172,7 @@ class Exposed:
         t_points: Middle of each exposure of the point [s], (F,).
         points: Mean of its path over the exposure [m], (F, 2), in space (F, 3).
         pixels: Mean of its image [pixels], (F, 2).
-        duration: How long it was seen [s], (F,): the exposure, stretched where it runs along with the rows.
+        duration: Time for which it was seen [s], (F,): the exposure, stretched where it runs along with the rows.
         speed: Mean speed meanwhile [m/s], (F,).
     """
 

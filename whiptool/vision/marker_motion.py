@@ -38,7 +38,7 @@ class MotionFilter:
     """Where a marker is, how it moves, and how sure that is; both coordinates share one covariance.
 
     Args:
-        pixel: Where it was seen first, (2,) [pixels].
+        pixel: Position where it was seen first, (2,) [pixels].
         t: When [s].
         per_metre: Pixels per metre there.
         moving: Whether it may be in flight.

@@ -53,7 +53,7 @@ class Sighting:
         pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
         point: The same on the strike plane [m], (2,); NaN where unsure.
         sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.
-        confidence: In [0, 1]; positions are given from 0.5.
+        confidence: Confidence in [0, 1]; positions are given from 0.5.
     """
 
     t_point: float
@@ -67,12 +67,12 @@ class MarkerTracker:
     """Follows one marker.
 
     Args:
-        marker: Its looks.
+        marker: Appearance of the marker.
         settings: The camera.
         calibration: Calibration of the strike plane; default: from the settings' pose.
         background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
             that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
-        start: Where the marker is in the first frame (2,) [pixels], if something there looks like it.
+        start: Position of the marker in the first frame (2,) [pixels], if something there looks like it.
         light: How its light is learned; that of a marker that comes nearer changes.
     """
 

@@ -146,14 +146,14 @@ def find_blobs(
     """The blobs of a marker's colour in a region of an image.
 
     Args:
-        marker: What to look for.
+        marker: Marker to look for.
         image: (H, W, 3) or (H, W) of uint8.
         background: Strength (H, W) of the scene without the marker, or None for none.
         noise: Noise of the strength, from `noise_of`.
         region: Left, top, right, bottom [pixels].
         least_mass: Light of the whole marker [pixels]; blobs with less than a share `_BLOBS.faint` of it are left out.
         least_strength: Least strength of any part of a blob.
-        near: Where the marker is expected (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
+        near: Expected position of the marker (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
             is the first of the list.
     """
     cv2 = opencv()

@@ -40,7 +40,7 @@ class RealSenseCamera:
     Args:
         settings: What is asked of the camera: size, rate, exposure, kind (`color` or `infrared`), and the pose and
             readout that frames are to carry. Focal lengths and principal point are replaced by the device's own.
-        serial: Which camera; empty for the only one.
+        serial: Serial number of the camera; empty for the only one.
         file: A recording of the SDK to play instead, every frame of it.
 
     Raises:

@@ -45,7 +45,7 @@ class Pose:
     """Where a body is, and how it is turned.
 
     Args:
-        rotation: From the body's axes to the other frame's.
+        rotation: Rotation from the body's axes to the other frame's.
         position: Position of its origin there [m], (3,).
     """
 
@@ -141,8 +141,9 @@ def calibrate_cameras(
         views: What each camera saw of the board at each instant, None where it was not looked for; as many each.
         board: The board.
         instant: At which the board lay where the world is known.
-        rotation: From the board's axes (x along its rows, y down its columns, z into it) to the world's at that
-            instant, (3, 3); None: its rows along x, its columns along -y, as a board that lies on the floor face up.
+        rotation: Rotation from the board's axes (x along its rows, y down its columns, z into it) to the world's at
+            that instant, (3, 3); None: its rows along x, its columns along -y, as a board that lies on the floor face
+            up.
         position: Position of the board's first corner in the world at that instant [m], (3,).
 
     Raises:

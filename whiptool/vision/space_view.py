@@ -27,7 +27,7 @@ class SpaceView(CameraSettings):
     only pixels are used.
 
     Args:
-        camera: In space.
+        camera: Camera in space.
     """
 
     camera: SpaceCamera | None = None
@@ -82,7 +82,7 @@ def track_view(
     Args:
         source: A source, which is opened and closed, or frames; all of one `SpaceView`, in the order of time.
         tip: Looks of the tip's marker; default: those of the virtual camera, in its kind of light.
-        start: Where the tip is in the first frame (2,) [pixels]; needed only where several things look like it.
+        start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
         known: Other fields of the recording, such as strike, controller, t_stay, joints_t and joints_q.
 
     Raises:

@@ -28,7 +28,7 @@ class Disagreement:
     """Two cameras whose lines of sight to the same markers pass each other.
 
     Args:
-        cameras: Their names.
+        cameras: Names of the cameras.
         apart: How far a line of sight is from the other's in an image, in the median [pixels].
         errors: The same over what the recordings state.
         delay: The second camera's times less the first's, at which they agree best [s].

@@ -54,7 +54,7 @@ class Track:
         pixels: Mean positions over the exposures [pixels], (T, 2); NaN where unsure.
         points: The same on the strike plane [m], (T, 2).
         sigma: Standard errors of the points, per coordinate [m], (T,).
-        confidence: In [0, 1], (T,).
+        confidence: Confidence in [0, 1], (T,).
     """
 
     t: np.ndarray
@@ -127,7 +127,7 @@ class Tracker:
         tip, target: Looks of the markers; default: those of the virtual camera, in its kind of light.
         calibration: Calibration of the strike plane; default: from the settings' pose.
         background: Image of the scene without tip, such as `median_image` makes; default: learned from the first frame.
-        tip_start: Where the tip is in the first frame (2,) [pixels]; needed only where several things look like it.
+        tip_start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
 
     Raises:
         InputError: A marker has a hue in infrared, or none in color.

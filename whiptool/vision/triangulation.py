@@ -39,7 +39,7 @@ def triangulate(cameras: Sequence[SpaceCamera], pixels: np.ndarray) -> Triangula
 
     Args:
         cameras: C of them, two at least.
-        pixels: Where each saw the points (C, ..., 2), distorted as they are; NaN where it did not.
+        pixels: Positions of the points in each camera's image (C, ..., 2), distorted as they are; NaN where it did not.
 
     Raises:
         InputError: There are fewer than two cameras, or `pixels` has another shape.

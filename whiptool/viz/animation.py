@@ -33,9 +33,9 @@ class StrikeAnimation(FuncAnimation):
     """An animation that a notebook shows as HTML5 video, made by the ffmpeg that comes with imageio-ffmpeg.
 
     Args:
-        figure: What is drawn.
+        figure: Figure that is drawn.
         moving: The artists that move, in the order in which they are drawn.
-        count: How many frames.
+        count: Number of frames.
         show: Called with the number of each frame, puts the artists where they are then.
     """
 
@@ -79,7 +79,7 @@ def animate(
 
     Args:
         trajectory, model: The strike, and the model that it was rolled out with.
-        target: What was to be hit, or its position (2,), in space (3,) [m].
+        target: Target of the strike, or its position (2,), in space (3,) [m].
         speed: 1 is real time, 0.25 four times slower.
         width, dpi: Width and dpi of the frames [inches], [pixels per inch].
 

@@ -33,9 +33,9 @@ def draw_direction(ax: Axes, target: Target, shown: Sequence[int] = (0, 1)) -> N
     """Draw the arrow of a target that asks for a direction into axes in the plane.
 
     Args:
-        ax: Where to.
+        ax: Axes to draw into.
         target: See above.
-        shown: Which two coordinates the axes show.
+        shown: The two coordinates that the axes show.
     """
     if target.direction is None:
         return

@@ -70,7 +70,7 @@ def film_of(
 
     Args:
         trajectory, model: The strike, and the model that it was rolled out with.
-        target: What was to be hit.
+        target: Target of the strike.
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels].
         beyond: The strike is beyond its limits: it is shown as no hit.

@@ -20,9 +20,9 @@ def drawn_frames(
     """Yield frames (height, width, 3) of uint8; only what moves is drawn for each frame, the rest once.
 
     Args:
-        figure: What is drawn; what moves is drawn above all else.
+        figure: Figure that is drawn; what moves is drawn above all else.
         moving: The artists that move, in the order in which they are drawn.
-        count: How many frames.
+        count: Number of frames.
         show: Called with the number of each frame, puts the artists where they are then.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # not needed for films that MuJoCo draws

@@ -43,7 +43,7 @@ def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float
         ends: [m], (2, 2), in the strike plane.
         y: How far behind that plane [m].
         thickness: [m]
-        rgb: Its colour.
+        rgb: Colour.
     """
     along = ends[1] - ends[0]
     length = np.hypot(*along)
@@ -68,7 +68,7 @@ def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequen
         scene: Has room for it.
         ends: [m], (2, 3), in space.
         radius: [m]
-        rgb: Its colour.
+        rgb: Colour.
     """
     geom = scene.geoms[scene.ngeom]
     kind = mujoco.mjtGeom.mjGEOM_CAPSULE

@@ -32,9 +32,9 @@ def strike_page(
 
     Args:
         model, trajectory: The strike, and the model that it was rolled out with.
-        target: What was to be hit, or its position (2,) or (3,) [m].
+        target: Target of the strike, or its position (2,) or (3,) [m].
         label: The controller, in words.
-        beyond: Which limit the strike is beyond, in words: it is shown as no hit; None: it is within all.
+        beyond: Limit that the strike exceeds, in words: it is shown as no hit; None: it is within all.
     """
     goal = as_target(target)
     data = strike_data(model, trajectory, goal)

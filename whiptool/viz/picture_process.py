@@ -24,7 +24,7 @@ class Pictures:
         folder: Where figures are written, see `whiptool.viz.plots.save_strike_figures`.
         film: MP4 file to write, see `whiptool.viz.video.render_video`.
         trajectory, model: The strike, and the model that it was rolled out with.
-        target: What was to be hit.
+        target: Target of the strike.
         title: Title of the figures.
         beyond: Whether the strike is beyond its limits, which is not a hit.
     """

@@ -59,9 +59,9 @@ def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequenc
     Hits are those of the trials' outcomes: a tip that comes near, but not as the target asks, does not count.
 
     Args:
-        ax: Where to.
+        ax: Axes to draw into.
         trials: Such as a `Result`'s trace.
-        target: What was to be hit, or its place [m].
+        target: Target of the strike, or its place [m].
         label: Leads the title.
     """
     hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
@@ -111,8 +111,8 @@ def plot_strike(
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: What was to be hit, or (x, y) or (x, y, z) [m].
-        ax: Where to draw; None: axes of a new figure of a size that fits. Of a figure with several axes,
+        target: Target of the strike, or (x, y) or (x, y, z) [m].
+        ax: Axes to draw into; None: axes of a new figure of a size that fits. Of a figure with several axes,
             `layout="constrained"` keeps room for legend and colour bar. A strike in space is drawn in perspective into
             3-D axes, and as seen from the side into others.
 
@@ -258,7 +258,7 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
-        axes: Where to draw, (2,); None: axes of a new figure.
+        axes: Axes to draw into, (2,); None: axes of a new figure.
 
     Returns:
         The axes.
@@ -301,7 +301,7 @@ def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes 
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
-        ax: Where to draw; None: axes of a new figure.
+        ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
         The axes.
@@ -327,7 +327,7 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
 
     Args:
         trajectory: The strike.
-        ax: Where to draw; None: axes of a new figure.
+        ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
         The axes.
@@ -365,7 +365,7 @@ def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.n
     Args:
         trajectory: The strike.
         model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
-        axes: Where to draw, (2,); None: axes of a new figure.
+        axes: Axes to draw into, (2,); None: axes of a new figure.
 
     Returns:
         The axes.
@@ -406,8 +406,8 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
 
     Args:
         trajectory: The strike.
-        target: What was to be hit, or (x, y), in space (x, y, z) [m].
-        ax: Where to draw; None: axes of a new figure.
+        target: Target of the strike, or (x, y), in space (x, y, z) [m].
+        ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
         The axes.
@@ -450,11 +450,11 @@ def save_strike_figures(
     """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and, if there are gains, `gains.png`.
 
     Args:
-        folder: Where to; it is made if missing.
+        folder: Folder to write to; it is made if missing.
         trajectory: The strike.
         model: The model that it was rolled out with.
-        target: What was to be hit.
-        controller_label: What the figures call the controller.
+        target: Target of the strike.
+        controller_label: Name of the controller in the figures.
 
     Returns:
         The files.

@@ -72,7 +72,7 @@ def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) ->
         ax: To draw into.
         modes: Modes of the whip on a fixed arm.
         model: The same.
-        count: How many modes.
+        count: Number of modes.
 
     Raises:
         InputError: `count` is not from 1 to the number of modes.

@@ -19,7 +19,7 @@ def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequen
     The axes show the front and a part of what lies behind it, as hits far behind would flatten it.
 
     Args:
-        ax: Where to.
+        ax: Axes to draw into.
         front: Two criteria of its hits, in order, (P, 2).
         tried: Values of all hits, (Q, 2).
         labels: Labels of the two criteria, with units.

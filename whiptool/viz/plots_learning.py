@@ -23,7 +23,7 @@ def plot_learning(
     """Draw the mean reward of every episode's strikes, and the shares of them and of held-out goals that were hit.
 
     Args:
-        reward, hits: Where to.
+        reward, hits: Axes to draw into.
         columns: Columns of `whiptool.rl.episode_table.EpisodeTable`.
         trials: Strikes in an episode.
         best: The episode of the best policy, which is marked.

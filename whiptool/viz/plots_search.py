@@ -49,11 +49,11 @@ def plot_landscape(
     """Draw the miss distance over two strike parameters, all others held, with a line around what hits.
 
     Args:
-        ax: Where to; a colour bar is set next to it.
+        ax: Axes to draw into; a colour bar is set next to it.
         x: First parameter, (X,), in its own unit.
         y: Second parameter, (Y,).
         near: Closest approaches of the Y X strikes, those of the first `y` first; what diverged is drawn grey.
-        target: What was to be hit, or its place [m].
+        target: Target of the strike, or its place [m].
         names: Names of the two parameters, as `whiptool.models.strike.strike_names` has them.
         slides: See `axis_label`.
 
@@ -100,9 +100,9 @@ def plot_trials(
     Both kinds are labelled for a legend, which is left to the caller.
 
     Args:
-        ax: Where to.
-        trials: In order.
-        columns: Which two entries of the strike vector.
+        ax: Axes to draw into.
+        trials: Trials in order.
+        columns: Two entries of the strike vector.
         names: Names of the two parameters.
         slides: See `axis_label`.
     """

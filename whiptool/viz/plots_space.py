@@ -50,8 +50,8 @@ class Drawn:
         path_times: [s], (S,).
         speed: Speed of the tip [m/s], (S,).
         until: When the closest approach is, or the end where that is at the start [s].
-        target: What was to be hit.
-        title: How near the tip came.
+        target: Target of the strike.
+        title: Title with the miss distance.
         when: The time of the closest approach [s].
     """
 
@@ -94,7 +94,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
     Args:
         trajectory: The strike.
         model: The model in space that it was rolled out with.
-        target: What was to be hit, or (x, y, z) [m].
+        target: Target of the strike, or (x, y, z) [m].
 
     Raises:
         InputError: The target is not in space.

@@ -64,11 +64,11 @@ class Claim:
     """What a paper says, and what was measured.
 
     Args:
-        claim: In words.
-        paper: Its number or where it stands.
-        ours: What was measured, with numbers.
+        claim: The claim in words.
+        paper: Its number, or its place in the paper.
+        ours: Our measurement, with numbers.
         verdict: Begins with one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH`, `NO_VERDICT`.
-        reason: What was measured that decides it.
+        reason: Measurement that decides it.
     """
 
     claim: str

@@ -43,7 +43,7 @@ def render_video(
     Args:
         path: MP4 file to write; missing folders are made.
         trajectory, model: The strike, and the model that it was rolled out with.
-        target: What was to be hit, or its position (2,) or (3,) [m].
+        target: Target of the strike, or its position (2,) or (3,) [m].
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels], both even.
         progress: Called as `progress(frames done, frames in all)` after each frame.
