@@ -57,7 +57,7 @@ def test_a_map_that_is_not_whole_says_how_to_go_on(run: Path, tmp_path: Path) ->
     folder = tmp_path / "part"
     shutil.copytree(run, folder)
     (folder / GATE).unlink()
-    with pytest.raises(InputError, match=r"built to its end.*whiptool map build --resume"):
+    with pytest.raises(InputError, match=r"a finished map.*whiptool map build --resume"):
         load_map(folder)
 
 

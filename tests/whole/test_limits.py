@@ -115,7 +115,7 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     far = ["--method", "random", "--max-trials", "3", "--lower", *lower, "--upper", *upper, *common]
     assert main([*far, "--out", str(tmp_path / "all-refused")]) == 0
     said = capsys.readouterr()
-    assert "as was every strike tried" in said.out
+    assert "like all other strikes" in said.out
     assert "not confirmed" not in said.err
     result = json.loads((tmp_path / "all-refused/result.json").read_text())
     assert (result["hit"], result["n_refused"], result["motor_usage"] > 1) == (False, 3, True)
