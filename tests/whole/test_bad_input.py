@@ -286,7 +286,7 @@ simulate --strike 0 0 0 0 1e-310 | D
 simulate --strike 1e6 0 0 0 1 | are these degrees?
 simulate --strike -78 27 99 81 0.95 | are these degrees?
 optimize --lower -78 27 99 81 0.4 --upper -70 30 100 90 1 | are these degrees?
-simulate --strike 0 0 0 0 1 --export-trajectory absent/strike.csv | is no folder that is there
+simulate --strike 0 0 0 0 1 --export-trajectory absent/strike.csv | is not an existing folder
 simulate --export NAME.xml | --export
 strike --strike 1e308 0 0 0 1 | strike vector
 train --region pipe.npz | not a pipe or a device
