@@ -55,10 +55,6 @@ class Options:
         bounds, limits: Of the strikes, see `whiptool.adaptation.plan_search.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
-<<<<<<< HEAD
-=======
-        keeps: In space, limits of joints and distances that strikes have to keep.
->>>>>>> 379a609 (Descriptions of arguments and fields name the thing)
         first, later: Planning effort before any recording has been learned from, and after.
         retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
             from, has a hit probability below 50 %, or breaks a limit.

@@ -64,13 +64,8 @@ def plan(
         belief: Distribution of the whip's numbers; in space of an arm that follows its command exactly.
         target: A point, and on request a direction and a least speed.
         rng: Generator for candidates and samples.
-<<<<<<< HEAD
         past: Strikes that were tried before; they are candidates, too.
         demands: What else is required of the strike.
-=======
-        past: Strikes that were tried before; they and their neighbours are candidates, too.
-        demands: Further requirements of the strike.
->>>>>>> 379a609 (Descriptions of arguments and fields name the thing)
         effort: How hard to look.
         sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
 

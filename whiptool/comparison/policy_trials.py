@@ -42,7 +42,7 @@ def trials_within(
             within = replace(goals.rows(lanes), hit_radius=radius)
             near = within.hit_by(judged.approach) & ~judged.lost & ~hit[lanes]
             for i in np.flatnonzero(near & ~judged.hit) if task.limits.of_candidates else ():
-                near[i] = task.within_limits(judged.strikes[i])  # the task looks at the whole of its own hits alone
+                near[i] = task.within_limits(judged.strikes[i])  # the task checks whole trajectories of hits only
             new = lanes[near]
             trials[new], hit[new] = made[new], True
 
