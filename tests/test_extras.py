@@ -1,15 +1,19 @@
-"""Optional packages: what is missing is named, with the one command that installs all of it."""
+"""Optional packages: what is missing is named, with the one command that installs all of it; and what others add."""
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
 import tomllib
 
 import pytest
+from processes import HANG
 from repository import ROOT
 
-from whiptool.extras import EXTRAS, MissingPackage, optional, require
+from whiptool.errors import InputError
+from whiptool.extras import EXTRAS, MissingPackage, add_installed, optional, require
 
 
 def test_extras_are_those_of_the_project():
@@ -52,3 +56,89 @@ def test_a_module_that_does_not_load_says_why(monkeypatch, tmp_path):
     monkeypatch.delitem(sys.modules, "ray", raising=False)
     with pytest.raises(MissingPackage, match=r"cluster: the package ray is installed but cannot .*'no_such_library'"):
         optional("ray", "cluster")
+
+
+def install(monkeypatch, folder, module, points):
+    """Put a module and its entry points where Python finds installed packages."""
+    (folder / "lab.py").write_text(module)
+    (folder / "lab-1.0.dist-info").mkdir()
+    (folder / "lab-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
+    (folder / "lab-1.0.dist-info" / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "lab", raising=False)
+
+
+def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
+    install(monkeypatch, tmp_path, "five = 5", "[whiptool.numbers]\nfive = lab:five\n")
+    known = {"four": 4}
+    for _ in range(2):
+        add_installed(known, "numbers", int)
+        assert known == {"four": 4, "five": 5}
+    add_installed(known, "letters", str)
+    assert len(known) == 2
+
+
+@pytest.mark.parametrize(
+    ("point", "said"),
+    [
+        ("four = lab:five", "entry point four of whiptool.numbers: got 'lab:five'; allowed: a name that no other has"),
+        ("five = lab:six", "got 'lab:six'; allowed: an object that can be imported"),
+        ("five = lab:word", "got 'lab:word'; allowed: a int"),
+    ],
+)
+def test_what_cannot_be_taken_up_is_named(monkeypatch, tmp_path, point, said):
+    install(monkeypatch, tmp_path, "five, word = 5, 'five'", f"[whiptool.numbers]\n{point}\n")
+    with pytest.raises(InputError, match=re.escape(said)):
+        add_installed({"four": 4}, "numbers", int)
+
+
+LAB = """
+from add_controller import HardeningImpedance
+from add_optimizer import cross_entropy
+import whiptool as wt
+from whiptool.recording.readers import Format
+
+short_whip = wt.preset("lemon2024").with_whip(length=0.5)
+trc = Format("TRC", lambda path, head: path.suffix == ".trc", lambda path: wt.read_recording("strike.csv"))
+"""
+POINTS = """
+[whiptool.laws]
+hardening = lab:HardeningImpedance
+[whiptool.methods]
+cross-entropy = lab:cross_entropy
+[whiptool.presets]
+short-whip = lab:short_whip
+[whiptool.readers]
+trc = lab:trc
+"""
+USED = """
+import numpy as np
+import whiptool as wt
+from whiptool.impedance.files import controller_from_table
+from whiptool.optimizers import find_method
+
+assert wt.load_model("Short_Whip").whip.length == wt.preset("lemon2024").with_whip(length=0.5).whip.length
+assert "short-whip" in wt.presets()
+assert find_method("Cross-Entropy").__name__ == "cross_entropy"
+assert controller_from_table({"law": "hardening", "c": 50.0}).law.c == 50
+for _ in range(2):
+    assert len(wt.read_recording("strike.trc").t) == 50
+"""
+
+
+def test_laws_methods_presets_and_readers_of_an_installed_package_are_found(monkeypatch, tmp_path):
+    """In a separate process, for the registries keep what they took up; a format that whiptool refuses is read, too."""
+    install(monkeypatch, tmp_path, LAB, POINTS)
+    rows = [f"{0.01 * i},{0.01 * i},{0.5}" for i in range(50)]
+    (tmp_path / "strike.csv").write_text("\n".join(["t,tip_x,tip_y", *rows]))
+    (tmp_path / "strike.trc").write_text("PathFileType\t4\t(X/Y/Z)\tstrike.trc\n")
+    path = os.pathsep.join(map(str, (tmp_path, ROOT / "docs" / "examples", ROOT)))
+    done = subprocess.run(
+        [sys.executable, "-c", USED],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=HANG,
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,9 +1,13 @@
-"""Optional packages, and the extras that install them: what is missing is refused with the command that installs it."""
+"""Other packages: the extras that install optional ones, and what installed ones add by entry points.
+
+What is missing is refused with the command that installs it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from importlib import import_module
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from typing import Any
 
@@ -73,6 +77,31 @@ def optional(module: str, purpose: str = "") -> Any:
             raise _not_installed(purpose or wanted, [wanted]) from None
         state = f"the package {module} is installed but cannot be imported ({error})"
         raise MissingPackage(purpose or package, state, f"install it again: {_command([package])}") from error
+
+
+def add_installed(known: dict[str, Any], group: str, kind: type) -> None:
+    """Add to a registry what installed packages register as entry points of `whiptool.<group>`.
+
+    Whoever looks up a name calls it where the name is not known yet, so that nothing is loaded that is not asked for.
+
+    Args:
+        known: The registry, objects by name; the names of the toolbox itself stay.
+        group: `laws`, `methods`, `readers` or `presets`.
+        kind: Type of its objects.
+
+    Raises:
+        InputError: An object cannot be imported, is of another type, or has the name of another one.
+    """
+    for point in entry_points(group=f"whiptool.{group}"):
+        name = f"entry point {point.name} of whiptool.{group}"
+        try:
+            found = point.load()
+        except Exception as error:
+            raise InputError(name, point.value, f"an object that can be imported ({error!r})") from error
+        if not isinstance(found, kind):
+            raise InputError(name, point.value, f"a {kind.__name__}")
+        if known.setdefault(point.name, found) is not found:
+            raise InputError(name, point.value, "a name that no other has")
 
 
 def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:

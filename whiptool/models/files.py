@@ -14,7 +14,7 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import ROBOT_FILES, arm_from_table, arm_to_table, read_robot
 from whiptool.models.parameters import LONGEST_NAME, Model
-from whiptool.models.presets import PRESETS, preset
+from whiptool.models.presets import PRESETS, preset, presets
 from whiptool.models.profile import WhipProfile
 from whiptool.models.robots import rope
 from whiptool.models.tables import build_from, read_toml
@@ -141,5 +141,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
         return read_model(Path(name))
     if name.endswith(ROBOT_FILES):
         return Model(rope(), read_robot(Path(name), ArmChoice(tip=tip)), name=_name(Path(name)))
+    if as_named(name, presets()) in PRESETS:
+        return preset(name)
     rule = "a preset (" + ", ".join(PRESETS) + ") or the path of a .toml file, or of a robot: " + ", ".join(ROBOT_FILES)
     raise InputError("model", name, rule)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from whiptool.errors import InputError, expect
+from whiptool.extras import add_installed
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.robots import NAH2023, PANDA, UR5E
 from whiptool.words import as_named
@@ -42,7 +43,8 @@ PRESETS: dict[str, Model] = {
 
 
 def presets() -> list[str]:
-    """Return the names of the published models: `preset(name)` is one."""
+    """Return the names of the published models and those of installed packages: `preset(name)` is one."""
+    add_installed(PRESETS, "presets", Model)
     return list(PRESETS)
 
 
@@ -54,6 +56,9 @@ def preset(name: str) -> Model:
     """
     expect(str, name=name)
     own = as_named(name, PRESETS)
+    if own not in PRESETS:
+        add_installed(PRESETS, "presets", Model)
+        own = as_named(name, PRESETS)
     if own not in PRESETS:
         raise InputError("model preset", name, ", ".join(PRESETS))
     return dataclasses.replace(PRESETS[own])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
+from types import FunctionType
 from typing import Any
 
 import nlopt
 import numpy as np
 
 from whiptool.errors import InputError, expect, refuse_call
+from whiptool.extras import add_installed
 from whiptool.models.numbers import whole
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.cmaes_search import cmaes_search
@@ -51,10 +53,13 @@ def find_method(name: str) -> Method:
     """
     expect(str, method=name)
     found = _own_name(name)
-    if found in METHODS:
-        return METHODS[found]
     if found.startswith("nlopt:") and found.removeprefix("nlopt:") in nlopt_names():
         return partial(nlopt_search, algorithm=found.removeprefix("nlopt:"))
+    if found not in METHODS:
+        add_installed(METHODS, "methods", FunctionType)
+        found = _own_name(name)
+    if found in METHODS:
+        return METHODS[found]
     raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
 
 

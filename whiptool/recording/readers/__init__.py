@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, expect
+from whiptool.extras import add_installed
 from whiptool.recording.parsing import whole_file
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
@@ -77,6 +78,8 @@ READERS: dict[str, Format] = {
     "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video, needs="cv2"),
 }
 
+_OWN = frozenset(READERS)
+
 
 def find_format(path: Path | str) -> str:
     """The key in `READERS` of a recording's format, by its name and first bytes.
@@ -98,15 +101,28 @@ def find_format(path: Path | str) -> str:
         if isinstance(error, InputError):
             raise
         raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
-    refuse_foreign(path, head)
+    try:
+        refuse_foreign(path, head)
+    except InputError:
+        if installed := _installed_format(path, head):
+            return installed
+        raise
     if path.name.endswith(JOINT_LOG):
         strike = path.name.removesuffix(JOINT_LOG) + ".csv"
         raise InputError(str(path), "a joint log", "a recording", f"leave it out: it is read together with {strike}")
     for name, form in READERS.items():
         if form.matches(path, head):
             return name
+    if installed := _installed_format(path, head):
+        return installed
     formats = "; ".join(f"{name}: {form.what}" for name, form in READERS.items())
     raise InputError("recording", str(path), f"one of the formats {formats}", "or give the option format")
+
+
+def _installed_format(path: Path, head: bytes) -> str | None:
+    """Return the key of the format of a path that an installed package reads; None: no package does."""
+    add_installed(READERS, "readers", Format)
+    return next((name for name in READERS if name not in _OWN and READERS[name].matches(path, head)), None)
 
 
 def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
@@ -159,6 +175,8 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
 
 def _format(path: Path | str, name: str | None) -> Format:
     name = find_format(path) if name is None else name
+    if name not in READERS:
+        add_installed(READERS, "readers", Format)
     if name not in READERS:
         raise InputError("format", name, "one of " + ", ".join(READERS))
     return READERS[name]
