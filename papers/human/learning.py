@@ -27,7 +27,7 @@ class AdaptUnit(Unit):
 
     Args:
         seed: Which whip, of the family `strange`, that no model of the planner's simulates.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         strikes: That it makes, hit or miss.
     """
 

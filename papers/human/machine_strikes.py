@@ -44,7 +44,7 @@ class StrikeUnit(Unit):
     Args:
         method: A key of `METHODS`.
         seed: Seed of what is random.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         trials: Strikes at most, of which the best is kept.
     """
 

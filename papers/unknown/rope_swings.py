@@ -38,7 +38,7 @@ class Capture:
     """Motion capture of the tip.
 
     Args:
-        fps: [1/s]
+        fps: Frames per second [1/s].
         noise: Standard error of a place [m].
     """
 

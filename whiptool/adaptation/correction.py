@@ -35,7 +35,7 @@ def correct(
         strike: The strike that was made.
         recording: Its tip.
         rollout: Rollout of the model, which is not the whip that was struck with.
-        target: [m]
+        target: Target [m].
         t_stay: A strike is watched so long after the movement ended [s].
         bounds: Box of strikes; default: `default_bounds`.
     """

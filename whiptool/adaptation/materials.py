@@ -78,7 +78,7 @@ class Material:
         relaxation: Bending damping over bending stiffness [s].
         friction: Moment of dry friction [N m].
         drag_coefficient: Across.
-        length: [m]
+        length: Length [m].
         width: Width of the cross section in the air flow, in diameters.
     """
 

@@ -21,7 +21,7 @@ class ModelError:
     """Student's t of the signed distance between predicted and true path where they pass the target.
 
     Args:
-        scale: [m]
+        scale: Scale [m].
         freedom: Degrees of freedom; infinite: a normal distribution of that standard error.
 
     Raises:

@@ -135,7 +135,7 @@ class TipPort:
     Args:
         twin: The unknown whip.
         target: Target, a `Target` or its position [m].
-        fps: [1/s]
+        fps: Frames per second [1/s].
         t_stay: The strike is watched so long after the movement ended [s].
 
     Raises:
@@ -186,7 +186,7 @@ class RigPort:
 
     Args:
         make: The rig for a strike's number: a twin's noise depends on it, so that a resumed run sees the same noise.
-        target: [m]
+        target: Target [m].
     """
 
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:

@@ -35,7 +35,8 @@ class Spread:
     Args:
         thickness_taper: Error of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
         own_taper: Error of a quantity's own taper in addition, for quantities that go by the square.
-        rest_curvature: [1/m]: a twentieth of that of a coil of 0.15 m radius, which a stored rope keeps.
+        rest_curvature: Error of the rest curvature [1/m]: a twentieth of that of a coil of 0.15 m radius, which a
+            stored rope keeps.
         air_form: Error of drag in the plane, where the prior's air resists alike along the whip and across, real air
             mostly across.
         along: Error of drag along a whip in space over that across; anything between 0 and 1 is half as much, give or
@@ -45,7 +46,7 @@ class Spread:
         density_wave, stiffness_wave: In space, of the first wave that a taper leaves out; a thickness that is off by
             7 % weighs 15 % and bends by 30 %.
         wave_falls: The error of each further wave over the one before it.
-        arm_friction: [N m s/rad]
+        arm_friction: Error of the friction of the arm [N m s/rad].
         arm_mass: Error of the masses of the arm's links.
         gain: Error of the controller's gains.
         clock: Error of the camera's clock [s].

@@ -26,7 +26,7 @@ def trials_within(
     Args:
         learner, targets, cap, convention: As there.
         task: Its hit radius is the least of `radii`.
-        radii: [m]
+        radii: Radii [m].
 
     Returns:
         For each radius trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).

@@ -27,7 +27,7 @@ class Scene:
         target_seed: They are drawn with it.
         radii: Hit radii [m]; with the first one learners are trained.
         cap: Trials at most at each target.
-        t_stay: [s]
+        t_stay: Time after the movement during which the tip is followed [s].
         tolerance, timestep: Tolerance and timestep of the compiled rollout.
 
     Raises:

@@ -36,7 +36,7 @@ class Series:
         method: Its name on the command line.
         observation: Observation of a learner; empty for a search.
         convention: How its policy struck (`whiptool.rl.policy.CONVENTIONS`); empty for a search.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         trials: To the first hit, the cap where there was none, (S, T).
         hit: Whether there was one, (S, T).
         training_trials: Strikes that each seed was trained with before, a mean.

@@ -165,7 +165,7 @@ class SerialArm:
 
         Args:
             q, v: (a, 1).
-            gravity: [m/s^2]
+            gravity: Gravity [m/s^2].
             weights: Bodies whose weight is held.
         """
         at = self.posture(q)

@@ -105,7 +105,7 @@ class ArrivalRule:
 
         Args:
             positions: (B, d) [m].
-            hit_radius: [m]
+            hit_radius: Hit radius [m].
             angles: Angles of arrival, where they are drawn [rad], (B,).
 
         Raises:

@@ -27,7 +27,7 @@ def probability_within(
     """Return the probability that a path passes a target within a radius.
 
     Args:
-        radius: [m]
+        radius: Radius [m].
         miss: Expected distance at which it passes [m], any shape.
         scale: Scale of the error across the path [m], one number or like `miss`; positive.
         freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
@@ -57,7 +57,7 @@ def angle_probability(angle: np.ndarray, cone: float, error: np.ndarray) -> np.n
 
     Args:
         angle: Expected angle from the middle of the cone [rad], any shape.
-        cone: [rad]
+        cone: Cone [rad].
         error: Standard error of the angle [rad], like `angle`, positive.
     """
     from scipy.special import ndtr

@@ -126,7 +126,7 @@ class Target(Vector):
 
         Args:
             position: (2,) or (3,) [m].
-            angle: [rad]
+            angle: Angle [rad].
             hit_radius, cone, speed: As of a `Target`.
 
         Raises:

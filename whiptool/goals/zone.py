@@ -85,7 +85,7 @@ class Disc(NoArray, instead="its centre or radius"):
     """A disc of targets, as in the paper; in space, a ball.
 
     Args:
-        centre: [m], not printed in the paper; (2,), of a ball (3,).
+        centre: Centre [m], not printed in the paper; (2,), of a ball (3,).
         radius: [m], Sect. 3.1.1.
 
     Raises:
@@ -352,9 +352,9 @@ def reachable_region(
     Args:
         rollout: Simulator with `tip_path`.
         bounds: Box of the strikes.
-        speed: [m/s]
+        speed: Speed [m/s].
         count: Strikes.
-        cell: [m]
+        cell: Cell [m].
         rate: Samples of each path a second [1/s].
         seed: Seed of the strikes.
         progress: Show a bar.

@@ -29,9 +29,9 @@ class Nearest:
     """Where the most credible path of the tip comes closest to the target.
 
     Args:
-        time: [s]
+        time: Time [s].
         place: (x, y), in space (x, y, z) [m]
-        velocity: [m/s]
+        velocity: Velocity [m/s].
     """
 
     time: float

@@ -28,7 +28,7 @@ class Pendulum:
         dry_friction: Dry friction of each joint at high speed [N m], one per link; empty: none.
         friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s].
         drag: Quadratic air drag at each link's end [N s^2/m^2], one per link; empty: none.
-        gravity: [m/s^2]
+        gravity: Gravity [m/s^2].
 
     Raises:
         InputError: A value breaks its rule.

@@ -168,7 +168,7 @@ class Fit(NoArray, instead="its parameters"):
         recordings: Fitted recordings.
         held_out: Held-out recordings.
         runs: All starts, the best first.
-        wall_time: [s]
+        wall_time: Wall time [s].
         clock_fault: Fault of a recording's times, if the residuals show one.
         remarks: Remarks about unusual first readings of the recordings.
     """

@@ -22,10 +22,10 @@ def pinocchio_chain(
 
     Args:
         length: Length of each link [m], (n,).
-        mass: [kg], (n,).
+        mass: Mass [kg], (n,).
         com: Distance of the centre of mass from the joint [m], (n,).
         inertia: About the centre of mass [kg m^2], (n,).
-        gravity: [m/s^2].
+        gravity: Gravity [m/s^2].
     """
     model = pin.Model()
     model.gravity.linear = np.array([0.0, -gravity, 0.0])

@@ -79,7 +79,7 @@ def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: 
     Args:
         model: Arm and whip.
         hand: How the hand is controlled; default: as usual.
-        frequency: [Hz]
+        frequency: Frequency [Hz].
     """
     from whiptool.impedance.arm import Arm
 

@@ -88,7 +88,7 @@ class Pendulum:
 
     Args:
         pivot: (x, y) [m] where it is known.
-        gravity: [m/s^2]
+        gravity: Gravity [m/s^2].
 
     Source: A. J. Brizard, "A primer on elliptic functions with applications in classical mechanics", 2009.
     """

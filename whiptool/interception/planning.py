@@ -48,7 +48,7 @@ def plan(
         library: Strikes of the whip.
         now: Time of the decision [s], on the track's clock, no sooner than its last frame.
         rng: Random generator for samples of the track.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         latency: The strike starts no sooner than `now + latency` [s].
         horizon: It hits no later than `now + horizon` [s], at most `LONGEST`.
         camera: It goes on seeing the target, and the strike will be aimed again (`refresh`) until it starts: doubt is

@@ -25,7 +25,7 @@ class Track:
         motion: Which.
         numbers: Numbers of the motion, (p,), with its time 0 at `epoch`.
         covariance: Covariance of the numbers, (p, p), the misfit included.
-        epoch: [s]
+        epoch: Epoch [s].
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Measured coordinates less p.
         bic: chi2 + p log(measured coordinates); the motion of the smallest is the most plausible (Schwarz 1978).
@@ -135,7 +135,7 @@ def fit_track(
         sigma: Standard error of each coordinate [m].
         motion: `still`, `straight`, `ballistic`, `pendulum`, or `auto`: the most plausible of these by BIC.
         pivot: Pivot of the pendulum (x, y) [m], if known.
-        gravity: [m/s^2]
+        gravity: Gravity [m/s^2].
 
     Raises:
         InputError: Shapes do not match, times do not increase, the motion is unknown, or it was seen in too few frames.

@@ -73,9 +73,9 @@ class MotorLimits(NoArray, instead="its numbers by name"):
 
     Args:
         name: Name of the motor.
-        stall_torque: [N m].
-        no_load_speed: [rad/s].
-        stall_current: [A].
+        stall_torque: Stall torque [N m].
+        no_load_speed: No-load speed [rad/s].
+        stall_current: Stall current [A].
 
     Raises:
         InputError: A number is not positive.

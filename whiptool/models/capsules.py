@@ -21,7 +21,7 @@ class Capsule:
     Args:
         start, end: Start and end of the segment, in the frame of the link that it belongs to [m], (3,) each; a ball,
             where they are the same.
-        radius: [m]
+        radius: Radius [m].
         flat: Whether only the cylinder about the segment is meant, without round ends.
         width: Width of a box along the segment, half of one of its sides across [m], (3,); the other side reaches as
             far as the radius lets its edges.
@@ -102,7 +102,7 @@ class Capsule:
         Args:
             rotation, position: Rotation and position of the frame in the link's, (3, 3) and (3,) [m].
             half: Length of the segment to either side of the frame's origin [m].
-            radius: [m]
+            radius: Radius [m].
             flat: Whether it is a cylinder.
         """
         reach = half * np.asarray(rotation)[:, 2]

@@ -17,7 +17,7 @@ class MovingFrame(NamedTuple):
     """A frame and its motion, for many states at once; everything in the base's axes.
 
     Args:
-        origin: [m], (..., 3).
+        origin: Origin [m], (..., 3).
         rotation: (..., 3, 3).
         velocity: Velocity of the origin [m/s], (..., 3).
         spin: Angular velocity [rad/s], (..., 3).

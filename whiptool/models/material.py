@@ -15,9 +15,9 @@ def of_material(whip: WhipParameters, *, youngs_modulus: float, diameter: float,
 
     Args:
         whip: The other one.
-        youngs_modulus: [Pa]
-        diameter: [m]
-        density: [kg/m^3]
+        youngs_modulus: Young's modulus [Pa].
+        diameter: Diameter [m].
+        density: Density [kg/m^3].
 
     Raises:
         InputError: A number is out of range, or the other whip has no stiffness that its damping could be compared to.

@@ -20,7 +20,7 @@ class ArmLink(NoArray, instead="its numbers by name"):
     """One rigid link of the arm (Table 3).
 
     Args:
-        mass: [kg]
+        mass: Mass [kg].
         length: Distance from its joint to the next [m].
         com: Distance of the centre of mass from its joint [m]; default: the middle (a uniform rod).
         inertia: Moment of inertia about the centre of mass [kg m^2]; default: that of a uniform rod, m L^2 / 12.

@@ -32,7 +32,7 @@ class WhipProfile(NoArray, instead="its numbers"):
     the ratio of tip to handle. What a taper leaves out are waves, factors `exp(sum_i w_i cos(i pi s / length))`.
 
     Args:
-        length: [m]
+        length: Length [m].
         linear_density: Mass per length at the handle [kg/m].
         bending_stiffness: EI at the handle [N m^2].
         bending_damping: Moment per rate of curvature at the handle [N m^2 s] (Kelvin-Voigt).

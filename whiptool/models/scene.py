@@ -64,7 +64,7 @@ class Contact:
     """Where a group of pairs is nearest.
 
     Args:
-        distance: [m], negative where they overlap.
+        distance: Distance [m], negative where they overlap.
         instant, pair: Numbers of the state and of the pair.
         points: Nearest points of both bodies [m], (2, 3).
         normal: Unit vector from the first body to the second, (3,).

@@ -110,7 +110,7 @@ class SpatialLink:
     A massless link, as between hinges at one point, is allowed where what it carries has mass.
 
     Args:
-        mass: [kg]
+        mass: Mass [kg].
         com: Centre of mass in the link's frame [m], (3,).
         inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in the link's axes [kg m^2].
         axis: Unit vector of the joint in the link's frame, (3,).

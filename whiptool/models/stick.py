@@ -19,7 +19,7 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
     Args:
         arm: Its hand holds the stick.
         length: Length of the stick [m].
-        mass: [kg]
+        mass: Mass [kg].
         radius: Radius of the capsule that it is where the arm has any [m]; its inertia is that of a thin one.
 
     Raises:

@@ -44,7 +44,7 @@ class Result(NoArray, instead="its strike or outcome"):
         strike, outcome: The best strike and what it came to; None if there was no trial.
         trace: All trials in order.
         n_diverged: How many of them diverged.
-        wall_time: [s]
+        wall_time: Wall time [s].
     """
 
     method: str

@@ -22,8 +22,8 @@ class FilmedApproach:
 
     Args:
         distance: Distance of the tip from the target [m].
-        time: When [s].
-        place: Where, (d,) [m].
+        time: Time of the closest approach [s].
+        place: Position of the tip then, (d,) [m].
         velocity: Velocity of the tip then, (d,) [m/s].
     """
 
@@ -71,7 +71,7 @@ def approach_of_path(
     Args:
         t: Times of the places [s], (F,), increasing.
         points: Places [m], (F, d).
-        target: [m], (d,)
+        target: Target [m], (d,)
         gap: Longest time between two places that the path is taken to join [s].
     """
     if len(t) < LEAST:

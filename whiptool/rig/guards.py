@@ -22,7 +22,7 @@ class Guards:
         low, high: Joint positions [rad]: one number for all joints, or one each.
         speed: Speed of a joint [rad/s]; default: a quarter above the motor's no-load speed.
         current: Measured [A].
-        temperature: [deg C]; the servo's own limit is 80.
+        temperature: Temperature [deg C]; the servo's own limit is 80.
         voltage: Lowest of the supply [V].
         tracking: Distance between reference and joint [rad].
         stale: The servos' clocks may fall this far behind the loop's between two samples [s].

@@ -58,9 +58,9 @@ def make_task(
         zone: Zone of the targets; default: the paper's disc, in space a ball around the usual target.
         arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
         observation: `tip`, `relative` or `goal`, see `StrikeTask`.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         strikes: Strikes at one target before the episode is truncated.
-        t_stay: [s]
+        t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box of the strikes.
         limits: Limits that strikes have to keep; default: what the model's arm has, of a robot those of its joints,
             itself and its floor, see `StrikeTask`; None: the arm can do anything.

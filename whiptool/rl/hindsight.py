@@ -44,7 +44,7 @@ def new_targets(
     Args:
         paths: (B, S, d) [m].
         zone: Zone of the targets.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         uniform: Uniform random numbers, (B, 2 d + 2).
         wanted: Which samples are drawn from where a path has some of them in the zone, (B, S); None: all.
 

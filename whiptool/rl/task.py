@@ -128,9 +128,9 @@ class StrikeTask:
             the target; `goal`: the first, and the goal: the target, and the direction if one is asked for. Before the
             first strike the whip hangs at rest from the arm; see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
         strikes: Strikes at one target before it is given up.
-        t_stay: [s]
+        t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box of the strikes; actions in [-1, 1] cover it.
         limits: Limits that strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike
             whose joints are commanded faster than they may is shortened, and one that is beyond them all the same is

@@ -14,7 +14,7 @@ class ClosestApproach(NamedTuple):
     """Where paths come closest.
 
     Args:
-        distance: [m], (...); infinite where a path has no segment, or none whose ends are known.
+        distance: Distance [m], (...); infinite where a path has no segment, or none whose ends are known.
         segment: Number of the segment, (...).
         share: The share of the way along it, 0 to 1, (...).
     """

@@ -138,7 +138,7 @@ class CompiledRollout(Rollout):
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1). A strike lasts `D + t_stay` seconds.
             target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
-            t_stay: [s]
+            t_stay: Time after the movement during which the tip is followed [s].
             models, controllers: One per strike, if they differ; each within this rollout's structure.
             progress: Show a bar.
 

@@ -79,8 +79,8 @@ class CosseratWhip:
         elements: Elements of the rod, at least 3.
         wave_speed: Wave speed of stretching and shearing [m/s].
         radius: Radius of the sections, for their inertia [m].
-        gravity: [m/s^2]
-        timestep: [s]; default: somewhat below the largest that is stable.
+        gravity: Gravity [m/s^2].
+        timestep: Timestep [s]; default: somewhat below the largest that is stable.
         spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, to see what that does.
 
     Raises:

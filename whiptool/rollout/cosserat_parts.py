@@ -46,7 +46,7 @@ class BendingDamper(ea.DamperBase):
     Args:
         damping: Damping of every inner node, (elements - 1,) [N m^2 s].
         inertia: Moment of inertia of every element, the same about all axes, (elements,) [kg m^2].
-        timestep: [s]
+        timestep: Timestep [s].
     """
 
     def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:

@@ -109,7 +109,7 @@ class Rollout(ABC):
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1).
             target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
-            t_stay: [s]
+            t_stay: Time after the movement during which the tip is followed [s].
 
         Raises:
             InputError: Shapes do not match.

@@ -48,7 +48,7 @@ def build_spec(
     Args:
         model: Whip, arm, gravity.
         target: Position (2,) or, in space, (3,) [m] of a target to show; it takes no part in the dynamics.
-        target_radius: [m]
+        target_radius: Target radius [m].
         node_inertia: Inertia of each whip node [kg m^2], > 0, where its own is less.
 
     Raises:
@@ -113,8 +113,8 @@ class _Place:
         """A body with all joints that wait for it.
 
         Args:
-            mass: [kg]
-            com: [m]
+            mass: Mass [kg].
+            com: Centre of mass [m].
             inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
             least: Smallest principal moment that it gets [kg m^2].
         """

@@ -52,7 +52,7 @@ def resolve(
     Args:
         roll: Outcomes (n, columns) of the strikes of such numbers (n,) at such tolerances of a step's error (n,).
         count: Number of strikes.
-        tolerance: [m]
+        tolerance: Tolerance [m].
         columns: Columns of the outcomes.
     """
     every, coarsest = np.arange(count), COARSEST * tolerance

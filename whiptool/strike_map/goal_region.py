@@ -27,7 +27,7 @@ class GoalRegion:
     Args:
         zone: Zone of the targets.
         rule: Required arrival of the tip.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
 
     Raises:
         InputError: The hit radius is not positive.
@@ -66,7 +66,7 @@ def usual_region(model: Model, hit_radius: float = HIT_RADIUS) -> GoalRegion:
 
     Args:
         model: Arm and whip.
-        hit_radius: [m]
+        hit_radius: Hit radius [m].
     """
     reach = model.reach
     if turns_as_a_whole(model.arm) and default_floor(model.arm) is not None:

@@ -42,7 +42,7 @@ class Marker:
     """Thresholds and size of a marker.
 
     Args:
-        radius: [m]
+        radius: Radius [m].
         hue: Lowest and highest [deg], around the circle if the first is the larger; None in infrared.
         saturation: Least, in [0, 1]. A blurred marker mixes with its background: its hue stays, its saturation falls.
         value: Infrared only: by how much the brightest point of the marker at rest outshines what is around it, least

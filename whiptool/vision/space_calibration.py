@@ -26,7 +26,7 @@ class Lens:
 
     Args:
         width, height: Width and height of the images [pixels].
-        camera_matrix: [pixels], (3, 3).
+        camera_matrix: Camera matrix [pixels], (3, 3).
         distortion: OpenCV's coefficients k1, k2, p1, p2, k3.
         residual: Root mean square distance of corners from where they were seen [pixels]; None: not from views.
         sigma: Standard errors of fx, fy, cx, cy [pixels], (4,); None: not from views.

@@ -40,9 +40,9 @@ def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float
 
     Args:
         scene: Has room for it.
-        ends: [m], (2, 2), in the strike plane.
+        ends: Ends [m], (2, 2), in the strike plane.
         y: How far behind that plane [m].
-        thickness: [m]
+        thickness: Thickness [m].
         rgb: Colour.
     """
     along = ends[1] - ends[0]
@@ -66,8 +66,8 @@ def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequen
 
     Args:
         scene: Has room for it.
-        ends: [m], (2, 3), in space.
-        radius: [m]
+        ends: Ends [m], (2, 3), in space.
+        radius: Radius [m].
         rgb: Colour.
     """
     geom = scene.geoms[scene.ngeom]

@@ -21,7 +21,7 @@ class JointSample:
         q, v: Position [rad], velocity [rad/s].
         current: Present current [A], positive with positive torque.
         voltage: Voltage of the supply [V].
-        temperature: [deg C].
+        temperature: Temperature [deg C].
         hardware_error: Flags of Hardware Error Status(70).
         torque_on: Torque Enable(64).
         watchdog: Bus Watchdog(98); -1: it has tripped.

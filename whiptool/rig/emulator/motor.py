@@ -25,9 +25,9 @@ class Motor:
         resistance: Winding [ohm].
         back_emf: Per speed [V s/rad]; an ideal gear's torque constant [N m/A] is the same number.
         efficiency: Torque behind the gear over torque before it.
-        viscous_friction: [N m s/rad].
+        viscous_friction: Viscous friction [N m s/rad].
         dry_friction: Torque at speeds far above `friction_velocity` [N m].
-        friction_velocity: [rad/s]; the torque is `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
+        friction_velocity: Friction velocity [rad/s]; the torque is `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
         inertia: Inertia of rotor and gear [kg m^2].
 
     Raises:

@@ -27,7 +27,7 @@ class Stepping:
     """How MuJoCo steps.
 
     Args:
-        timestep: [s]; default: the reference rollout's.
+        timestep: Timestep [s]; default: the reference rollout's.
         integrator: One of MuJoCo's; default: the reference rollout's.
         period: Control period [s]; the step is made a whole part of it, as the reference rollout does.
     """
