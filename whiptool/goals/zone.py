@@ -353,7 +353,7 @@ def reachable_region(
         rollout: Simulator with `tip_path`.
         bounds: Box of the strikes.
         speed: Speed [m/s].
-        count: Strikes.
+        count: Number of strikes.
         cell: Cell [m].
         rate: Samples of each path a second [1/s].
         seed: Seed of the strikes.

@@ -43,7 +43,7 @@ class Limits(Protocol):
 
     @property
     def words(self) -> str:
-        """The limits for people."""
+        """The limits in words."""
         ...
 
     @property

@@ -36,8 +36,8 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
 
     Args:
         distance: Distance of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
-        time: When [s], (B,).
-        velocity: Velocity of the tip, then [m/s], (B, 2), in space (B, 3).
+        time: Time of the closest approach [s], (B,).
+        velocity: Velocity of the tip at the closest approach [m/s], (B, 2), in space (B, 3).
         tip: Position of the tip at the closest approach [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
