@@ -22,8 +22,9 @@ def test_a_whips_target_is_one_that_the_motors_reach(monkeypatch):
 
     def weaker(options):
         found = prepared(options)
-        weak = dataclasses.replace(found.options.limits, stall_torque=0.5)
-        found.options = dataclasses.replace(found.options, limits=weak)
+        (motor,) = found.options.limits
+        weak = dataclasses.replace(motor, stall_torque=0.5)
+        found.options = dataclasses.replace(found.options, limits=(weak,))
         return found
 
     monkeypatch.setattr(options_of_adaptation, "prepare", weaker)
