@@ -51,7 +51,7 @@ def markdown(text: str) -> str:
             body = [line[line.find("#") :] if "#" in line else "" for line in body]
         return "\n".join(["", *body, ""])
 
-    text = re.sub(r"^```(\S*)\n.*?^```$", prose, text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^```(\S*)[^\n]*\n.*?^```$", prose, text, flags=re.MULTILINE | re.DOTALL)
     return CODE.sub(lambda match: "\n" * match[0].count("\n"), text)
 
 

@@ -14,6 +14,7 @@ from tools.plain_english import faults, files
     [
         ("page.md", "The tip is sure\nto hit, as you told `beside`.\n", [1, 2]),
         ("page.md", "```sh\ntold x  # somebody's\n```\nSurely `a\nlest` anew\n```text\nanew\n```\n", [2, 4, 5, 7]),
+        ("page.md", "```{literalinclude} a.py\n:x: y\n```\nanew\n```sh\nls  # `x` anew\n```\n", [4, 6]),
         ("module.py", '"""Of x.\n\nArgs:\n    told: None.\n    y: There is none: {told}.\n"""\nanew = "told"\n', [5]),
         ("module.py", 'x = f"of its own, {told} y"  # lest\n', [1, 1]),
         ("book.ipynb", {"cells": [{"cell_type": "code", "source": ["# anew"]},
