@@ -280,6 +280,7 @@ def test_rounds_refine_over_the_samples():
 def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     weak = MotorLimits("weak", stall_torque=1.2, no_load_speed=10.0, stall_current=1.0)  # |q_i| <= 0.54
     found = planned(0.05, limits=(weak,))
+    assert planned(0.05, limits=weak).strike == found.strike  # one, or several
     assert found.usage is not None
     assert found.usage <= 0.9 + 1e-9
     assert found.usage == pytest.approx(2 * np.abs(found.strike[:2]).max() / 1.2)

@@ -27,7 +27,7 @@ from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.inputs import check_controllers
 from whiptool.identification.judgement import Judgement
 from whiptool.identification.predict import Predictor
-from whiptool.limits.all_limits import Limits
+from whiptool.limits.all_limits import Given
 from whiptool.models import parameters
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
@@ -69,7 +69,7 @@ class Options:
     seed: int = 0
     t_stay: float = T_STAY
     bounds: StrikeBounds | None = None
-    limits: tuple[Limits, ...] = ()
+    limits: Given = ()
     check: Callable[[Strike, Model], str | None] | None = None
     first: Effort = FIRST
     later: Effort = NEXT

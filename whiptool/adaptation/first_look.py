@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
-from whiptool.limits.all_limits import Limits
+from whiptool.limits.all_limits import Given
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
@@ -76,7 +74,7 @@ def choose_wiggle(
     bounds: StrikeBounds | None = None,
     t_stay: float = T_STAY,
     candidates: int = 32,
-    keeps: Sequence[Limits] = (),
+    keeps: Given = (),
 ) -> tuple[Strike, float]:
     """The D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
 
@@ -112,14 +110,12 @@ def choose_wiggle(
     return Strike.from_vector(strikes[best]), float(gain[best])
 
 
-def _kept(
-    belief: Belief, strikes: np.ndarray, bounds: StrikeBounds | None, keeps: Sequence[Limits], t_stay: float
-) -> np.ndarray:
+def _kept(belief: Belief, strikes: np.ndarray, bounds: StrikeBounds | None, keeps: Given, t_stay: float) -> np.ndarray:
     """Those of some strikes, made as slow as their joints must be, that keep the limits."""
     plant = belief.at()
     assert plant.controller is not None
     rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief))
-    striker = Striker(rollout, bounds=bounds, limits=tuple(keeps), t_stay=t_stay)
+    striker = Striker(rollout, bounds=bounds, limits=keeps, t_stay=t_stay)
     slow = striker.admissible(strikes)
     kept = slow[striker.keep(slow)]
     if not len(kept):

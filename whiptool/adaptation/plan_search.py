@@ -15,7 +15,7 @@ from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
-from whiptool.limits.all_limits import Limits
+from whiptool.limits.all_limits import Given
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.rollout.compiled import CompiledRollout
@@ -76,13 +76,13 @@ class Demands:
 
     Args:
         bounds: Box of strikes; default: `default_bounds`.
-        limits: Limits that it has to keep on the mean; a strike beyond them is only taken if there is no other.
+        limits: One or several that it has to keep on the mean; a strike beyond them is only taken if there is no other.
         check: Says why a strike must not be made, or None; called for the best strikes, one after the other.
         t_stay: A strike is watched so long after the movement ended [s].
     """
 
     bounds: StrikeBounds | None = None
-    limits: Sequence[Limits] = ()
+    limits: Given = ()
     check: Callable[[Strike], str | None] | None = None
     t_stay: float = T_STAY
 
@@ -168,7 +168,7 @@ class Search(ABC):
         plant = belief.at()
         assert plant.controller is not None
         self.rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=sag)
-        self.striker = Striker(self.rollout, bounds=demands.bounds, limits=tuple(demands.limits), t_stay=demands.t_stay)
+        self.striker = Striker(self.rollout, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
         self.goal, self.error, self.check = target.goals, belief.model_error, demands.check
         self.margins = self.margins if demands.limits else self.margins[:1]
         self.margin = self.margins[0]
