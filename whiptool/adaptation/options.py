@@ -151,7 +151,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         folder: Run folder; None: nothing is kept.
 
     Raises:
-        InputError: An option breaks its rule.
+        InputError: An option is out of range.
     """
     from whiptool.adaptation.adapter import Options
     from whiptool.adaptation.loop import Adaptation

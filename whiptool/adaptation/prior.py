@@ -338,7 +338,7 @@ def knowing(belief: Belief, values: Mapping[str, float]) -> Belief:
     """Return the belief with some numbers set to known values, the distribution of the others unchanged.
 
     Raises:
-        InputError: A name is unknown, or a value breaks its rule.
+        InputError: A name is unknown, or a value is not allowed.
     """
     kept = [i for i, name in enumerate(belief.names) if name not in values]
     plant = belief.plant.changed({name: x for name, x in values.items() if name != "delay"})

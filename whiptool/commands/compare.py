@@ -129,7 +129,7 @@ class ComparisonOptions(
         """What they describe.
 
         Raises:
-            InputError: An option breaks its rule.
+            InputError: An option is out of range.
         """
         from whiptool.comparison import Comparison, Scene
 

@@ -231,7 +231,7 @@ def train(
         `policy.strike(target)`, or `policy.predict(observation)`.
 
     Raises:
-        InputError: PyTorch is not installed, there is no such learner, or a number breaks its rule.
+        InputError: PyTorch is not installed, there is no such learner, or a number is out of range.
         Diverged: A loss is not finite.
     """
     expect(Rollout, rollout=rollout)

@@ -51,7 +51,7 @@ def compare(
         One series for each method, and for a learner one for each way of using its policy.
 
     Raises:
-        InputError: There is no such method, or a number breaks its rule.
+        InputError: There is no such method, or a number is out of range.
     """
     expect(CompiledRollout, rollout=rollout)
     scene = Scene(

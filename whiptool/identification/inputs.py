@@ -140,7 +140,7 @@ def read_marker(path: str | None) -> Marker | None:
     """A marker's looks: a TOML file with the fields of `Marker`; None without a file.
 
     Raises:
-        InputError: The file cannot be read, a key is unknown, or a value breaks its rule.
+        InputError: The file cannot be read, a key is unknown, or a value is not allowed.
     """
     if path is None:
         return None

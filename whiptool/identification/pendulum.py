@@ -69,7 +69,7 @@ class Pendulum:
         """A copy with some of `values()` changed.
 
         Raises:
-            InputError: A name is unknown, or a value breaks its rule.
+            InputError: A name is unknown, or a value is not allowed.
         """
         known = self.values()
         for name in changes:

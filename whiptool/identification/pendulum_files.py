@@ -45,7 +45,7 @@ def read_pendulum(path: Path | str) -> Pendulum:
     """A pendulum from its TOML file.
 
     Raises:
-        InputError: The file cannot be read, a key is unknown or missing, or a value breaks its rule.
+        InputError: The file cannot be read, a key is unknown or missing, or a value is not allowed.
     """
     table = read_toml(Path(path))
     links = table.get("links")

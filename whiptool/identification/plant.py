@@ -118,7 +118,7 @@ class Plant:
         """A copy with some of `values()` changed.
 
         Raises:
-            InputError: A name is unknown, or a value breaks its rule.
+            InputError: A name is unknown, or a value is not allowed.
         """
         known = self.values()
         for name in changes:

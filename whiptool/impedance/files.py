@@ -36,7 +36,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     """Return the controller that `controller_to_table` described.
 
     Raises:
-        InputError: The law or a key is unknown, or a value breaks its rule; the key is named.
+        InputError: The law or a key is unknown, or a value is not allowed; the key is named.
     """
     numbers = dict(table)
     law = numbers.pop("law", None)
@@ -97,7 +97,7 @@ def _hand(table: Any) -> HandControl:
     """Return the control of the hand that a table `[controller.hand]` holds.
 
     Raises:
-        InputError: It is not a table, a key is unknown, or a value breaks its rule.
+        InputError: It is not a table, a key is unknown, or a value is not allowed.
     """
     known = [f.name for f in dataclasses.fields(HandControl)]
     if not isinstance(table, Mapping):

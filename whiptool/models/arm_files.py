@@ -61,7 +61,7 @@ def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
         folder: Folder of `file`.
 
     Raises:
-        InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
+        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
     """
     if not isinstance(table, Mapping):
         return build_from(ArmParameters, table, "arm.")

@@ -34,7 +34,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
         folder: Folder of the arm's file, if the table names one.
 
     Raises:
-        InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
+        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
     """
     if not isinstance(table, Mapping):
         raise InputError("model", table, "a table")
@@ -64,7 +64,7 @@ def _profile(table: object) -> WhipProfile:
     """A profile from a table, which may give a round whip's material and diameter.
 
     Raises:
-        InputError: A key is unknown or missing, or a value breaks its rule; the key is named.
+        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
     """
     place = "whip.profile."
     if not (isinstance(table, Mapping) and set(ROUND) & set(table)):

@@ -61,7 +61,7 @@ class HandStrike(Vector):
         """From `[x_i, x_f, D]`, shape (2 m + 1,).
 
         Raises:
-            InputError: The length is even, or a value breaks its rule.
+            InputError: The length is even, or a value is not allowed.
         """
         return cls(*ends_and_duration(vector, _VECTOR))
 

@@ -112,7 +112,7 @@ class Model(NoArray, instead="its parameters()"):
         lumped from a profile, `profile.length` and the like, see `WhipProfile.numbers`, lump it again.
 
         Raises:
-            InputError: A name is not one of `parameters()` or these, or a value breaks its rule.
+            InputError: A name is not one of `parameters()` or these, or a value is not allowed.
         """
         expect(Mapping, changes=changes)
         of_profile = {name.removeprefix("profile."): x for name, x in changes.items() if name.startswith("profile.")}

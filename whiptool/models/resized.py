@@ -65,7 +65,7 @@ def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> Whip
     """Return a whip lumped again, from its profile with some of its numbers changed; what no profile has stays.
 
     Raises:
-        InputError: The whip is not lumped from a profile, or it has no such number, or a value breaks its rule.
+        InputError: The whip is not lumped from a profile, or it has no such number, or a value is not allowed.
     """
     profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None:

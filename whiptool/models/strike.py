@@ -91,7 +91,7 @@ class Strike(Vector):
         """From `[q_i, q_f, D]`, shape (2 n + 1,).
 
         Raises:
-            InputError: The length is even, or a value breaks its rule.
+            InputError: The length is even, or a value is not allowed.
         """
         return cls(*ends_and_duration(vector, _VECTOR))
 

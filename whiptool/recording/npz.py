@@ -33,7 +33,7 @@ def read_npz(path: Path | str, build: Callable[..., R], keys: Sequence[str], *, 
         layout: Number of the layout that is read.
 
     Raises:
-        InputError: It is damaged, holds pickled objects, a key is unknown or missing, or a value breaks its rule.
+        InputError: It is damaged, holds pickled objects, a key is unknown or missing, or a value is not allowed.
     """
     path = Path(path)
     values: dict[str, Any] = read_arrays(path, "recording")

@@ -63,10 +63,10 @@ def make_task(
         t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box of the strikes.
         limits: Limits that strikes have to keep; default: what the model's arm has, of a robot those of its joints,
-            itself and its floor, see `StrikeTask`; None: the arm can do anything.
+            itself and its floor, see `StrikeTask`; None: no limits.
 
     Raises:
-        InputError: One of them breaks its rule.
+        InputError: An option is out of range.
     """
     if not isinstance(model, Model):
         model = load_model(str(model))
@@ -120,7 +120,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         options: See `make_task`.
 
     Raises:
-        InputError: An option breaks its rule.
+        InputError: An option is out of range.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
@@ -201,7 +201,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         options: See `make_task`.
 
     Raises:
-        InputError: An option breaks its rule.
+        InputError: An option is out of range.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012

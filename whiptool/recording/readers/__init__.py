@@ -165,7 +165,7 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
         options: Options of the format's reader: the keys of its sidecar, which they override.
 
     Raises:
-        InputError: The format is unknown or holds no images, the file is damaged, or a value breaks its rule.
+        InputError: The format is unknown or holds no images, the file is damaged, or a value is not allowed.
     """
     form = _format(path, format)
     if form.video is None:

@@ -43,7 +43,7 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
 
     Raises:
         InputError: It is of another version (7.3 is HDF5), damaged, holds objects or functions of MATLAB, a variable is
-            missing, or a value breaks its rule.
+            missing, or a value is not allowed.
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "fps")

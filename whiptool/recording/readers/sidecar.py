@@ -99,7 +99,7 @@ class Sidecar:
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
 
     def refuse(self, key: str, allowed: str, fix: str = "") -> InputError:
-        """The error that a value breaks its rule."""
+        """The error that a value is not allowed."""
         return InputError(self.place + key, self.table.get(key), allowed, fix)
 
     def number(self, key: str, default: float, *, low: float = -np.inf, high: float = np.inf) -> float:
