@@ -84,7 +84,7 @@ class Options:
             parameters.number(name, value, low=0)
 
     def demands(self, believed: Model) -> Demands:
-        """What is asked of a strike, given the posterior mean of whip and arm."""
+        """Requirements of a strike, given the posterior mean of whip and arm."""
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
         return Demands(self.bounds, self.limits, asked, self.t_stay)

@@ -20,7 +20,7 @@ _SAME = 1e-6  # largest difference of directions that are the same
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """What is asked of the tip's arrival at every target of a zone; by default nothing but the point.
+    """Required arrival of the tip at every target of a zone; by default any arrival.
 
     Args:
         direction: One for all targets, a vector of any length, (2,) or (3,); it is kept as a unit vector.

@@ -218,11 +218,11 @@ class Goals(NoArray, instead="its positions"):
         return ~near.diverged & self.hit(near.farthest, near.velocity, near.error)
 
     def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return what is left between strikes and goals [m], (B, r); their norm is the cost that searches minimise.
+        """Return the residuals between strikes and goals [m], (B, r); their norm is the cost that searches minimise.
 
-        The tip's place from the target; the hit radius times the chord between the velocity's direction and the one
-        asked for, in units of the cone's; the hit radius times the share of the speed that is missing, at most all of
-        it. Each of the three parts is at most the hit radius of a hit.
+        The parts are the position of the tip relative to the target; the hit radius times the chord between the
+        velocity's direction and the required one, in units of the cone's chord; and the hit radius times the missing
+        share of the speed, at most 1. Each of the three parts is at most the hit radius for a hit.
 
         Args:
             tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).

@@ -69,7 +69,7 @@ class JointLimits:
             object.__setattr__(self, name, value)
 
     def keeping_free(self, share: float) -> JointLimits:
-        """Return what is left where a share of every limit is kept free, of a range its share at both ends together.
+        """Return the limits reduced by a share that is kept free; for a range the share is that of both ends together.
 
         Raises:
             InputError: The share is not in [0, 1).

@@ -92,7 +92,7 @@ class GoalOptions(TargetOptions):
         super().check()
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target with what is asked of the tip's arrival.
+        """Target with the required arrival of the tip.
 
         Raises:
             InputError: The direction is zero or of another dimension, or the arrival angle is not defined there.
@@ -129,7 +129,7 @@ class ZoneOptions(TargetOptions):
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_arrival(self) -> ArrivalRule:
-        """Return what is asked of the tip's arrival: nothing."""
+        """Return the required arrival of the tip: any."""
         from whiptool.goals.arrival_rule import ArrivalRule
 
         return ArrivalRule()

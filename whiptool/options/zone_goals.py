@@ -1,4 +1,4 @@
-"""Options of what is asked of the tip's arrival at every target of a zone."""
+"""Options of the required arrival of the tip at every target of a zone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class ZoneGoalOptions(ZoneOptions):
             raise InputError("--arrival-angle", angles, allowed)
 
     def build_arrival(self) -> ArrivalRule:
-        """Return what is asked of the tip's arrival.
+        """Return the required arrival of the tip.
 
         Raises:
             InputError: The direction is zero, or the speed is not positive.

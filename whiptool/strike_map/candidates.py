@@ -25,7 +25,7 @@ class Candidates:
         strikes: Vectors, (C, m).
         slopes: Derivatives of the goal's residuals at the answers that they come from, (C, r, m).
         change: From those answers, in widths, the instant's last, (C, m + 1).
-        left: What is left of the goal to first order, in hit radii, (C,).
+        left: Remaining residual to first order, in hit radii, (C,).
     """
 
     strikes: np.ndarray

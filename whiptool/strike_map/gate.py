@@ -23,7 +23,7 @@ _HELD_OUT = 10  # every so many goals are held out
 
 
 def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
-    """Return what the gate sees of each candidate of one goal, (C, f): goal, strike, change, and what is left."""
+    """Return the features of each candidate of one goal, (C, f): goal, strike, change, and residual."""
     angle = -front.angles(goal.positions)
     ahead, count = front.goals(goal, angle), len(candidates.strikes)
     strikes = front.strikes(candidates.strikes, np.repeat(angle, count))

@@ -1,4 +1,4 @@
-"""Striking at goals: many strikes, each at its own goal, and what is left between them."""
+"""Striking at goals: many strikes, each at its own goal, and their residuals."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def arrow(target: Target) -> tuple[np.ndarray, np.ndarray]:
 
 
 def asked_of(target: Target) -> str:
-    """Return what is asked of the tip's direction, for a legend."""
+    """Return the required direction of the tip in words, for a legend."""
     return f"direction asked for, to {math.degrees(target.cone):g} degrees"
 
 

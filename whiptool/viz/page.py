@@ -165,7 +165,7 @@ def _verdict(goal: Target, near: Approach) -> str:
 
 
 def _arrival(goal: Target, near: Approach) -> list[str]:
-    """How the tip arrived, and what is asked of it."""
+    """Arrival of the tip, and the required one."""
     said, speed = [], f"{goal.goals.arrival_speed(near.velocity)[0]:.1f} m/s"
     if goal.direction is not None:
         angle = math.degrees(goal.goals.angle(near.velocity)[0])
