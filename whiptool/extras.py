@@ -36,7 +36,7 @@ class MissingPackage(InputError):
 
     def __init__(self, purpose: str, state: str, fix: str) -> None:
         super().__init__(purpose, state, "installed packages", fix)
-        self.args = (f"{purpose}: {state}; {fix}",)
+        self.args = (f"{purpose}: {state}; install with: {fix}",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
         """Return the error itself, for its name is that of what needs the package and not that of an option."""
@@ -76,7 +76,7 @@ def optional(module: str, purpose: str = "") -> Any:
             wanted = package if any(package in packages for packages in EXTRAS.values()) else module
             raise _not_installed(purpose or wanted, [wanted]) from None
         state = f"the package {module} is installed but cannot be imported ({error})"
-        raise MissingPackage(purpose or package, state, f"install it again: {_command([package])}") from error
+        raise MissingPackage(purpose or package, state, _command([package])) from error
 
 
 def add_installed(known: dict[str, Any], group: str, kind: type) -> None:
@@ -107,7 +107,7 @@ def add_installed(known: dict[str, Any], group: str, kind: type) -> None:
 def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:
     packages = ", ".join(_package(module) for module in modules)
     state = f"packages {packages} are not installed" if len(modules) > 1 else f"the package {packages} is not installed"
-    return MissingPackage(purpose, state, f"install with: {_command(modules)}")
+    return MissingPackage(purpose, state, _command(modules))
 
 
 def _package(module: str) -> str:

@@ -28,7 +28,7 @@ def realsense() -> Any:
     except MissingPackage as error:
         if "libusb" not in str(error):
             raise
-        raise MissingPackage(error.name, str(error.given), "install libusb: apt-get install libusb-1.0-0") from None
+        raise MissingPackage(error.name, str(error.given), "apt-get install libusb-1.0-0") from None
 
 
 class RealSenseCamera:
