@@ -33,7 +33,7 @@ def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, c
     assert abs(summary["miss_distance"] - summary["true_miss_distance"]) < 4 * summary["miss_error"]
     assert summary["hit"] == (summary["hit_probability"] >= 0.9)
     report = Path(summary["report"]).read_text(encoding="utf-8")
-    assert f"{summary['hit_probability']:.0%} probable" in report
+    assert f"hit probability {summary['hit_probability']:.0%}" in report
     assert all((out / f"{name}.png").stat().st_size > 5000 for name in ("strike", "servos", "cycles"))
     assert view_main([str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["report"] == summary["report"]
