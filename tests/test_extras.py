@@ -83,7 +83,7 @@ def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
     [
         ("four = lab:five", "entry point four of whiptool.numbers: got 'lab:five'; allowed: a name that no other has"),
         ("five = lab:six", "got 'lab:six'; allowed: an object that can be imported"),
-        ("five = lab:word", "got 'lab:word'; allowed: a int"),
+        ("five = lab:word", "got 'lab:word'; allowed: an object of type int"),
     ],
 )
 def test_what_cannot_be_taken_up_is_named(monkeypatch, tmp_path, point, said):

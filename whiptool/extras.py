@@ -79,7 +79,7 @@ def optional(module: str, purpose: str = "") -> Any:
         raise MissingPackage(purpose or package, state, _command([package])) from error
 
 
-def add_installed(known: dict[str, Any], group: str, kind: type) -> None:
+def add_installed(known: dict[str, Any], group: str, kind: Any) -> None:
     """Add to a registry what installed packages register as entry points of `whiptool.<group>`.
 
     Whoever looks up a name calls it where the name is not known yet, so that nothing is loaded that is not asked for.
@@ -99,7 +99,7 @@ def add_installed(known: dict[str, Any], group: str, kind: type) -> None:
         except Exception as error:
             raise InputError(name, point.value, f"an object that can be imported ({error!r})") from error
         if not isinstance(found, kind):
-            raise InputError(name, point.value, f"a {kind.__name__}")
+            raise InputError(name, point.value, f"an object of type {kind.__name__}")
         if known.setdefault(point.name, found) is not found:
             raise InputError(name, point.value, "a name that no other has")
 

@@ -353,3 +353,17 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     for page in ("index", "tutorial", "derivations", "json", "api/whiptool.models", "notebooks/index"):
         assert (tmp_path / "html" / f"{page}.html").exists(), page
+
+
+def test_every_make_target_of_the_pages_is_in_the_makefile():
+    """A newcomer's first commands."""
+    targets = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    pages = [*ROOT.glob("*.md"), *DOCS.glob("*.md")]
+    named = {
+        (page.name, x)
+        for page in pages
+        if page.name not in ("CHANGELOG.md", "changelog.md")
+        for x in re.findall(r"(?:^|`)make ([a-z][\w-]*)", page.read_text(), re.MULTILINE)
+    }
+    assert ("README.md", "test") in named
+    assert not {(page, target) for page, target in named if target not in targets}

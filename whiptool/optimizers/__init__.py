@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from types import FunctionType
 from typing import Any
 
 import nlopt
@@ -56,7 +55,7 @@ def find_method(name: str) -> Method:
     if found.startswith("nlopt:") and found.removeprefix("nlopt:") in nlopt_names():
         return partial(nlopt_search, algorithm=found.removeprefix("nlopt:"))
     if found not in METHODS:
-        add_installed(METHODS, "methods", FunctionType)
+        add_installed(METHODS, "methods", Callable)
         found = _own_name(name)
     if found in METHODS:
         return METHODS[found]
