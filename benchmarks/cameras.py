@@ -24,7 +24,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from tqdm import tqdm
 
-from whiptool.identification.fit import Options, fit
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.results import Fit
 from whiptool.impedance import Controller, constant_preset
@@ -97,7 +97,7 @@ class Bench:
     def fit(self, films: Sequence[StrikeRecording]) -> Fit:
         """Fitted to the first strikes from a first guess that is off."""
         guess = self.truth.changed({name: OFF * x for name, x in self.true.items()})
-        how = Options(per_recording=("delay",), timestep=STEP)
+        how = FitOptions(per_recording=("delay",), timestep=STEP)
         return fit(list(films), guess, self.free, options=how)
 
     def held_out(self, found: Fit) -> float:

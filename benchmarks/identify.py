@@ -43,7 +43,7 @@ from scipy.stats import t as student
 from tqdm import tqdm
 
 from whiptool.dynamics.posture import start_posture
-from whiptool.identification.fit import Options, fit
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model, preset
@@ -195,7 +195,7 @@ class Bench:
         if method == "mujoco.sysid":
             values = Peer(first, ConstantImpedance(), films).fit()
         else:
-            found = fit(films, Plant(first, self.controller), FREE, options=Options(loss=None))
+            found = fit(films, Plant(first, self.controller), FREE, options=FitOptions(loss=None))
             values = {name: found[name].value for name in FREE}
         return values, time.perf_counter() - began
 

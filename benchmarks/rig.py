@@ -20,10 +20,10 @@ import numpy as np
 
 import whiptool as wt
 from whiptool.impedance import OIAC, Controller
+from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions
-from whiptool.rig.loop import Clock, RigLoop, StepClock, WallClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards, Safety
 from whiptool.rollout.reference import ReferenceRollout

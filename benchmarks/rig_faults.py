@@ -18,10 +18,10 @@ import numpy as np
 
 import whiptool as wt
 from whiptool.impedance import OIAC, Controller
+from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.cyclelog import Flag
 from whiptool.rig.dynamixel import Joints
 from whiptool.rig.emulator import Emulator, TwinOptions, random_faults
-from whiptool.rig.loop import RigLoop, StepClock
 from whiptool.rig.loop_options import LoopOptions
 
 PERIOD, CYCLES = 0.002, 85

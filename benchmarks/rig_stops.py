@@ -41,10 +41,10 @@ from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rig import session as sessions
+from whiptool.rig.control_loop import StepClock
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
-from whiptool.rig.loop import StepClock
 from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.session import HardwareRig, Line, RigRollout, TwinRig
+from whiptool.rig.session import HardwareRig, RigRollout, ServoLine, TwinRig
 from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
 
 MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
@@ -176,7 +176,7 @@ def rig_of(hardware: bool, interlock: Interlock | None = None) -> TwinRig | Hard
     """A rig that films nothing."""
     own: dict[str, Any] = {"target": TARGET.position, "options": OPTIONS, "interlock": interlock}
     if hardware:
-        return HardwareOnTwin(MODEL, CONTROLLER, Line("twin"), **own)
+        return HardwareOnTwin(MODEL, CONTROLLER, ServoLine("twin"), **own)
     return TwinRig(MODEL, CONTROLLER, camera="none", **own)
 
 

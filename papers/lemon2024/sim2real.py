@@ -34,7 +34,7 @@ from whiptool import CompiledRollout, Plant, Strike, StrikeRecording, Trajectory
 from whiptool.comparison import Scene
 from whiptool.errors import WhiptoolError
 from whiptool.identification.classes import Parameter
-from whiptool.identification.fit import Options, RecordingFit, predict
+from whiptool.identification.fit import FitOptions, RecordingFit, predict
 from whiptool.identification.similarity import Similarity
 from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.viz.plots import COLORS, STYLE
@@ -83,8 +83,8 @@ def sections(context: Context) -> list[Section]:
     done.sort(key=lambda unit: (unit.number % plan.iterations, unit.number))
     recordings = [recording(unit, results[unit.key]) for unit in done]
     plant = Plant(scene.model, controller())
-    measured = Options(drive="joints", knots=KNOTS)
-    commanded = Options(drive="command")
+    measured = FitOptions(drive="joints", knots=KNOTS)
+    commanded = FitOptions(drive="command")
     whip = fit(recordings[:LEARN_FROM], plant, OF_WHIP, options=measured)
     whole = fit(recordings[:LEARN_FROM], whip.plant, OF_ARM, options=commanded)
     predicted = {

@@ -12,7 +12,7 @@ from whiptool.adaptation.judgement import judge, judge_seen
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import Frames, weigh
+from whiptool.identification.film_judgement import Frames, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike

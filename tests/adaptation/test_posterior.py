@@ -17,7 +17,7 @@ from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import AFTER, ELSEWHERE, UNMODELLED, driven_by, tip_mislabelled, update, usable
 from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.twins import draw_twin
-from whiptool.identification.problem import Options
+from whiptool.identification.problem import FitOptions
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
@@ -168,7 +168,7 @@ def test_a_recording_that_is_refused_says_what_would_explain_it(prior, monkeypat
     own = {"rotation": 0.0, "shift_x": 0.0, "shift_y": 0.0} | moved
     posed = SimpleNamespace(recordings=[SimpleNamespace(own=own, rmse=0.01)], uncertainty=SimpleNamespace(z=prior.z))
     monkeypatch.setattr(posterior, "_fit", lambda *given: posed)
-    assert said in posterior._why(prior, recorded(), 0.1, Options())
+    assert said in posterior._why(prior, recorded(), 0.1, FitOptions())
 
 
 def test_no_whip_four_standard_errors_from_the_prior_is_plausible(prior):

@@ -19,7 +19,7 @@ from whiptool.adaptation.report import PANELS, SHOWN, _Number, lines, sections
 from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import Judgement
+from whiptool.identification.film_judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike

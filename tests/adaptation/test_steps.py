@@ -9,7 +9,7 @@ import pytest
 from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.steps import Step, Steps, percent
-from whiptool.identification.judgement import Judgement
+from whiptool.identification.film_judgement import Judgement
 from whiptool.models.strike import Strike
 
 PLAN = Plan((-1.0, 0.5, 2.0, 0.8, 0.8), 0.304, 0.01, 0.0, None, "a strike", 0.1)

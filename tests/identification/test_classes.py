@@ -7,9 +7,9 @@ import pytest
 
 from whiptool.identification.classes import classify
 from whiptool.identification.pendulum import AngleRecording, Pendulum
-from whiptool.identification.problem import Options, Problem
+from whiptool.identification.problem import FitOptions, Problem
 from whiptool.identification.results import is_explained
-from whiptool.identification.solver import Block, Solution, Status
+from whiptool.identification.solver import Block, Ending, Solution
 from whiptool.identification.summary import flat_directions
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import room, variable, variables_of
@@ -37,7 +37,7 @@ def spread_otherwise(inertia: float) -> Pendulum:
 def assessed(plant: Pendulum, free: list[str], truth: Pendulum) -> Uncertainty:
     """Uncertainty at a plant of two noisy recordings of the true one."""
     rng, t = np.random.default_rng(0), np.linspace(0, 1.5, 151)
-    options, angles = Options(drive="free", loss=None), np.zeros((len(t), 2))
+    options, angles = FitOptions(drive="free", loss=None), np.zeros((len(t), 2))
     empty = [AngleRecording(t, angles, np.array([q, [0.0, 0.0]]), SIGMA) for q in ([1.0, 1.5], [-0.8, 0.6])]
     variables = variables_of(plant.values(), free, {}, {})
     simulated = Problem(empty, truth, free, variables, options)
@@ -46,7 +46,7 @@ def assessed(plant: Pendulum, free: list[str], truth: Pendulum) -> Uncertainty:
     recordings = [AngleRecording(t, q, r.start, SIGMA) for q, r in zip(noisy, empty, strict=True)]
     problem = Problem(recordings, plant, free, variables, options)
     z = np.array([v.z(plant.values()[v.name]) for v in variables])
-    return problem.assess(Solution(z, problem.predictor.start, 1.0, Status.CONVERGED))
+    return problem.assess(Solution(z, problem.predictor.start, 1.0, Ending.CONVERGED))
 
 
 def kinds(uncertainty: Uncertainty) -> dict[str, str]:

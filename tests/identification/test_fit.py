@@ -14,11 +14,11 @@ from scipy.stats import binom
 from whiptool.dynamics.lumping import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.identification.fit import Options, choose_nodes, fit
+from whiptool.identification.fit import FitOptions, choose_nodes, fit
 from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.sampling import Readings
-from whiptool.identification.solver import Block, Loss, Status, solve
+from whiptool.identification.solver import Block, Ending, Loss, solve
 from whiptool.identification.variables import Prior
 from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
@@ -63,7 +63,7 @@ def test_a_recording_in_space_is_taken_into_the_plane_or_its_axes_are_named():
         fit(z_up, PLANT, ["k"])
     with pytest.raises(InputError, match="does y point up"):
         fit(flat, PLANT, ["k"], held_out=[z_up])
-    options = Options(max_iterations=2)
+    options = FitOptions(max_iterations=2)
     turned = fit(dataclasses.replace(z_up, up="z"), PLANT, ["k"], options=options)  # its file says what points up
     for one in (turned, fit(y_up, PLANT, ["k"], options=options)):
         assert one["k"].value == pytest.approx(fit(flat, PLANT, ["k"], options=options)["k"].value, rel=1e-6)
@@ -110,7 +110,7 @@ def test_solver_against_scipy(loss):
 
     lower, upper = np.array([0.0, 0.0]), np.array([10.0, 1.0])
     mine = solve(evaluate, np.array([1.0, 0.5]), [np.zeros(1)] * 3, lower=lower, upper=upper, loss=Loss(loss))
-    assert mine.status is Status.CONVERGED
+    assert mine.status is Ending.CONVERGED
 
     def flat(u):
         return np.concatenate([b.r for b in evaluate(u[:2], [u[2:3], u[3:4], u[4:5]], False)])
@@ -127,7 +127,7 @@ def test_k_b_m_come_back_and_held_out_strikes_are_predicted():
     rng = np.random.default_rng(1)
     films = [film(LEMON, v, rng) for v in STRIKES[:4]]
     unseen = [film(LEMON, v, rng) for v in STRIKES[4:6]]
-    found = fit(films, PLANT, FREE, held_out=unseen, options=Options(starts=2))
+    found = fit(films, PLANT, FREE, held_out=unseen, options=FitOptions(starts=2))
     for name, true in TRUE.items():
         p = found[name]
         assert p.kind == "well determined"
@@ -155,7 +155,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     for seed in range(200):
         rng = np.random.default_rng(seed)
         noisy = [dataclasses.replace(f, points=f.points + 5e-3 * rng.standard_normal(f.points.shape)) for f in films]
-        found = fit(noisy, Plant(LEMON, CONTROLLER), FREE, options=Options(timestep=1e-3))
+        found = fit(noisy, Plant(LEMON, CONTROLLER), FREE, options=FitOptions(timestep=1e-3))
         for name, true in TRUE.items():
             low, high = found[name].interval or (np.inf, -np.inf)
             covered[name] += low <= true <= high
@@ -170,7 +170,7 @@ def test_command_joints_and_handle_tell_the_same_whip():
     films = [film(LEMON, v, rng, markers=("tip", "handle")) for v in STRIKES[:2]]
     ratios = ({"whip.k": 1.0, "whip.m": -1.0}, {"whip.b": 1.0, "whip.m": -1.0})
     for drive in ("command", "joints", "handle"):
-        found = fit(films, PLANT, FREE, options=Options(drive=drive))
+        found = fit(films, PLANT, FREE, options=FitOptions(drive=drive))
         for powers, true in zip(ratios, (0.242 / 0.012, 0.092 / 0.012), strict=True):
             value, interval = found.uncertainty.product(powers)
             print(drive, powers, value, interval)
@@ -195,7 +195,9 @@ def test_clock_and_camera_pose_come_back():
     true = TRUE | {"delay": 0.012, "scale": scale, "rotation": angle, "shift_x": shift[0], "shift_y": shift[1]}
     for name, x in true.items():
         assert found[name].value == pytest.approx(x, rel=0.01, abs=1e-4), name
-    each = fit(films, PLANT, FREE, options=Options(per_recording=("delay", "scale", "rotation", "shift_x", "shift_y")))
+    each = fit(
+        films, PLANT, FREE, options=FitOptions(per_recording=("delay", "scale", "rotation", "shift_x", "shift_y"))
+    )
     assert [r.own["delay"] for r in each.recordings] == pytest.approx([0.012] * 3, abs=5e-4)
 
 
@@ -205,7 +207,7 @@ def test_a_wrong_marker_does_not_pull_the_fit():
     points = films[1].points.copy()
     points[10:30] += 0.4
     spoilt = [films[0], dataclasses.replace(films[1], points=points), films[2]]
-    robust, plain = (fit(spoilt, PLANT, FREE, options=Options(loss=loss)) for loss in (1.345, None))
+    robust, plain = (fit(spoilt, PLANT, FREE, options=FitOptions(loss=loss)) for loss in (1.345, None))
     error = {
         f: max(abs(np.log(f_[name].value / x)) for name, x in TRUE.items())
         for f, f_ in (("huber", robust), ("plain", plain))
@@ -219,7 +221,7 @@ def test_a_prior_speaks_where_the_recordings_are_silent():
     """From the handle alone the scale is flat; a prior on m pins it, and k and b with it."""
     film_ = film(LEMON, STRIKES[0], np.random.default_rng(0), markers=("tip", "handle"))
     prior = Prior(("whip.m",), (0.012,), np.array([[0.02**2]]))
-    found = fit([film_], PLANT, FREE, options=Options(drive="joints", prior=prior))
+    found = fit([film_], PLANT, FREE, options=FitOptions(drive="joints", prior=prior))
     assert found["whip.m"].value == pytest.approx(0.012, rel=0.02)
     assert found["whip.m"].error == pytest.approx(0.02 * 0.012, rel=0.2)  # [kg], as the value is
     assert {p.kind for p in found.parameters} <= {"well determined", "weak"}
@@ -235,7 +237,7 @@ def test_a_profile_is_told_by_the_motion_of_its_base(drive):
     films = [film(model, v, np.random.default_rng(4), markers=("tip", "handle")) for v in STRIKES[:2]]
     away = dataclasses.replace(true, bending_stiffness=0.03, bending_damping=0.004)
     free = ["profile.bending_stiffness", "profile.bending_damping"]
-    found = fit(films, Plant(LEMON, CONTROLLER, away), free, options=Options(drive=drive))
+    found = fit(films, Plant(LEMON, CONTROLLER, away), free, options=FitOptions(drive=drive))
     for name in free:
         p = found[name]
         assert p.interval is not None
@@ -279,7 +281,7 @@ def test_the_simulated_pendulum_comes_back_up_to_what_it_cannot_show():
     swings = [swing(PENDULUM, s, rng) for s in starts]
     guess = PENDULUM.changed({"link.length[0]": 0.3, "link.com[1]": 0.1})
     free = ["link.length[0]", "link.com[1]", "link.dry_friction[0]", "link.mass[0]", "link.mass[1]"]
-    found = fit(swings, guess, free, options=Options(drive="free", pieces=(0.3,)))
+    found = fit(swings, guess, free, options=FitOptions(drive="free", pieces=(0.3,)))
     assert found["link.length[0]"].value == pytest.approx(0.2, rel=0.01)
     assert found["link.com[1]"].value == pytest.approx(0.15, rel=0.05)
 
@@ -318,19 +320,19 @@ def test_the_number_of_nodes_is_chosen_by_what_was_held_out():
 def test_bad_input_is_named():
     recording = film(LEMON, STRIKES[0], markers=("tip", "handle"))
     no_log = dataclasses.replace(recording, joints_t=None, joints_q=None)
-    about_l = Options(prior=Prior(("whip.l",), (0.1,), np.eye(1)))
+    about_l = FitOptions(prior=Prior(("whip.l",), (0.1,), np.eye(1)))
     for message, call in {
         "one of": lambda: fit([recording], PLANT, ["whip.q"]),
         "free parameters": lambda: fit([recording], PLANT, []),
-        "drive": lambda: fit([recording], PLANT, FREE, options=Options(drive="magic")),
-        "pieces": lambda: Options(pieces=(0.3,)),
+        "drive": lambda: fit([recording], PLANT, FREE, options=FitOptions(drive="magic")),
+        "pieces": lambda: FitOptions(pieces=(0.3,)),
         "command": lambda: fit([dataclasses.replace(recording, strike=None)], PLANT, FREE),
-        "measured joints": lambda: fit([no_log], PLANT, FREE, options=Options(drive="joints")),
-        "base's motion is prescribed": lambda: fit([recording], PLANT, ["law.a"], options=Options(drive="joints")),
+        "measured joints": lambda: fit([no_log], PLANT, FREE, options=FitOptions(drive="joints")),
+        "base's motion is prescribed": lambda: fit([recording], PLANT, ["law.a"], options=FitOptions(drive="joints")),
         "start of whip.b": lambda: fit([recording], Plant(AWAY.with_parameters({"whip.b": 0.0}), CONTROLLER), FREE),
-        "different names": lambda: fit([recording], PLANT, ["delay"], options=Options(per_recording=("delay",))),
+        "different names": lambda: fit([recording], PLANT, ["delay"], options=FitOptions(per_recording=("delay",))),
         "the free numbers": lambda: fit([recording], PLANT, FREE, options=about_l),
-        "per recording": lambda: fit([recording], PLANT, FREE, options=Options(per_recording=("whip.k",))),
+        "per recording": lambda: fit([recording], PLANT, FREE, options=FitOptions(per_recording=("whip.k",))),
     }.items():  # fmt: skip
         with pytest.raises(InputError, match=message):
             call()

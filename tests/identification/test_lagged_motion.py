@@ -8,7 +8,7 @@ from scipy.signal import lsim
 from space_films import ROBOT, STRIKES
 
 from whiptool.errors import InputError
-from whiptool.identification.fit import Options, fit
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.lagged_motion import LaggedReference, _lagging
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
@@ -55,7 +55,7 @@ def test_a_whip_and_its_robots_lag_come_back_from_the_command_alone():
         StrikeRecording(t, p.value.reshape(-1, 1, 3) + 1e-3 * rng.standard_normal((len(t), 1, 3)), ("tip",), strike=s)
         for p, s in zip(paths, STRIKES, strict=True)
     ]
-    found = fit(films, plant.changed({"whip.k": 0.06, "whip.b": 0.005}), ["k", "b"], options=Options(drive="robot"))
+    found = fit(films, plant.changed({"whip.k": 0.06, "whip.b": 0.005}), ["k", "b"], options=FitOptions(drive="robot"))
     for name, true in {"whip.k": 0.05, "whip.b": 0.004}.items():
         low, high = found[name].interval
         assert low <= true <= high

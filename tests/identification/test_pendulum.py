@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pendulum_data import DATA
 
-from whiptool.identification.fit import Options, fit
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.models.parameters import ArmLink
 
@@ -33,7 +33,7 @@ def test_double_pendulum_predicts_the_held_out_pieces():
     # two uniform rods of 0.2 m, as one would guess from afar
     guess = Pendulum((ArmLink(mass=0.2, length=0.2), ArmLink(mass=0.1, length=0.2)), (1e-3, 1e-3))
     free = [f"link.{q}[{i}]" for q in ("mass", "com", "inertia", "friction", "dry_friction", "drag") for i in range(2)]
-    options = Options(drive="free", pieces=(0.3,), starts=3, dispersion=3.0)
+    options = FitOptions(drive="free", pieces=(0.3,), starts=3, dispersion=3.0)
     result = fit(train, guess, [*free, "link.length[0]"], held_out=unseen, options=options)
 
     rmse = [1e3 * r.rmse for r in result.held_out]
@@ -55,7 +55,7 @@ def test_single_pendulum_with_and_without_dry_friction():
     """Each piece held out in turn and predicted for 9 s: dry friction explains how small swings end."""
     pieces = swings("single", every=25)
     guess = Pendulum((ArmLink(mass=0.2, length=0.3),))
-    options = Options(drive="free", pieces=(1.0, 3.0))
+    options = FitOptions(drive="free", pieces=(1.0, 3.0))
     found = {}
     for dry in (True, False):
         free = ["link.inertia[0]", "link.friction[0]", "link.drag[0]", *(["link.dry_friction[0]"] if dry else [])]

@@ -11,7 +11,7 @@ from pendulum_swing import swing
 
 from whiptool.dynamics.lumping import PROFILE
 from whiptool.errors import InputError
-from whiptool.identification.fit import Options, predict
+from whiptool.identification.fit import FitOptions, predict
 from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
@@ -118,7 +118,7 @@ def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(driv
     points, second = seen.points.copy(), len(seen.t) // 2 + 1
     points[second if own else 0 :, 0] += np.random.default_rng(6).normal(0, 0.1, 2)
     moved = dataclasses.replace(seen, points=points)
-    options = Options(drive=drive, per_recording=own, knots=0.05)
+    options = FitOptions(drive=drive, per_recording=own, knots=0.05)
     before, after = (predict([r], Plant(LEMON), {}, options)[0] for r in (seen, moved))
     for marker, path in before.path.items():
         np.testing.assert_allclose(after.path[marker], path, atol=1e-9)
@@ -129,4 +129,4 @@ def test_a_held_out_recording_is_predicted_without_a_look_at_what_is_judged(driv
     assert chi < (1.5 if drive == "joints" else 3)
     unseen = seen.without(np.array([[True, False]] * len(seen.t)))
     with pytest.raises(InputError, match="show the whip"):
-        predict([unseen], Plant(LEMON), {}, Options(drive="handle"))
+        predict([unseen], Plant(LEMON), {}, FitOptions(drive="handle"))

@@ -9,8 +9,8 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.identification import problem as module
-from whiptool.identification.problem import Options, Problem
-from whiptool.identification.solver import Status
+from whiptool.identification.problem import FitOptions, Problem
+from whiptool.identification.solver import Ending
 from whiptool.identification.variables import Prior, variable
 
 RNG = np.random.default_rng(0)
@@ -87,7 +87,7 @@ Z = np.array([v.z(x) for v, x in zip(VARIABLES, TRUE.values())])
 
 def made(*, per_recording=(), prior=None, loss=None, count=2) -> Problem:
     recordings = [SimpleNamespace(source=f"r{i}", t=np.arange(10.0), view=None) for i in range(count)]
-    options = Options(per_recording=per_recording, prior=prior, loss=loss, tolerance=1e-12)
+    options = FitOptions(per_recording=per_recording, prior=prior, loss=loss, tolerance=1e-12)
     return Problem(recordings, Plant(), NAMES, VARIABLES, options)
 
 
@@ -182,7 +182,7 @@ def test_a_solution_is_where_the_gradient_is_none():
     """Its gradient is none, its cost half the sum of squares; with the shared numbers held it costs more."""
     p = made(per_recording=("start", "delay"), prior=PRIOR)
     solution = p.solve(Z)
-    assert solution.status is Status.CONVERGED
+    assert solution.status is Ending.CONVERGED
     gradient, total = np.zeros(3), 0.0
     for b in blocks(p, solution.z, solution.own):
         gradient += b.A.T @ b.r
@@ -236,6 +236,6 @@ def test_recordings_are_compared_with_their_predictions():
 def test_options_are_checked():
     for bad in ({"starts": 0}, {"dispersion": 0.99}, {"dispersion": np.nan}, {"pieces": (0.5,)}):
         with pytest.raises(InputError):
-            Options(**bad)
-    Options(starts=1, dispersion=1.0)
-    Options(drive="free", pieces=(0.5,))
+            FitOptions(**bad)
+    FitOptions(starts=1, dispersion=1.0)
+    FitOptions(drive="free", pieces=(0.5,))

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import least_squares, lsq_linear
 
-from whiptool.identification.solver import Block, Loss, Status, huber, reduce, solve, weigh
+from whiptool.identification.solver import Block, Ending, Loss, huber, reduce, solve, weigh
 
 RNG = np.random.default_rng(0)
 
@@ -88,7 +88,7 @@ def test_it_ends_where_scipy_does(upper, loss):
     best = theirs(upper, loss)
     np.testing.assert_allclose(np.r_[mine.z, np.concatenate(mine.own)], best.x, atol=2e-5)
     assert mine.cost == pytest.approx(best.cost, rel=1e-9)
-    assert mine.status is Status.CONVERGED
+    assert mine.status is Ending.CONVERGED
     costs = [cost for cost, _, _ in mine.history]
     assert costs[-1] == mine.cost
     assert (np.diff(costs) < 0).all()
@@ -109,7 +109,7 @@ def test_a_loose_tolerance_stops_sooner():
         for tolerance in (1e-10, 1e-2)
     )
     assert loose.evaluations < tight.evaluations
-    assert loose.status is Status.CONVERGED
+    assert loose.status is Ending.CONVERGED
     # what is left to fall is below the tolerance, per mean squared residual
     assert loose.cost - tight.cost < 3e-2 * 2 * tight.cost / 75
 
@@ -185,24 +185,24 @@ def test_how_a_solution_ends():
     bounds = {"lower": np.zeros(2), "upper": np.full(2, 10.0)}
     start = [np.zeros(1)] * 3
     few = solve(decay, np.array([1.0, 0.5]), start, max_iterations=1, **bounds)
-    assert few.status is Status.STEPS
+    assert few.status is Ending.STEPS
     assert len(few.history) == 2
 
     def broken(z, own, derivatives):
         return [Block(np.array([np.inf]), np.zeros((1, 2)), np.zeros((1, 1)))]
 
-    assert solve(broken, np.ones(2), start[:1], **bounds).status is Status.DIVERGED
+    assert solve(broken, np.ones(2), start[:1], **bounds).status is Ending.DIVERGED
 
     def steep(z, own, derivatives):
         return [Block(np.ones(1), np.array([[1e51, 0.0]]), np.zeros((1, 1)))]
 
-    assert solve(steep, np.ones(2), start[:1], **bounds).status is Status.DIVERGED
+    assert solve(steep, np.ones(2), start[:1], **bounds).status is Ending.DIVERGED
 
     def wall(z, own, derivatives):  # says that it falls, and does not
         return [Block(np.array([1.0 + np.abs(z - 1).sum()]), np.array([[1.0, 1.0]]), np.zeros((1, 1)))]
 
     stuck = solve(wall, np.ones(2), start[:1], tolerance=0.0, **bounds)
-    assert stuck.status is Status.STUCK
+    assert stuck.status is Ending.STUCK
     np.testing.assert_array_equal(stuck.z, 1)
 
 
@@ -266,6 +266,6 @@ def test_own_unknowns_in_a_flat_valley_do_not_keep_shared_ones_from_settling():
 
     start, bounds = [np.array([-1.0, 1.0, 1.0])], {"lower": np.array([-9.0]), "upper": np.array([9.0])}
     found = solve(evaluate, np.zeros(1), start, **bounds)
-    assert found.status is Status.SETTLED
+    assert found.status is Ending.SETTLED
     assert found.z[0] == pytest.approx(readings.mean())
     assert found.own[0][0] < 0.9  # far from 1, where the valley is lowest

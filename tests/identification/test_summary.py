@@ -14,9 +14,9 @@ from whiptool.identification import summary
 from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
 from whiptool.identification.pendulum import AngleRecording, Pendulum
-from whiptool.identification.results import Fit, RecordingFit, Run
+from whiptool.identification.results import Fit, FittedStart, RecordingFit
 from whiptool.identification.similarity import similarity
-from whiptool.identification.solver import Solution, Status
+from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import unit_of
 from whiptool.identification.variables import Variable, variable
@@ -61,10 +61,10 @@ def parameter(name: str, value: float, kind: str = "well determined", **told) ->
 
 
 def fitted(uncertainty: Uncertainty, parameters: list[Parameter], **told) -> Fit:
-    end = Solution(np.zeros(1), [], 2.0, Status.STEPS, [(3.0, 1.0, 0.0), (2.0, 1.0, 0.1)], 5)
+    end = Solution(np.zeros(1), [], 2.0, Ending.STEPS, [(3.0, 1.0, 0.0), (2.0, 1.0, 0.1)], 5)
     usual = {
         "plant": Pendulum((ArmLink(1.0, 1.0),)), "drive": "command", "nuisance": {"delay": 0.01}, "recordings": (),
-        "held_out": (), "runs": (Run({"whip.k": 1.0}, {"whip.k": 2.0}, end),), "wall_time": 1.5,
+        "held_out": (), "runs": (FittedStart({"whip.k": 1.0}, {"whip.k": 2.0}, end),), "wall_time": 1.5,
     }  # fmt: skip
     return Fit(parameters=tuple(parameters), uncertainty=uncertainty, **{**usual, **told})
 
@@ -318,7 +318,7 @@ def test_a_fit_as_plain_data():
         }
     ]  # fmt: skip
     said = {
-        "status": "steps", "converged": False, "message": Status.STEPS.value, "drive": "command",
+        "status": "steps", "converged": False, "message": Ending.STEPS.value, "drive": "command",
         "intervals_from": "covariance",
         "condition_number": None, "residual_variance": 1.21, "residual_correlation": None, "nuisance": {"delay": 0.01},
         "rmse": pytest.approx(np.sqrt(np.mean(OFF[np.arange(12) != 4] ** 2))), "fit_time": 1.5,
@@ -342,9 +342,9 @@ def test_a_fit_as_plain_data():
 
 
 def test_a_start_that_never_began():
-    end = Solution(np.zeros(1), [], math.inf, Status.DIVERGED)
+    end = Solution(np.zeros(1), [], math.inf, Ending.DIVERGED)
     U = seen([K], [0.0], [[9.0]], [1])
-    runs = (Run({}, {}, end, over_best=math.inf, failed=True),)
+    runs = (FittedStart({}, {}, end, over_best=math.inf, failed=True),)
     table = summary.fit_table(fitted(U, [parameter("whip.k", 1.0)], runs=runs), [], [])
     (start,) = table["starts"]
     assert (start["steps"], start["cost"], start["cost_over_best"], start["failed"]) == (0, None, None, True)
@@ -370,7 +370,7 @@ def ended(values: list[float], chi: float = 1.0) -> Fit:
 
 def test_a_fit_names_what_ended_at_a_bound_and_a_misfit_that_is_too_large():
     good, bad = ended([0.25, 2.0, 0.003]), ended([1e-3, 1e3, 0.0], chi=3.1)
-    end = f"NOT CONVERGED: {Status.STEPS.value}"
+    end = f"NOT CONVERGED: {Ending.STEPS.value}"
     assert repr(good) == f"Fit(whip.k = 0.25 N m/rad, whip.m = 2 kg, whip.drag = 0.003 N s^2/m^2; {end}; 1 recording)"
     assert repr(bad) == (
         "Fit(whip.k = 0.001 N m/rad (its lower bound), whip.m = 1000 kg (its upper bound), "

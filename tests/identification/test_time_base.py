@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import t as student
 
 from whiptool.identification.solver import Block
-from whiptool.identification.time_base import SIGNIFICANCE, Readings, likeliest_fault
+from whiptool.identification.time_base import SIGNIFICANCE, FittedReadings, likeliest_fault
 
 T = np.arange(80) / 60
 SLOPES = [40 * np.sin(5 * T), 30 * np.cos(4 * T + 1)]  # standard errors a second
 
 
-def readings(errors: list[np.ndarray], clock: dict | None = None) -> list[Readings]:
+def readings(errors: list[np.ndarray], clock: dict | None = None) -> list[FittedReadings]:
     """Two recordings with two shared unknowns and one of their own, which is regularised; fitted by least squares."""
     rng = np.random.default_rng(0)
     A = [np.stack([np.cos(3 * T + i), T**2], axis=1) for i in range(2)]
@@ -26,7 +26,7 @@ def readings(errors: list[np.ndarray], clock: dict | None = None) -> list[Readin
     r = np.concatenate([block.r for block in blocks])
     r = r - whole @ np.linalg.lstsq(whole, r, rcond=None)[0]
     blocks = [Block(x, block.A, block.B) for x, block in zip(np.split(r, 2), blocks, strict=True)]
-    return [Readings(b, np.zeros(80, int), T, s, clock or {}) for b, s in zip(blocks, SLOPES, strict=True)]
+    return [FittedReadings(b, np.zeros(80, int), T, s, clock or {}) for b, s in zip(blocks, SLOPES, strict=True)]
 
 
 def noise(seed: int) -> list[np.ndarray]:
@@ -90,7 +90,7 @@ def test_a_clock_that_was_fitted_is_judged_by_its_own_value():
     for x in told:
         B = np.hstack([x.block.B, np.append(-x.slope, 0.0)[:, None]])
         r = x.block.r - B @ np.linalg.lstsq(B, x.block.r, rcond=None)[0]
-        with_delay.append(Readings(Block(r, x.block.A, B), x.channel, T, x.slope, {"delay": (1, 0.3)}))
+        with_delay.append(FittedReadings(Block(r, x.block.A, B), x.channel, T, x.slope, {"delay": (1, 0.3)}))
     found = likeliest_fault(with_delay, None)
     assert (found.kind, found.size) == ("delay", 0.3)
     assert found.p_value == pytest.approx(2 * (2 * 80 + 2) * student.sf(0.3 / found.error, 150), rel=1)
@@ -102,5 +102,5 @@ def test_what_the_fitted_unknowns_take_up_is_no_evidence():
     x = readings(noise(2))[0]
     A = np.vstack([x.slope[:, None] * np.stack([np.ones(80), T], axis=1), np.zeros((1, 2))])
     r = x.block.r - A @ np.linalg.lstsq(A, x.block.r, rcond=None)[0]
-    found = likeliest_fault([Readings(Block(r, A, x.block.B), x.channel, T, x.slope, {})], None)
+    found = likeliest_fault([FittedReadings(Block(r, A, x.block.B), x.channel, T, x.slope, {})], None)
     assert found is None or found.kind == "jump"

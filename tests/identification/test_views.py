@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from space_films import LEFT, ROBOT, STRIKES, WHIP, film_in_space, filmed_by_two
 
 from whiptool.errors import InputError
-from whiptool.identification.fit import Options, fit
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.summary import error_words, root_mean_square_pixels
@@ -84,7 +84,7 @@ def test_derivatives_of_views_are_those_of_differences(seen):
 def test_two_cameras_tell_a_whip_and_their_clocks(seen):
     """MuJoCo's whip on MuJoCo's robot, 0.3 pixels, nothing triangulated; the other strike is foreseen."""
     guess = Plant(dataclasses.replace(ROBOT, whip=dataclasses.replace(WHIP, k=0.07, b=0.006, l=0.19)), Controller())
-    how = Options(drive="joints", per_recording=("delay",))
+    how = FitOptions(drive="joints", per_recording=("delay",))
     found = fit(seen[0], guess, ["k", "b", "l"], held_out=seen[1][:1], options=how)
     for name, true in TRUE.items():
         low, high = found[name].interval
@@ -146,7 +146,7 @@ UNSEEN = ("scale", "shift_x", "shift_y", "shift_z")
 def test_one_camera_with_depth_tells_how_far_away_the_whip_is(rolled):
     """Without, a base that is farther away and a larger strike look the same; the intervals hold the truth."""
     plant = Plant(ROBOT, Controller(PositionControl()))
-    guess, how = plant.changed({"whip.k": 0.06}), Options(drive="command", timestep=5e-4)
+    guess, how = plant.changed({"whip.k": 0.06}), FitOptions(drive="command", timestep=5e-4)
     true = {"whip.k": 0.05, "scale": 1.0, "shift_x": 0.0, "shift_y": 0.0, "shift_z": 0.0}
     held = []
     for seed in range(4):

@@ -12,7 +12,7 @@ from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.options.controller import ControllerOptions
-from whiptool.rig.options import ArmOptions
+from whiptool.rig.arm_options import ArmOptions
 
 CONTROLLER = Controller(PositionControl())
 

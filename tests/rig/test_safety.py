@@ -17,10 +17,10 @@ from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
 from whiptool.limits.motor_limits import XM430, limits_preset
 from whiptool.rig.caps import CappedLoop, Caps, default_caps
+from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.cyclelog import Flag, Phase
 from whiptool.rig.dynamixel import Joints, JointSample
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions, random_faults
-from whiptool.rig.loop import RigLoop, StepClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
 from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
@@ -506,7 +506,7 @@ CLIENT = """
 import sys, whiptool as wt
 from pathlib import Path
 from whiptool.rig.dynamixel import DynamixelBus, Joints
-from whiptool.rig.loop import RigLoop, StepClock, posture_controller
+from whiptool.rig.control_loop import RigLoop, StepClock, posture_controller
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
 model = wt.preset("lemon2024")

@@ -29,10 +29,10 @@ from whiptool.optimizers import METHODS, search
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig import session as sessions
 from whiptool.rig import stop_signals
+from whiptool.rig.arm_options import mark_of_port
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.emulator import Emulator
 from whiptool.rig.filming import Filming
-from whiptool.rig.options import mark_of_port
 from whiptool.rig.session import RigRollout, TwinRig
 from whiptool.rig.stops import (
     STOPPED,

@@ -12,13 +12,13 @@ import pytest
 from fallen_tip import cycles, struck
 
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import Frames, Judgement, judge_frames
+from whiptool.identification.film_judgement import Frames, Judgement, judge_frames
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
 from whiptool.rig import session
+from whiptool.rig.control_loop import Run
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.guards import SafetyError
-from whiptool.rig.loop import Run
 from whiptool.rig.session import Struck
 from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
 from whiptool.viz.plots import STYLE

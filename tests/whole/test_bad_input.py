@@ -47,7 +47,7 @@ OPTIONS = {
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
-    "strike": ("whiptool.commands.rig", "StrikeOptions"),
+    "strike": ("whiptool.commands.rig", "RigStrikeOptions"),
     "learn": ("whiptool.commands.rig", "LearnOptions"),
     "servos": ("whiptool.commands.dynamixel", "ServoOptions"),
     "emulator": ("whiptool.commands.emulator", "EmulatorOptions"),

@@ -13,7 +13,7 @@ from swings import Whip
 from whiptool.commands import identify
 from whiptool.dynamics.lumping import lumping
 from whiptool.errors import InputError
-from whiptool.identification.fit import Options, predict
+from whiptool.identification.fit import FitOptions, predict
 from whiptool.identification.plant import Plant, slopes
 from whiptool.identification.predict import Predictor
 from whiptool.models import preset, write_model
@@ -109,7 +109,7 @@ def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
 def test_the_known_whip_and_state_give_the_swing_back(tracks):
     """Against Lagrange's equations: with the true numbers, only the readings' errors are left."""
     held, recordings = tracks
-    found = predict(recordings, Plant(WHIP, clamp=HELD[held]), {}, Options(drive="passive"))
+    found = predict(recordings, Plant(WHIP, clamp=HELD[held]), {}, FitOptions(drive="passive"))
     assert np.mean([x.chi for x in found]) == pytest.approx(1, abs=0.2)
 
 

@@ -17,7 +17,7 @@ from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import identify
 from whiptool.goals.target import Target
-from whiptool.identification.fit import Options as Fitting
+from whiptool.identification.fit import FitOptions as Fitting
 from whiptool.identification.fit import fit
 from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller, PositionControl

@@ -24,8 +24,8 @@ from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target
 from whiptool.identification.beginnings import check_beginnings
+from whiptool.identification.film_judgement import Judgement
 from whiptool.identification.inputs import check_controllers
-from whiptool.identification.judgement import Judgement
 from whiptool.identification.predict import Predictor
 from whiptool.limits.all_limits import Given
 from whiptool.models import parameters

@@ -1,7 +1,7 @@
 """The probability that a strike hit, from the whip's posterior and the camera's frames, weighed together.
 
 The path of the tip is that of a whip drawn from the posterior, plus a discrepancy that no whip explains. Where the
-frames contradict the whip, the frames decide, within their noise; see `whiptool.identification.judgement`.
+frames contradict the whip, the frames decide, within their noise; see `whiptool.identification.film_judgement`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import RATE, Judgement, frames_of, judge_frames, weigh
+from whiptool.identification.film_judgement import RATE, Judgement, frames_of, judge_frames, weigh
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 

@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 from whiptool.errors import InputError
 from whiptool.options import GoalOptions, ResumableOptions, refuse_idle, whole
-from whiptool.rig.options import ArmOptions, hardware_rig, loop_options
+from whiptool.rig.arm_options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation

@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
-from whiptool.identification.fit import Fit, Options, fit
+from whiptool.identification.fit import Fit, FitOptions, fit
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
@@ -136,7 +136,7 @@ def update(
             used.append(cut)
     found = None
     while used:
-        options = Options(
+        options = FitOptions(
             drive=driven_by(prior.plant, used),
             prior=prior.as_prior(),
             check=False,  # the belief holds a delay, and its model errs
@@ -242,7 +242,7 @@ def _best(
     prior: Belief,
     guess: Belief,
     recordings: list[StrikeRecording],
-    options: Options,
+    options: FitOptions,
     starts: int,
     screened: int,
     seed: int,
@@ -298,7 +298,9 @@ def _explains(prior: Belief, found: Fit | None) -> bool:
     return all(r.chi <= STARTS.explained or r.rmse <= near for r in found.recordings)
 
 
-def _grown(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
+def _grown(
+    recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: FitOptions
+) -> Fit | None:
     """A fit of all frames; where the start is far from them, by way of fits of the first frames only.
 
     Late in a strike the tip depends wildly on the whip, and a fit from afar ends in one of many valleys. Early on it
@@ -321,7 +323,7 @@ def _until(recording: StrikeRecording, share: float) -> StrikeRecording:
     return recording.without(late[:, None] & recording.seen)
 
 
-def _fit(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: Options) -> Fit | None:
+def _fit(recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: FitOptions) -> Fit | None:
     """A fit, or None where the model leaves what can be computed: nonsense drives it there."""
     try:
         found = fit(recordings, plant, names, options=options)
@@ -362,7 +364,7 @@ def _plausible(prior: Belief, found: Fit) -> bool:
     return bool(off @ np.linalg.solve(prior.covariance, off) <= _INCONSISTENT.implausible**2 * len(off))
 
 
-def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: Options) -> str:
+def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: FitOptions) -> str:
     """What would explain a recording that no whip explains."""
     said, d = (
         f"no plausible whip moves like this ({100 * rmse:.1f} cm RMSE)",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.posterior import Learned
-from whiptool.identification.judgement import Judgement
+from whiptool.identification.film_judgement import Judgement
 from whiptool.models.strike import Strike
 
 _SHOWN = 5  # strikes that the representation of a whole adaptation shows, the last ones

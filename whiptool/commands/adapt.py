@@ -21,7 +21,7 @@ from whiptool.commands.interruptions import tell_when_interrupted
 from whiptool.errors import InputError
 from whiptool.options import OptionGroup
 from whiptool.progress import note
-from whiptool.rig.options import ask_to_release
+from whiptool.rig.arm_options import ask_to_release
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
     def command() -> int:
         from whiptool.rig.emulator.motor import HARDWARE, Motor
-        from whiptool.rig.emulator.options import TwinOptions
+        from whiptool.rig.emulator.twin_options import TwinOptions
 
         o = parse(EmulatorOptions, prog="python -m whiptool.rig.emulator", description=__doc__ or "", args=words)
         with options_named(o):

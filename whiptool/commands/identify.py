@@ -82,7 +82,7 @@ class _Run:
     def __init__(self, options: IdentifyOptions) -> None:
         from whiptool.identification.inputs import read_prior, split
         from whiptool.identification.plant import Plant
-        from whiptool.identification.problem import HUBER, Options
+        from whiptool.identification.problem import HUBER, FitOptions
         from whiptool.runs import code_version
 
         self.options = options
@@ -101,7 +101,7 @@ class _Run:
             refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
         self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
         self.free = full_names(options.free, self.plant)
-        self.how = Options(
+        self.how = FitOptions(
             drive=options.drive,
             per_recording=options.per_recording,
             prior=read_prior(options.prior, self.plant, self.free),
@@ -301,7 +301,7 @@ class _Run:
         told = json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path)
         print(told, flush=True)
         cli.drawing()
-        from whiptool.identification.report import sections
+        from whiptool.identification.fit_report import sections
         from whiptool.viz.report import to_html
 
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)

@@ -28,7 +28,7 @@ def identify_pendulum(options: IdentifyOptions) -> int:
     from whiptool.identification.fit import fit
     from whiptool.identification.inputs import split
     from whiptool.identification.pendulum_files import read_angles, read_pendulum
-    from whiptool.identification.problem import HUBER, Options
+    from whiptool.identification.problem import HUBER, FitOptions
 
     if not options.model.endswith(".toml"):
         raise InputError("--model", options.model, "a pendulum's .toml file, with --drive free", "see the file formats")
@@ -42,7 +42,7 @@ def identify_pendulum(options: IdentifyOptions) -> int:
         if swing.angles.shape[1] != guess.n:
             raise InputError(f"{swing.source}: angles", f"{swing.angles.shape[1]} links", f"{guess.n}, as --model has")
     free = full_names(options.free, guess)
-    how = Options(
+    how = FitOptions(
         drive="free",
         loss=HUBER if options.loss == "huber" else None,
         starts=options.starts,

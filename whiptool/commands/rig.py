@@ -27,7 +27,7 @@ from whiptool.options import (
     spell_methods,
 )
 from whiptool.progress import note
-from whiptool.rig.options import ArmOptions, ask_to_release, hardware_rig, loop_options
+from whiptool.rig.arm_options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class RigOptions(ArmOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrikeOptions(RigOptions):
+class RigStrikeOptions(RigOptions):
     """Run one strike on a rig."""
 
     first: ClassVar[tuple[str, ...]] = ("strike",)
@@ -185,12 +185,12 @@ def _check_camera(name: str) -> None:
 
 
 def _strike(words: list[str]) -> int:
-    options = cli.parse(StrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
+    options = cli.parse(RigStrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
     with cli.options_named(options):
         return _strike_once(options)
 
 
-def _strike_once(options: StrikeOptions) -> int:
+def _strike_once(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.joint_space import JointSpace, numbers_of
     from whiptool.rig.session import CYCLES, RECORDING
@@ -237,7 +237,7 @@ def _strike_once(options: StrikeOptions) -> int:
     return 0
 
 
-def _report(folder: Path, struck: Struck, model: Model, target: Target, options: StrikeOptions) -> None:
+def _report(folder: Path, struck: Struck, model: Model, target: Target, options: RigStrikeOptions) -> None:
     """Write the report and its pictures."""
     from whiptool.rig.strike_report import draw, save_pictures, sections
     from whiptool.runs import code_version

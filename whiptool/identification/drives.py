@@ -18,9 +18,9 @@ from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.joint_log import check_covers
 from whiptool.identification.lagged_motion import LaggedReference
-from whiptool.identification.motion import HandleMotion, JointMotion, Motion, SpatialJointMotion, StillMotion
+from whiptool.identification.log_gaps import check_covers
+from whiptool.identification.motion import BaseMotion, HandleMotion, JointMotion, SpatialJointMotion, StillMotion
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.impedance.controller import Controller
@@ -255,7 +255,7 @@ class SwingDrive(Drive):
             "passive": self._still,
         }[kind]
         # a whip that hangs at rest hangs from a hand at rest: the tip would keep any speed that its base begins with
-        self.motion: Motion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
+        self.motion: BaseMotion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
         self.unknowns = {"lag" if kind == "robot" else "motion": self.motion.start}
         if kind == "passive":
             self.unknowns["start"] = np.linalg.solve(self.of_start, released(recording, plant, _hand(recording)))
@@ -273,7 +273,7 @@ class SwingDrive(Drive):
         n = self.structure.coordinates
         return np.eye(2 * n) if self.structure.dimension == 3 else np.kron(np.eye(2), np.eye(n) - np.eye(n, k=-1))
 
-    def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+    def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         if recording.joints_t is None or recording.joints_q is None:
             raise InputError(
                 "recording",
@@ -288,12 +288,12 @@ class SwingDrive(Drive):
             return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
         return self._in_space(recording, t, recording.joints_q, arm, h, options)
 
-    def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+    def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         arm, self.start = plant.model.arm, 0.0
         assert isinstance(arm, SpatialArm)
         return LaggedReference(_command(recording, plant, "joints or hand"), arm, self._instants(recording, h))
 
-    def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+    def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         if recording.hand_t is None or recording.hand_pose is None:
             fix = "or drive by joints or command"
             raise InputError("recording", recording.called, "one with the hand's pose", fix)
@@ -303,13 +303,13 @@ class SwingDrive(Drive):
 
     def _in_space(
         self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: SpatialArm, h: float, options: dict
-    ) -> Motion:
+    ) -> BaseMotion:
         self.start = float(t[0])
         if options["at_rest"]:  # a robot's log holds its way to the start, too
             self.start = max(self.start, -BEFORE)
         return SpatialJointMotion(t, q, arm, self._instants(recording, h), **options)
 
-    def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+    def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         if "handle" not in recording.markers:
             raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
         if plant.held.whip.per_node("b")[0] or not hinge_is_free(plant.held):
@@ -326,7 +326,7 @@ class SwingDrive(Drive):
         handle = recording.t_points[:, m], recording.points[:, m, :2], recording.sigma[:, m]
         return HandleMotion(*handle, self._instants(recording, h), joints=plant.model.arm.n, **options)
 
-    def _still(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> Motion:
+    def _still(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         self.start = float(recording.t_points[recording.seen].min()) - recording.exposure / 2
         if plant.clamp is None and not hinge_is_free(plant.model):
             raise InputError("whip.k[0]", "a spring where the whip is held", "a free hinge, or a clamp's direction")

@@ -15,9 +15,9 @@ from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Identifiable, Plant, units
 from whiptool.identification.predict import Recording
-from whiptool.identification.problem import Options, Problem
-from whiptool.identification.results import Fit, RecordingFit, Run, is_explained, judge_starts
-from whiptool.identification.solver import Solution, Status
+from whiptool.identification.problem import FitOptions, Problem
+from whiptool.identification.results import Fit, FittedStart, RecordingFit, is_explained, judge_starts
+from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import DOUBT, ClockFault
 from whiptool.identification.variables import variables_of
 from whiptool.models.numbers import texts
@@ -28,7 +28,7 @@ from whiptool.words import counted
 
 _KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
-__all__ = ["Fit", "Options", "RecordingFit", "best_nodes", "choose_nodes", "fit", "predict"]
+__all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "choose_nodes", "fit", "predict"]
 
 
 def fit(
@@ -37,7 +37,7 @@ def fit(
     free: Sequence[str],
     *,
     held_out: Sequence[Recording] = (),
-    options: Options | None = None,
+    options: FitOptions | None = None,
 ) -> Fit:
     """Fit parameters of a plant to recordings, by maximum likelihood or, with a prior, by maximum a posteriori.
 
@@ -48,14 +48,14 @@ def fit(
         free: Names of the parameters to fit, of the plant or nuisance parameters that all recordings share; `k` is
             short for `whip.k`.
         held_out: Recordings to predict only, see `predict`.
-        options: See `Options`.
+        options: See `FitOptions`.
 
     Raises:
         InputError: A name is unknown or ambiguous, nothing is free, a recording lacks what the drive needs, a commanded
             recording has another controller than the plant, or the first readings show wrong units, axes, joints or
             start times.
     """
-    began, options = time.perf_counter(), options or Options()
+    began, options = time.perf_counter(), options or FitOptions()
     if not isinstance(recordings, Sequence):
         recordings = [recordings]
     for recording in (*recordings, *held_out):
@@ -86,12 +86,12 @@ def fit(
             spread = np.where([v.log for v in variables], np.log(options.dispersion), 1.0)
             start = np.array([v.off_bounds(z) for v, z in zip(variables, first + spread * drawn, strict=True)])
         solution = problem.solve(start)
-        runs.append(Run(problem.values(start), problem.values(solution.z), solution))
+        runs.append(FittedStart(problem.values(start), problem.values(solution.z), solution))
     runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
     if np.isfinite(runs[0].solution.cost) and (again := _refined(problem, runs[0].solution)) is not runs[0].solution:
-        runs[0] = Run(runs[0].start, problem.values(again.z), again)
+        runs[0] = FittedStart(runs[0].start, problem.values(again.z), again)
     best = runs[0].solution
-    if best.status is Status.DIVERGED:
+    if best.status is Ending.DIVERGED:
         raise InputError(
             "plant",
             ", ".join(f"{name} = {value:g}" for name, value in runs[0].start.items()),
@@ -160,7 +160,7 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
 
 
 def predict(
-    recordings: Sequence[Recording], plant: Identifiable, nuisance: Mapping[str, float], options: Options
+    recordings: Sequence[Recording], plant: Identifiable, nuisance: Mapping[str, float], options: FitOptions
 ) -> list[RecordingFit]:
     """Recordings that were not fitted, and what the plant predicts of them.
 
@@ -183,7 +183,7 @@ def predict(
     own = options.per_recording
     if options.drive == "free":  # encoders saw how it began
         own = tuple(name for name in own if name != "start")
-    changed = Options(
+    changed = FitOptions(
         drive=options.drive, per_recording=own, loss=options.loss, timestep=options.timestep, knots=options.knots
     )
     problem = Problem(
@@ -193,7 +193,7 @@ def predict(
     start = problem.predictor.start
     every, unknown = range(len(start)), bool(own) or problem.starts_free or options.drive == "robot"
     if not unknown and options.drive != "handle":  # the motion begins as the joints alone tell it
-        return problem.compare(Solution(z, start, 0.0, Status.CONVERGED))
+        return problem.compare(Solution(z, start, 0.0, Ending.CONVERGED))
     known = [problem.first(i, _KNOWN if unknown else 0.0) for i in every]
     if options.drive == "handle":
         known = [np.maximum(x, problem.of_marker(i, "handle")) for i, x in zip(every, known, strict=True)]
@@ -210,7 +210,7 @@ def choose_nodes(
     nodes: Sequence[int],
     *,
     held_out: Sequence[StrikeRecording],
-    options: Options | None = None,
+    options: FitOptions | None = None,
 ) -> tuple[int, dict[int, Fit]]:
     """The number of nodes that predicts held-out recordings best, and the fits with each number.
 

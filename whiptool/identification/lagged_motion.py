@@ -24,7 +24,7 @@ class LaggedReference:
         instants: Times at which the hand is wanted [s], (I,), from 0 on.
 
     Attributes:
-        start, rows, mean: As of a `Motion`; the one coefficient is the lag [s].
+        start, rows, mean: As of a `BaseMotion`; the one coefficient is the lag [s].
     """
 
     def __init__(self, strike: Strike, arm: SpatialArm, instants: np.ndarray) -> None:

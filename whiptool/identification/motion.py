@@ -128,7 +128,7 @@ class Moved:
     d_q_i: np.ndarray
 
 
-class Motion(Protocol):
+class BaseMotion(Protocol):
     """A prescribed motion whose coefficients are themselves unknown: what was measured of it carries errors, too.
 
     The whip's tip magnifies errors of its base a hundredfold; a motion that is held fixed would hide that.
@@ -224,7 +224,7 @@ class MeasuredJoints:
         at_rest: Whether the arm is at rest at the first instant.
 
     Attributes:
-        start, rows, mean: As of a `Motion`; joint i's coefficient j is entry j a + i.
+        start, rows, mean: As of a `BaseMotion`; joint i's coefficient j is entry j a + i.
 
     Raises:
         InputError: The log has another number of joints than the arm, or too few samples.

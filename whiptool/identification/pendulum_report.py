@@ -8,8 +8,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from whiptool.identification.fit_report import convergence_section, knowledge_section, parameters_section
 from whiptool.identification.pendulum import AngleRecording
-from whiptool.identification.report import convergence_section, knowledge_section, parameters_section
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Picture, Section, Table, Text

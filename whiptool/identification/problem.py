@@ -16,7 +16,7 @@ from whiptool.identification.plant import Identifiable
 from whiptool.identification.predict import Predictor, Recording
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
-from whiptool.identification.time_base import CLOCK, ClockFault, Readings, likeliest_fault
+from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.parameters import number, whole
@@ -30,7 +30,7 @@ _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first stat
 
 
 @dataclass(frozen=True)
-class Options:
+class FitOptions:
     """How to fit.
 
     Args:
@@ -92,7 +92,7 @@ class Problem:
         plant: Identifiable,
         free: Sequence[str],
         variables: list[Variable],
-        options: Options,
+        options: FitOptions,
         *,
         starting: bool = True,
     ) -> None:
@@ -137,7 +137,7 @@ class Problem:
         Args:
             z: Shared unknowns.
             fixed: Whether they stay as they are, and only own unknowns are sought.
-            known: Readings of each recording that are fitted, 1 or 0; default: all.
+            known: FittedReadings of each recording that are fitted, 1 or 0; default: all.
         """
         if self.options.drive == "passive":
             own: Sequence[np.ndarray] = self.predictor.start
@@ -303,7 +303,7 @@ class Problem:
             of_all, names, own = Block(block.r, block.A[:, inside], block.B), P.own_names(i), solution.own[i]
             at = {name: names.index(name) for name in self._judged}
             clock = {name: (column, float(own[column] - NEUTRAL[name])) for name, column in at.items()}
-            readings.append(Readings(of_all, self._series[i], self._times[i], p.by_time / P.sigma[i], clock))
+            readings.append(FittedReadings(of_all, self._series[i], self._times[i], p.by_time / P.sigma[i], clock))
         if self._prior is not None:
             prior = self._prior[0][:, inside]
         fitted = [name for name in CLOCK if name in (*self.free, *self._own) and name not in self._judged]

@@ -13,7 +13,7 @@ from scipy.special import gammaincinv
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
 from whiptool.identification.plant import Identifiable, Plant
-from whiptool.identification.solver import Solution, Status
+from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
@@ -96,7 +96,7 @@ class RecordingFit:
 
 
 @dataclass(frozen=True)
-class Run:
+class FittedStart:
     """One start and where it led.
 
     Args:
@@ -121,7 +121,7 @@ class Run:
         return self.solution.status.value
 
 
-def judge_starts(runs: Sequence[Run], readings: int) -> list[Run]:
+def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart]:
     """The starts, the best first, each with how far above the best it ended, and whether it failed.
 
     By the likelihood ratio: with the residuals' variance as at the best end, twice the difference of the costs is
@@ -180,7 +180,7 @@ class Fit(NoArray, instead="its parameters"):
     uncertainty: Uncertainty
     recordings: tuple[RecordingFit, ...]
     held_out: tuple[RecordingFit, ...]
-    runs: tuple[Run, ...]
+    runs: tuple[FittedStart, ...]
     wall_time: float
     clock_fault: ClockFault | None = None
     remarks: tuple[str, ...] = ()
@@ -240,12 +240,12 @@ class Fit(NoArray, instead="its parameters"):
         return {name: end for name, end in ends.items() if end}
 
     @property
-    def failed(self) -> tuple[Run, ...]:
+    def failed(self) -> tuple[FittedStart, ...]:
         """The starts that ended far above the best one."""
         return tuple(run for run in self.runs if run.failed)
 
     @property
-    def status(self) -> Status:
+    def status(self) -> Ending:
         """How the best run ended."""
         return self.runs[0].solution.status
 
@@ -253,4 +253,4 @@ class Fit(NoArray, instead="its parameters"):
     def converged(self) -> bool:
         """Whether the best run found a minimum in the shared parameters; otherwise values and intervals are not
         reliable."""
-        return self.status in (Status.CONVERGED, Status.SETTLED)
+        return self.status in (Ending.CONVERGED, Ending.SETTLED)

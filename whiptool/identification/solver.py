@@ -40,7 +40,7 @@ _DAMPING = Damping()
 _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
-class Status(Enum):
+class Ending(Enum):
     """How a solution ended."""
 
     CONVERGED = "the cost no longer decreases"
@@ -75,7 +75,7 @@ class Solution:
     z: np.ndarray
     own: list[np.ndarray]
     cost: float
-    status: Status
+    status: Ending
     history: list[tuple[float, float, float]] = field(default_factory=list)
     evaluations: int = 0
 
@@ -161,23 +161,23 @@ def solve(
         loss: Loss to minimise.
         max_iterations: Largest number of iterations.
         tolerance: It ends where the cost would fall by no more than this, per mean squared residual; or where shared
-            unknowns stay while each recording's own still move along a flat valley of the cost (`Status.SETTLED`).
+            unknowns stay while each recording's own still move along a flat valley of the cost (`Ending.SETTLED`).
     """
     search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
     here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)
     if not np.isfinite(here.cost):
-        return Solution(here.z, here.own, np.inf, Status.DIVERGED, evaluations=search.evaluations)
+        return Solution(here.z, here.own, np.inf, Ending.DIVERGED, evaluations=search.evaluations)
     history, steps = [(here.cost, search.damping, 0.0)], [here.z]
     for _ in range(max_iterations):
         there = search.improved(here)
-        if isinstance(there, Status):
+        if isinstance(there, Ending):
             return Solution(here.z, here.own, here.cost, there, history, search.evaluations)
         history.append((there.cost, search.damping, float(np.linalg.norm(there.z - here.z))))
         here = there if there.derivatives else search.point(there.z, there.own, derivatives=True)
         steps.append(here.z)
         if _have_settled(steps, [cost for cost, *_ in history], here, tolerance):
-            return Solution(here.z, here.own, here.cost, Status.SETTLED, history, search.evaluations)
-    return Solution(here.z, here.own, here.cost, Status.STEPS, history, search.evaluations)
+            return Solution(here.z, here.own, here.cost, Ending.SETTLED, history, search.evaluations)
+    return Solution(here.z, here.own, here.cost, Ending.STEPS, history, search.evaluations)
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class _Search:
         cost, weights = self._loss.of(blocks)
         return _Point(z, own, blocks, cost, weights, derivatives)
 
-    def improved(self, here: _Point) -> _Point | Status:
+    def improved(self, here: _Point) -> _Point | Ending:
         """Return a point of lower cost, or the reason why none was found.
 
         A first attempt mostly succeeds: its derivatives are taken at once.
@@ -259,7 +259,7 @@ class _Search:
             trial = np.clip(here.z + step, self._lower, self._upper)
             foreseen = _foreseen(weighted, trial - here.z, own_step)
             if foreseen <= max(negligible, 1e-16 * here.cost):
-                return Status.CONVERGED
+                return Ending.CONVERGED
             trial_own = [x + d for x, d in zip(here.own, own_step, strict=True)]
             there = self.point(trial, trial_own, derivatives=first)
             first = False
@@ -268,7 +268,7 @@ class _Search:
                 self._relax(gain)
                 return there
             self._stiffen()
-        return Status.STUCK
+        return Ending.STUCK
 
     def _scale_columns(self, blocks: list[Block]) -> None:
         """Let the scales grow to the norms of the columns."""

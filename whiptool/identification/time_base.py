@@ -66,7 +66,7 @@ class ClockFault:
 
 
 @dataclass(frozen=True)
-class Readings:
+class FittedReadings:
     """One recording's readings at the end of a fit.
 
     Args:
@@ -84,21 +84,21 @@ class Readings:
     slope: np.ndarray
     clock: dict[str, tuple[int, float]]
 
-    def without(self, kind: str) -> Readings:
+    def without(self, kind: str) -> FittedReadings:
         """The same as if a clock's number had not been fitted."""
         b, column = self.block, self.clock[kind][0]
         return dataclasses.replace(self, block=Block(b.r, b.A, np.delete(b.B, column, axis=1)))
 
 
 def likeliest_fault(
-    readings: Sequence[Readings], prior: np.ndarray | None, *, fitted: Sequence[str] = (), correlated: bool = True
+    readings: Sequence[FittedReadings], prior: np.ndarray | None, *, fitted: Sequence[str] = (), correlated: bool = True
 ) -> ClockFault | None:
     """The likeliest fault of a time base, with its significance; None where none leaves a trace.
 
     Less scatter than the recordings state is taken for chance.
 
     Args:
-        readings: Readings of each recording.
+        readings: FittedReadings of each recording.
         prior: Rows of the prior on the shared unknowns, (m, G).
         fitted: Kinds that were fitted and are not to be judged.
         correlated: Whether successive errors correlate, as the residuals do that the fault leaves.
@@ -131,7 +131,7 @@ def likeliest_fault(
     return min(faults, key=lambda fault: fault.p_value, default=None)
 
 
-def _alternatives(readings: Readings, fitted: Sequence[str]) -> list[tuple[str, float | None, np.ndarray]]:
+def _alternatives(readings: FittedReadings, fitted: Sequence[str]) -> list[tuple[str, float | None, np.ndarray]]:
     """Kind, instant and how far stamps are off with time, (K,), of each fault that is tried and was not fitted."""
     t, frames = readings.t, np.unique(readings.t)
     steady = {DELAY: np.ones_like(t), RATE: t}
@@ -160,7 +160,7 @@ class _Regression:
 class _Rest:
     """What fitted unknowns leave of residuals and faults, by Frisch and Waugh."""
 
-    def __init__(self, readings: Sequence[Readings], prior: np.ndarray | None) -> None:
+    def __init__(self, readings: Sequence[FittedReadings], prior: np.ndarray | None) -> None:
         self._readings = readings
         self._own = [np.linalg.qr(r.block.B)[0] for r in readings]
         A = [self._without(i, r.block.A) for i, r in enumerate(readings)]

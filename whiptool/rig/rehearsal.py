@@ -17,7 +17,7 @@ from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
-from whiptool.rig.emulator.options import TwinOptions
+from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
 from whiptool.rollout.trajectory import Trajectory, complete_trajectory

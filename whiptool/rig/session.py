@@ -13,17 +13,17 @@ import numpy as np
 
 from whiptool.errors import WhiptoolError
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
+from whiptool.identification.film_judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.filmed_approach import approach_seen, tip_seen
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig.control_loop import Clock, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop import Clock, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
@@ -264,7 +264,7 @@ class TwinRig:
 
 
 @dataclass(frozen=True)
-class Line:
+class ServoLine:
     """A serial line with servos.
 
     Args:
@@ -293,7 +293,7 @@ class HardwareRig:
         self,
         model: Model,
         controller: Controller,
-        line: Line,
+        line: ServoLine,
         *,
         camera: Any = None,
         target: tuple[float, ...] | None = None,

@@ -10,7 +10,7 @@ import whiptool as wt
 from papers.lemon2024 import sim2real
 from papers.lemon2024.twin_strikes import PlanUnit, TwinUnit, controller, recording, true_model
 from whiptool.comparison import Scene
-from whiptool.identification.fit import Options, RecordingFit, fit
+from whiptool.identification.fit import FitOptions, RecordingFit, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.similarity import Similarity
 from whiptool.impedance import Controller
@@ -29,7 +29,7 @@ def test_the_whip_is_found_over_its_mass_and_the_camera_late() -> None:
     result = unit.run(None, 1)
     assert result["fault"] is None
     seen = recording(unit, result)
-    options = Options(drive="joints", knots=sim2real.KNOTS)
+    options = FitOptions(drive="joints", knots=sim2real.KNOTS)
     found = fit([seen], Plant(MODEL, controller()), sim2real.OF_WHIP, options=options)
     twin = true_model(MODEL).parameters()
     for name in ("whip.k", "whip.b", "whip.drag"):

@@ -8,9 +8,9 @@ import whiptool as wt
 from whiptool.commands import dynamixel as command
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
+from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.dynamixel import Joints
 from whiptool.rig.dynamixel.assumed import ASSUMED, check_registers, mismatches
-from whiptool.rig.loop import RigLoop, StepClock
 from whiptool.rig.loop_options import LoopOptions
 
 pytest.importorskip("dynamixel_sdk")

@@ -11,7 +11,7 @@ from servos import GOLDEN, OK, h
 
 from whiptool.rig.dynamixel.control_table import Units
 from whiptool.rig.emulator import Motor
-from whiptool.rig.emulator.instructions import Chain
+from whiptool.rig.emulator.instructions import ServoChain
 from whiptool.rig.emulator.packets import Packet, Parser, status
 from whiptool.rig.emulator.servo import Servo
 
@@ -169,7 +169,7 @@ def test_golden_instructions_over_the_line(twin):
 @settings(max_examples=400, deadline=None)
 def test_no_instruction_breaks_a_servo(parameters, instruction, id):
     servos = [Servo(1, Motor()), Servo(2, Motor())]
-    for reply in Chain(servos).handle(Packet(id, instruction, parameters)):
+    for reply in ServoChain(servos).handle(Packet(id, instruction, parameters)):
         if reply[:4] == b"\xff\xff\xfd\x00" and instruction not in (0x8A, 0x9A):
             assert len(list(Parser().feed(reply))) == 1
     for s in servos:

@@ -7,7 +7,7 @@ from servos import put, servo
 
 from whiptool.rig.dynamixel.control_table import Units
 from whiptool.rig.emulator import Motor
-from whiptool.rig.emulator.instructions import Chain
+from whiptool.rig.emulator.instructions import ServoChain
 from whiptool.rig.emulator.packets import Packet
 from whiptool.rig.emulator.servo import Servo
 
@@ -71,7 +71,7 @@ def test_watchdog_stops_the_motor_and_locks_the_goals():
 
 def test_watchdog_is_quiet_while_the_bus_talks():
     s = servo()
-    chain = Chain([s])
+    chain = ServoChain([s])
     for name, value in (("operating_mode", 0), ("goal_current", 100), ("bus_watchdog", 2), ("torque_enable", 1)):
         put(s, name, value)
     for _ in range(20):
@@ -88,10 +88,10 @@ def test_overheating_shuts_down_until_reboot():
     assert not s.torque_on
     assert s.get("hardware_error_status") == 1 << 2
     assert put(s, "torque_enable", 1) == 1  # result fail
-    (reply,) = Chain([s]).handle(Packet(1, 1))
+    (reply,) = ServoChain([s]).handle(Packet(1, 1))
     assert reply[8] == 0x80  # the alert bit
     s.heat = 0.0
-    Chain([s]).handle(Packet(1, 8))
+    ServoChain([s]).handle(Packet(1, 8))
     assert put(s, "torque_enable", 1) == 0
 
 

@@ -2,7 +2,7 @@
 
 from whiptool.rig.emulator.faults import Fault, random_faults
 from whiptool.rig.emulator.motor import HARDWARE, Motor
-from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.process import Emulator
+from whiptool.rig.emulator.twin_options import TwinOptions
 
 __all__ = ["HARDWARE", "Emulator", "Fault", "Motor", "TwinOptions", "random_faults"]

@@ -22,7 +22,7 @@ def _words(data: bytes) -> list[int]:
     return [data[i] | data[i + 1] << 8 for i in range(0, len(data) - 1, 2)]
 
 
-class Chain:
+class ServoChain:
     """Servos on one line.
 
     Args:

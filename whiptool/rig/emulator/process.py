@@ -19,8 +19,8 @@ import numpy as np
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
-from whiptool.rig.emulator.options import TwinOptions
 from whiptool.rig.emulator.server import Server
+from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.stop_signals import signals_held
 from whiptool.whole_files import write_npz
 

@@ -18,9 +18,9 @@ from typing import Any
 
 from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator.faults import Fault, Faults, mangle
-from whiptool.rig.emulator.instructions import Chain, beats
-from whiptool.rig.emulator.options import TwinOptions
+from whiptool.rig.emulator.instructions import ServoChain, beats
 from whiptool.rig.emulator.packets import Packet, Parser
+from whiptool.rig.emulator.twin_options import TwinOptions
 
 # With the wall clock [s]:
 
@@ -71,7 +71,7 @@ class Server:
         self._lost = 0.0  # [s] of wall-clock time that this machine was too slow for
         self.servos = options.make_servos()
         self.physics = options.make_physics(self.servos, record=control is not None)
-        self.chain = Chain(self.servos, self._beat)
+        self.chain = ServoChain(self.servos, self._beat)
         self._master = self._slave = -1
         self.port = self._open()
         self._fresh()

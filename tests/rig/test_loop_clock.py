@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from whiptool.rig.loop import StepClock, WallClock
+from whiptool.rig.control_loop import StepClock, WallClock
 
 pytest.importorskip("dynamixel_sdk")
 

@@ -12,10 +12,10 @@ import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
 from whiptool.rig.caps import CappedLoop
+from whiptool.rig.control_loop import RigLoop, StepClock, WallClock, move
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.dynamixel import Joints, Units
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop import RigLoop, StepClock, WallClock, move
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
 from whiptool.rollout.reference import ReferenceRollout
@@ -181,7 +181,7 @@ class Machine:
 
 
 def test_wall_clock_loop_keeps_its_rate(monkeypatch):
-    monkeypatch.setattr("whiptool.rig.clock.time", Machine())
+    monkeypatch.setattr("whiptool.rig.loop_clock.time", Machine())
     options = TwinOptions(start=(0.1, 0.1), period=0.01, timestep=5e-4, integrator="implicitfast")
     strike = wt.Strike((0.1, 0.1), (0.3, 0.2), 0.5)
     with Emulator(options) as twin, twin.bus() as bus:

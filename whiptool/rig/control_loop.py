@@ -18,11 +18,11 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop
-from whiptool.rig.clock import Clock, StepClock, WallClock
 from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
 from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
 from whiptool.rig.dynamixel.joints import Joints, JointSample
 from whiptool.rig.guards import Guards, Watch
+from whiptool.rig.loop_clock import Clock, StepClock, WallClock
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety, State
 from whiptool.rig.stop_signals import StopSignals

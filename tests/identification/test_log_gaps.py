@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.identification.joint_log import check_covers
+from whiptool.identification.log_gaps import check_covers
 
 T = np.arange(-0.1, 1.2, 0.008)
 Q = np.stack([np.clip(T, 0, 0.6) * 1.5, -np.clip(T, 0, 0.6)], axis=1)

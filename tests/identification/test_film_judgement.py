@@ -8,7 +8,7 @@ import pytest
 from whiptool.adaptation.judgement import judge_seen
 from whiptool.goals.goals import probability_within
 from whiptool.goals.target import Target
-from whiptool.identification.judgement import Frames, Judgement, judge_frames, unseen_around, weigh
+from whiptool.identification.film_judgement import Frames, Judgement, judge_frames, unseen_around, weigh
 from whiptool.rollout.closest import closest_on_segments
 
 T = np.arange(0, 1.0, 0.002)

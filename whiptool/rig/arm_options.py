@@ -106,7 +106,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
         InputError: There is no such serial device, or no such camera. Neither is opened yet.
     """
     from whiptool.rig.dynamixel.port import check_present
-    from whiptool.rig.session import HardwareRig, Line
+    from whiptool.rig.session import HardwareRig, ServoLine
 
     check_present(options.port)
     camera = _camera(options.camera)
@@ -116,7 +116,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
     return HardwareRig(
         model,
         controller,
-        Line(options.port),
+        ServoLine(options.port),
         camera=camera,
         target=options.build_target().position,
         options=loop,
