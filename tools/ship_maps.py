@@ -9,8 +9,7 @@ import sys
 from pathlib import Path
 
 import whiptool as wt
-from whiptool.strike_map.shipped import FOLDER
-from whiptool.strike_map.store import save_packed
+from whiptool.strike_map.map_files import FOLDER, save_packed
 
 
 def main() -> None:

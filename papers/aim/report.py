@@ -17,7 +17,7 @@ from whiptool import Controller, oiac_preset, preset
 from whiptool.comparison import Scene
 from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.zones import SPEED, fast_region
-from whiptool.strike_map.built import built
+from whiptool.strike_map.building import built
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.viz.report import Picture, Section, Table, Text
 

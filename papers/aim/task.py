@@ -11,6 +11,7 @@ from papers.aim.robot import CONTROLLER, MODEL
 from whiptool import CompiledRollout, Controller, Model
 from whiptool.comparison import Scene
 from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.goal_region import GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Sector
 from whiptool.limits.all_limits import Limits
@@ -18,7 +19,6 @@ from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import T_STAY
 from whiptool.strike_map.building import Building, MapPlan
-from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import bounds_all_around
 

@@ -16,9 +16,9 @@ from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.unit import Unit
 from whiptool.goals.goals import Goals
 from whiptool.limits.clearance import Clearance
-from whiptool.strike_map.built import opened
 from whiptool.strike_map.candidates import SHORTLIST
-from whiptool.strike_map.refinement import refine
+from whiptool.strike_map.corrections import refine
+from whiptool.strike_map.map_files import opened
 from whiptool.strike_map.strike_map import TRIED, StrikeMap
 from whiptool.strike_map.striker import Landings, Striker
 

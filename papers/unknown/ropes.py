@@ -26,12 +26,12 @@ from whiptool.adaptation.posterior import Learned, update
 from whiptool.adaptation.prior import Belief
 from whiptool.comparison.unit import Unit
 from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.goal_region import GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Sector
 from whiptool.limits.all_limits import Limits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
-from whiptool.strike_map.goal_region import GoalRegion
 
 MATERIALS = ("cotton", "nylon", "polypropylene", "manila")  # in turn, by seed
 BASE = 1.7  # [m] above the floor

@@ -16,7 +16,7 @@ from whiptool import load_map
 from whiptool.commands import map as command
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.strike_map.store import GATE, part_file
+from whiptool.strike_map.map_files import GATE, part_file
 
 SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle -180 180"
 BUDGET = "--random-strikes 500 --room 1 --rounds 1 --goals 16 --gate-strikes 100 --tests 10"

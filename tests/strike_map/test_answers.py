@@ -7,7 +7,8 @@ import pytest
 from planar_map import random_strikes, striker
 
 from whiptool.goals.goals import Goals
-from whiptool.strike_map.answers import RATE, Answers, paths_of
+from whiptool.strike_map.answers import Answers
+from whiptool.strike_map.harvest import RATE, passages_of, paths_of
 
 STEP = 1e-5
 
@@ -17,7 +18,7 @@ def made():
     one = striker()
     strikes = random_strikes(one, 12)
     which, when = np.repeat(np.arange(12), 3), np.tile([60, 150, 260], 12)
-    return one, strikes, which, when, Answers.of_strikes(one, strikes, which, when)
+    return one, strikes, which, when, passages_of(one, strikes, which, when)
 
 
 def test_a_passage_is_where_the_tip_is_at_its_instant(made):

@@ -8,6 +8,7 @@ from planar_map import AIMED, random_strikes, striker
 
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.candidates import candidates
+from whiptool.strike_map.harvest import passages_of
 from whiptool.strike_map.turning import Front
 
 
@@ -16,7 +17,7 @@ def made():
     one = striker()
     strikes = random_strikes(one, 64, seed=2)
     which = np.arange(64)
-    return one, Answers.of_strikes(one, strikes, which, np.full(64, 200))
+    return one, passages_of(one, strikes, which, np.full(64, 200))
 
 
 def goal_beside(answer: Answers, away: float):

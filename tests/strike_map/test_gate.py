@@ -9,9 +9,9 @@ torch = pytest.importorskip("torch")
 
 from planar_map import AIMED, random_strikes, striker  # noqa: E402
 
-from whiptool.strike_map.answers import Answers  # noqa: E402
-from whiptool.strike_map.candidates import candidates  # noqa: E402
-from whiptool.strike_map.gate import Gate, features  # noqa: E402
+from whiptool.strike_map.candidates import candidates, features  # noqa: E402
+from whiptool.strike_map.gate import Gate  # noqa: E402
+from whiptool.strike_map.harvest import passages_of  # noqa: E402
 from whiptool.strike_map.turning import Front  # noqa: E402
 
 
@@ -38,7 +38,7 @@ def test_the_same_seed_gives_the_same_gate():
 
 def test_it_sees_goal_strike_change_and_what_is_left():
     one = striker()
-    answers = Answers.of_strikes(one, random_strikes(one, 8), np.arange(8), np.full(8, 200))
+    answers = passages_of(one, random_strikes(one, 8), np.arange(8), np.full(8, 200))
     goal = AIMED.goals_of(answers.tips[[3]] + 0.01, answers.velocities[[3]])
     found = candidates(one, answers, Front(one.rollout.model), goal)
     seen = features(one, Front(one.rollout.model), goal, found)

@@ -20,7 +20,7 @@ from whiptool.limits.arm_limits import ArmLimits  # noqa: E402
 from whiptool.models.spatial_arm import JointLimits  # noqa: E402
 from whiptool.objective import Objective  # noqa: E402
 from whiptool.strike_map import Answers, Building, GoalRegion, MapPlan, StrikeMap  # noqa: E402
-from whiptool.strike_map.store import GATE, load_gate, load_parts, part_file, save_gate, save_part  # noqa: E402
+from whiptool.strike_map.map_files import GATE, load_gate, load_parts, part_file, save_gate, save_part  # noqa: E402
 
 PLAN = MapPlan(random_strikes=600, room=1, rounds=1, goals=24, gate_strikes=200)
 

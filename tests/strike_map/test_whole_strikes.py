@@ -12,8 +12,8 @@ from short_strikes import ShortStrikes
 pytest.importorskip("torch")
 
 from whiptool.strike_map import Building, MapPlan, StrikeMap
+from whiptool.strike_map.corrections import refine
 from whiptool.strike_map.harvest import Harvest
-from whiptool.strike_map.refinement import refine
 from whiptool.strike_map.strike_map import TRIED
 
 LONGEST = 1.1  # [s]

@@ -2,7 +2,7 @@
 
 A robot's limits and directions leave a thin part of the box of strikes, and derivatives find it: random strikes that
 keep the limits, those whose tips pass the goal best on the mean of the belief, refined there along exact derivatives as
-a strike map's are (`whiptool.strike_map.refinement`).
+a strike map's are (`whiptool.strike_map.corrections`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from whiptool.adaptation.plan_search import Effort, Search
 from whiptool.goals.goals import Goals
-from whiptool.strike_map.refinement import refine
+from whiptool.strike_map.corrections import refine
 from whiptool.strike_map.turning import Front
 
 RATE = 100.0  # [1/s] of the paths that are compared

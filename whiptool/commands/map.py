@@ -117,7 +117,7 @@ class BuildOptions(
         Raises:
             InputError: It is out of the model's reach, or of another dimension.
         """
-        from whiptool.strike_map.goal_region import GoalRegion, usual_region
+        from whiptool.goals.goal_region import GoalRegion, usual_region
 
         if self.names_zone:
             return GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
@@ -185,8 +185,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
     """
     expect(str, PathLike, run_folder=run_folder)
     from whiptool.strike_map import Answers, StrikeMap
-    from whiptool.strike_map.shipped import shipped_map
-    from whiptool.strike_map.store import load_gate, load_parts
+    from whiptool.strike_map.map_files import load_gate, load_parts, shipped_map
 
     folder = Path(run_folder)
     if not folder.exists() and folder.name == str(run_folder):
@@ -203,7 +202,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
 def _build(args: Sequence[str]) -> int:
     options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args, prog="whiptool map build")
     with cli.options_named(options):
-        from whiptool.strike_map.built import built
+        from whiptool.strike_map.building import built
 
         if options.gate_strikes:
             optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores

@@ -21,7 +21,7 @@ def map_for(objective: Objective) -> StrikeMap:
     Raises:
         InputError: The model has no map, or strikes are not described by its joints.
     """
-    from whiptool.strike_map.shipped import map_of
+    from whiptool.strike_map.map_files import map_of
 
     if objective.space.kind != "joint":
         raise InputError("space of strikes", objective.space.kind, "joint, for a strike map")

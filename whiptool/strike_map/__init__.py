@@ -1,8 +1,8 @@
 """Strike maps: the strike for any goal of a region, without a search."""
 
+from whiptool.goals.goal_region import GoalRegion
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.building import Building, MapPlan
-from whiptool.strike_map.goal_region import GoalRegion
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.strike_map.striker import Striker
 

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.goals.goal_region import GoalRegion
 from whiptool.models.numbers import whole
+from whiptool.progress import Progress
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.gate import Gate, features
-from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.strike_map.candidates import features
+from whiptool.strike_map.gate import Gate
 from whiptool.strike_map.harvest import Harvest
+from whiptool.strike_map.map_files import load_gate, load_parts, save_gate, save_part
 from whiptool.strike_map.strike_map import TRIED, StrikeMap
 from whiptool.strike_map.striker import Striker
 
@@ -119,3 +124,20 @@ class Building:
         each = np.repeat(np.arange(len(strikes)), [len(x) for x in strikes])
         hit = self.striker.land(np.concatenate(strikes), goals.rows(each)).hit
         return Gate.trained(np.concatenate(seen), hit, seed=self.seed, progress=progress)
+
+
+def built(building: Building, folder: Path) -> StrikeMap:
+    """Return the map of a building; what of it is not in the folder yet is made, each part written when it is."""
+    plan = building.plan
+    parts = load_parts(folder, plan.parts)
+    with Progress(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
+        while len(parts) < plan.parts:
+            parts.append(building.part(parts))
+            save_part(folder, len(parts) - 1, parts[-1])
+            bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
+            bar.update()
+    answers, gate = Answers.joined(parts), load_gate(folder)
+    if gate is None and plan.gate_strikes > 0:
+        gate = building.gate(answers, progress=True)
+        save_gate(folder, gate)
+    return StrikeMap(building.striker, building.region, answers, gate)

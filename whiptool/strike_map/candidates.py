@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool.goals.goals import Goals
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.correction import correct
+from whiptool.strike_map.corrections import correct
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
 
@@ -66,10 +66,10 @@ def candidates(
         np.hstack([striker.upper - near.strikes, any_instant]),
     )
     widths = np.append(striker.widths, INSTANT)
-    correction = correct(residuals, slopes, room, widths)
-    corrected = striker.admissible(near.strikes + correction.change[:, :-1])
+    change, left = correct(residuals, slopes, room, widths)
+    corrected = striker.admissible(near.strikes + change[:, :-1])
     of_strikes = slopes[:, :, :-1] + slopes[:, :, -1:] * _instants(near)[:, None, :]
-    found = Candidates(corrected, of_strikes, correction.change / widths, correction.left / goal.hit_radius)
+    found = Candidates(corrected, of_strikes, change / widths, left / goal.hit_radius)
     return found.take(np.argsort(found.doubt, kind="stable"))
 
 
@@ -77,3 +77,15 @@ def _instants(answers: Answers) -> np.ndarray:
     """Return by how much strikes shift the instant at which the tip is closest to a place that it hits, (K, m)."""
     v, by_strike = answers.velocities, answers.tip_slopes[:, :, :-1]
     return -np.einsum("kd,kdm->km", v, by_strike) / np.einsum("kd,kd->k", v, v)[:, None]
+
+
+def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
+    """Return the features of each candidate of one goal, (C, f): goal, strike, change, and residual."""
+    angle = -front.angles(goal.positions)
+    ahead, count = front.goals(goal, angle), len(candidates.strikes)
+    strikes = front.strikes(candidates.strikes, np.repeat(angle, count))
+    of_goal = [ahead.positions / striker.rollout.model.reach]
+    of_goal += [] if ahead.directions is None else [ahead.directions]
+    parts = [np.repeat(np.hstack(of_goal), count, axis=0), 2 * (strikes - striker.lower) / striker.widths - 1]
+    parts += [np.tanh(candidates.change), np.log(candidates.doubt + 1e-3)[:, None], np.tanh(candidates.left)[:, None]]
+    return np.hstack(parts)

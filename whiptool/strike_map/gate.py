@@ -11,27 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.extras import optional
-from whiptool.goals.goals import Goals
 from whiptool.progress import Progress
-from whiptool.strike_map.candidates import Candidates
-from whiptool.strike_map.striker import Striker
-from whiptool.strike_map.turning import Front
 
 HIDDEN = (256, 256)
 _EPOCHS, _BATCH, _RATE, _DECAY = 40, 512, 1e-3, 1e-4
 _HELD_OUT = 10  # every so many goals are held out
-
-
-def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
-    """Return the features of each candidate of one goal, (C, f): goal, strike, change, and residual."""
-    angle = -front.angles(goal.positions)
-    ahead, count = front.goals(goal, angle), len(candidates.strikes)
-    strikes = front.strikes(candidates.strikes, np.repeat(angle, count))
-    of_goal = [ahead.positions / striker.rollout.model.reach]
-    of_goal += [] if ahead.directions is None else [ahead.directions]
-    parts = [np.repeat(np.hstack(of_goal), count, axis=0), 2 * (strikes - striker.lower) / striker.widths - 1]
-    parts += [np.tanh(candidates.change), np.log(candidates.doubt + 1e-3)[:, None], np.tanh(candidates.left)[:, None]]
-    return np.hstack(parts)
 
 
 @dataclass(frozen=True, eq=False)

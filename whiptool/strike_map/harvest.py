@@ -8,13 +8,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from whiptool.strike_map.answers import Answers, paths_of
-from whiptool.strike_map.goal_region import GoalRegion
+from whiptool.goals.goal_region import GoalRegion
+from whiptool.models.strike import strike_names
+from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
 
 Cell: TypeAlias = tuple[int, ...]
 
+RATE = 500.0  # [1/s] at which paths are looked at: differences between samples are velocities to a part in a thousand
+_AT_ONCE = 128  # strikes, whose derivatives along their whole paths are in memory together
 _CELL = 2.0  # width of a cell, in hit radii and in cones
 _WORTH = 4  # cells with room that a strike has to pass
 
@@ -58,8 +61,8 @@ class Harvest:
                 which += [len(kept)] * len(free)
                 when += sorted(free.values())
                 kept.append(strike)
-        shape = (len(kept), strikes.shape[1])
-        found = Answers.of_strikes(self.striker, np.reshape(kept, shape), np.array(which, int), np.array(when, int))
+        strikes = np.reshape(kept, (len(kept), strikes.shape[1]))
+        found = passages_of(self.striker, strikes, np.array(which, int), np.array(when, int))
         return self.front.answers(found, -self.front.angles(found.tips))
 
     def _passed(self, strikes: np.ndarray) -> Iterator[tuple[np.ndarray, dict[Cell, int]]]:
@@ -96,3 +99,41 @@ class Harvest:
         if angles is not None:
             columns = np.column_stack([columns, angles / (_CELL * self.region.rule.cone)])
         return np.floor(columns).astype(int).tolist()
+
+
+def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: np.ndarray) -> Answers:
+    """Return the passages of strikes (S, m) at samples of their paths, `RATE` a second, as `paths_of` has them.
+
+    Args:
+        striker: Rolls out.
+        strikes: Vectors, (S, m).
+        which: Numbers of the strikes, (K,), in ascending order.
+        when: Number of the sample, (K,), neither a path's first nor its last.
+    """
+    names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
+    parts = [Answers.none(strikes.shape[1], d)]
+    for first in range(0, len(strikes), _AT_ONCE):
+        here = (which >= first) & (which < first + _AT_ONCE)
+        some, row, sample = strikes[first : first + _AT_ONCE], which[here] - first, when[here]
+        _, paths, slopes = striker.rollout.tip_path(some, t_stay=striker.t_stay, rate=RATE, names=names)
+        before, at, after = (paths[row, sample + step] for step in (-1, 0, 1))
+        velocity, acceleration = (after - before) * RATE / 2, (after - 2 * at + before) * RATE**2
+        of_velocity = (slopes[row, sample + 1] - slopes[row, sample - 1]) * RATE / 2
+        tip_slopes = np.concatenate([slopes[row, sample], velocity[..., None]], axis=2)
+        velocity_slopes = np.concatenate([of_velocity, acceleration[..., None]], axis=2)
+        parts.append(Answers(some[row], at, velocity, tip_slopes, velocity_slopes))
+    return Answers.joined(parts)
+
+
+def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return how the tips of strikes move, as far as they keep the limits that peaks tell of.
+
+    Returns:
+        Which strikes, their numbers (b,); along their paths tips [m] and velocities [m/s], (b, S, d) each, NaN before
+        and after.
+    """
+    within, paths = striker.paths(strikes, rate=RATE)
+    kept, paths = np.flatnonzero(within), paths[within]
+    velocities = np.full_like(paths, np.nan)
+    velocities[:, 1:-1] = (paths[:, 2:] - paths[:, :-2]) * RATE / 2
+    return kept, paths, velocities

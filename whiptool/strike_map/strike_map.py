@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.goals.goal_region import GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target, as_target
 from whiptool.models.strike import Strike
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.candidates import Candidates, candidates
-from whiptool.strike_map.gate import Gate, features
-from whiptool.strike_map.goal_region import GoalRegion
-from whiptool.strike_map.refinement import Refined, finished, refine
+from whiptool.strike_map.candidates import Candidates, candidates, features
+from whiptool.strike_map.corrections import Refined, finished, refine
+from whiptool.strike_map.gate import Gate
 from whiptool.strike_map.striker import Striker
 from whiptool.strike_map.turning import Front
 

@@ -1,4 +1,4 @@
-"""Maps in folders: what is there is not made again, and what is opened is what was built."""
+"""Maps part by part: what is there is not made again, and what is opened is what was built."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ pytest.importorskip("torch")
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.built import built, opened
+from whiptool.strike_map.building import built
 from whiptool.strike_map.gate import Gate
+from whiptool.strike_map.map_files import opened
 
 STRIKER: Any = SimpleNamespace(rollout=SimpleNamespace(model=preset("lemon2024")))
 

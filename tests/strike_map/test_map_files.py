@@ -13,13 +13,12 @@ from command_line import assert_one_line, called
 
 import whiptool as wt
 from whiptool.errors import InputError
+from whiptool.goals.goal_region import usual_region
 from whiptool.models import preset
 from whiptool.optimizers.map_search import REFINED
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import HIDDEN, Gate
-from whiptool.strike_map.goal_region import usual_region
-from whiptool.strike_map.shipped import FOLDER, map_of, shipped_map, shipped_names
-from whiptool.strike_map.store import load_packed, save_packed
+from whiptool.strike_map.map_files import FOLDER, load_packed, map_of, save_packed, shipped_map, shipped_names
 
 NAMES = ["lemon2024", "panda", "ur5e"]
 

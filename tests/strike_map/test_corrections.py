@@ -1,14 +1,65 @@
-"""Refinement on residuals in closed form: steps, mended derivatives, and when it asks for exact ones."""
+"""Corrections against SciPy's bounded least squares; refinement on residuals in closed form."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from straight_map import CurvedStriker
 
 from whiptool.goals.goals import Goals
-from whiptool.strike_map.refinement import TOLERANCE, refine
+from whiptool.strike_map.corrections import TOLERANCE, _Refinement, correct, refine
 from whiptool.strike_map.striker import Landings
+
+WIDTHS = np.array([1.0, 2.0, 0.5, 3.0, 1.5])
+DAMPING = 0.03
+
+
+def problems(count: int, *, room: float):
+    rng = np.random.default_rng(0)
+    residuals, slopes = rng.normal(size=(count, 3)), rng.normal(size=(count, 3, 5))
+    return residuals, slopes, (-room * rng.uniform(0, 1, (count, 5)), room * rng.uniform(0, 1, (count, 5)))
+
+
+def by_scipy(residuals, slopes, room):
+    matrix = np.vstack([slopes * WIDTHS, DAMPING * np.eye(5)])
+    bounds = (room[0] / WIDTHS, room[1] / WIDTHS)
+    return lsq_linear(matrix, np.r_[-residuals, np.zeros(5)], bounds, tol=1e-14).x * WIDTHS
+
+
+def test_in_a_wide_box_it_is_the_damped_least_squares_solution():
+    residuals, slopes, room = problems(20, room=1e6)
+    change, left = correct(residuals, slopes, room, WIDTHS, damping=DAMPING)
+    for i in range(20):
+        expected = by_scipy(residuals[i], slopes[i], (room[0][i], room[1][i]))
+        np.testing.assert_allclose(change[i], expected, rtol=1e-6, atol=1e-8)
+        assert left[i] == pytest.approx(np.linalg.norm(residuals[i] + slopes[i] @ change[i]))
+
+
+def test_in_a_narrow_box_it_is_the_best_inside_it():
+    residuals, slopes, room = problems(60, room=1.0)
+    change, _ = correct(residuals, slopes, room, WIDTHS, damping=DAMPING)
+    assert (change >= room[0] - 1e-12).all()
+    assert (change <= room[1] + 1e-12).all()
+
+    def cost(i, change):
+        left = residuals[i] + slopes[i] @ change
+        return float(left @ left + np.sum((DAMPING * change / WIDTHS) ** 2))
+
+    excess = [  # a few problems end before all sides are found
+        cost(i, change[i]) / cost(i, by_scipy(residuals[i], slopes[i], (room[0][i], room[1][i]))) for i in range(60)
+    ]
+    assert np.median(excess) == pytest.approx(1, abs=1e-3)
+    assert np.percentile(excess, 95) < 1.01
+
+
+def test_each_problem_has_its_own_damping():
+    residuals, slopes, room = problems(4, room=1e6)
+    damping = np.array([0.01, 0.1, 1.0, 10.0])
+    together, _ = correct(residuals, slopes, room, WIDTHS, damping=damping)
+    for i in range(4):
+        one, _ = correct(residuals[[i]], slopes[[i]], (room[0][[i]], room[1][[i]]), WIDTHS, damping=float(damping[i]))
+        np.testing.assert_allclose(together[i], one[0])
 
 
 def goals(count: int) -> Goals:
@@ -40,8 +91,6 @@ def test_wrong_derivatives_are_mended_by_the_steps():
 
 
 def test_mended_derivatives_explain_the_last_step():
-    from whiptool.strike_map.refinement import _Refinement
-
     striker = CurvedStriker(0.3)
     first = starts(striker, 5, 0.1)
     state = _Refinement(striker, goals(5), first, striker.derivatives(first, goals(5)))

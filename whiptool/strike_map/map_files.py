@@ -1,17 +1,29 @@
-"""Files of a strike map: its answers, part by part as they were made, and its gate; arrays only."""
+"""Files of strike maps: parts of answers, and a gate; and the maps that come with the package."""
 
 from __future__ import annotations
 
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
+from whiptool.goals.goal_region import GoalRegion, usual_region
+from whiptool.models import Model
+from whiptool.models.presets import PRESETS
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.gate import HIDDEN, Gate
+from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.strike_map.striker import Striker
+from whiptool.strike_map.turning import bounds_all_around
 from whiptool.whole_files import write_npz
+from whiptool.words import as_named
 
+FOLDER = Path(__file__).parent / "shipped"  # of presets, as `python -m whiptool.map build --model NAME` builds them
+_MANY = 10_000  # parts
 GATE = "gate.npz"
 # of a part's file
 _SHAPES = {"strikes": "Km", "tips": "Kd", "velocities": "Kd", "tip_slopes": "Kds", "velocity_slopes": "Kds"}
@@ -82,6 +94,50 @@ def load_packed(path: Path) -> tuple[Answers, Gate]:
     """
     arrays = read_arrays(path, "strike map", _SHAPES | _GATE_SHAPES)
     return Answers(**{name: arrays[name].astype(float) for name in _SHAPES}), _gate_of(arrays)
+
+
+def opened(striker: Striker, region: GoalRegion, folder: Path) -> StrikeMap:
+    """Return the map that a folder holds.
+
+    Raises:
+        InputError: It holds none, or one of its files is damaged.
+    """
+    parts = load_parts(folder, _MANY)
+    if not parts:
+        raise InputError("strike map", str(folder), "a folder with answers, that every worker sees")
+    return StrikeMap(striker, region, Answers.joined(parts), load_gate(folder))
+
+
+def shipped_names() -> list[str]:
+    """Return the names of the presets that have a map."""
+    return sorted(path.stem for path in FOLDER.glob("*.npz"))
+
+
+@cache
+def shipped_map(name: str) -> StrikeMap:
+    """Return the map of a preset, for its own controller, limits and `usual_region`.
+
+    Raises:
+        InputError: No map has that name; the message lists the maps.
+    """
+    name = as_named(name, shipped_names())
+    if name not in shipped_names():
+        raise InputError("map", name, ", ".join(shipped_names()), "or the run folder of whiptool map build")
+    model = PRESETS[name]
+    striker = Striker(CompiledRollout(model), bounds=bounds_all_around(model.arm))
+    return StrikeMap(striker, usual_region(model), *load_packed(FOLDER / f"{name}.npz"))
+
+
+def map_of(model: Model) -> StrikeMap:
+    """Return the map that comes with the package for a model.
+
+    Raises:
+        InputError: The model has no map.
+    """
+    for name in shipped_names():
+        if PRESETS[name] == model:
+            return shipped_map(name)
+    raise InputError("model", model.name, f"one that has a map: {', '.join(shipped_names())}, unchanged")
 
 
 def _gate_arrays(gate: Gate) -> dict[str, np.ndarray]:
