@@ -28,7 +28,7 @@ from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.training import Plan, Training, make_learner
+from whiptool.rl.training import Training, TrainingPlan, make_learner
 
 TRIALS, RANDOM_EPISODES = 100, 4
 CAP = 600
@@ -64,7 +64,7 @@ def ours(seed: int) -> Extend:
     """This project's SAC."""
     task = make_task(observation="goal")
     learner = make_learner("sac", settings_for("sac"), task, torch.Generator().manual_seed(seed))
-    training = Training(learner, task, Plan(trials=TRIALS, random_episodes=RANDOM_EPISODES))
+    training = Training(learner, task, TrainingPlan(trials=TRIALS, random_episodes=RANDOM_EPISODES))
 
     def extend(strikes: int) -> Learner:
         training.run(episodes=strikes // TRIALS)

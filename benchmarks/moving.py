@@ -34,18 +34,18 @@ from tqdm import tqdm
 
 from whiptool.goals.zone import Disc, sample
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Camera, Interception
+from whiptool.interception.aiming import Interception, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.motions import GRAVITY, Motion, Pendulum, find_motion
+from whiptool.interception.motions import GRAVITY, PendulumMotion, TargetMotion, find_motion
 from whiptool.interception.planning import HORIZON, LATENCY, PLAN_TIME, intercept, plan
-from whiptool.interception.tracks import Track, fit_track
+from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.closest import closest_on_segments
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
 ZONE = Disc((1.2, 0.0), 0.3)
-CAMERA = Camera(60.0, 0.005)
+CAMERA = TargetCamera(60.0, 0.005)
 SEEN = 0.5  # [s] of track before the decision
 RADII = (0.06, 0.03, 0.01)  # [m]
 WAITING = (-1.4, 0.1)  # [rad], of 30 postures the one from which most thrown balls could be met
@@ -58,7 +58,7 @@ UPDATES = {"none": "once", "time": "time", "aim": "aim"}
 class MovingTarget:
     """The truth, with the decision at time 0."""
 
-    motion: Motion
+    motion: TargetMotion
     numbers: np.ndarray
 
     def positions(self, t: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def pendulum(rng: np.random.Generator) -> MovingTarget:
     theta = amplitude * np.sin(rng.uniform(-np.pi / 2, np.pi / 2))
     energy = np.sin(amplitude / 2) ** 2 - np.sin(theta / 2) ** 2
     rate = rng.choice([-1, 1]) * 2 * np.sqrt(GRAVITY / L * max(energy, 0.0))
-    return MovingTarget(Pendulum(), np.r_[lowest + np.array([0, L]), np.log(L), theta, rate])
+    return MovingTarget(PendulumMotion(), np.r_[lowest + np.array([0, L]), np.log(L), theta, rate])
 
 
 KINDS: dict[str, Callable[[np.random.Generator], MovingTarget]] = {
@@ -150,10 +150,10 @@ def last_seen(library: Library, target: MovingTarget, seed: int) -> Sent:
 
 def oracle(library: Library, target: MovingTarget, seed: int) -> Sent:
     """The strike with the true motion."""
-    return planned(Track.known(target.motion, target.numbers), library, seed)
+    return planned(TargetTrack.known(target.motion, target.numbers), library, seed)
 
 
-def planned(track: Track, library: Library, seed: int) -> Sent:
+def planned(track: TargetTrack, library: Library, seed: int) -> Sent:
     """A plan with a given track."""
     chosen = plan(track, library, now=0.0, latency=PLAN_TIME + LATENCY, rng=np.random.default_rng([seed, 2]))
     return Sent(chosen, chosen.wall_time if chosen else 0.0)

@@ -38,7 +38,7 @@ from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import run_search
 from whiptool.optimizers.cmaes_search import cmaes_search
-from whiptool.optimizers.front import Front, dominated_by, oriented
+from whiptool.optimizers.front import ParetoFront, dominated_by, oriented
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout import CompiledRollout
 from whiptool.viz.plots_front import plot_front
@@ -104,7 +104,7 @@ class Case:
         start = time.process_time()
         run_search(objective, method, name, seed=0)
         hits = sum(trial.outcome.hit for trial in objective.trials)
-        front = Front.of(self.criteria, objective.trials)
+        front = ParetoFront.of(self.criteria, objective.trials)
         found = Found(front.values, hits, time.process_time() - start)
         if kept is not None:
             kept.parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from whiptool.interception.library import Library
 from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import Track
+from whiptool.interception.tracks import TargetTrack
 from whiptool.models import preset
 from whiptool.models.strike import strike_names
 
@@ -59,5 +59,5 @@ MIDDLE = np.array([[-0.5, 0.5, 1.0, 0.5, 1.0]])
 HOME = (MIDDLE @ PUSH.T)[0]  # where its tip is at tau = 0.5
 
 
-def known(*numbers: float) -> Track:
-    return Track.known(find_motion("straight" if len(numbers) == 4 else "still"), np.array(numbers))
+def known(*numbers: float) -> TargetTrack:
+    return TargetTrack.known(find_motion("straight" if len(numbers) == 4 else "still"), np.array(numbers))

@@ -11,21 +11,21 @@ from scipy.stats import ncx2
 from straight_tip import HOME, LOWER, MIDDLE, PUSH, SPEED, UPPER, Straight, known, library
 
 from whiptool.errors import InputError
-from whiptool.interception.aiming import Aim, Camera
+from whiptool.interception.aiming import Aim, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import Track
+from whiptool.interception.tracks import TargetTrack
 
 
-def aim(track: Track, lib: Library, *, earliest=0.0, latest=3.0, radius=0.06, now=0.0, camera=None) -> Aim:
+def aim(track: TargetTrack, lib: Library, *, earliest=0.0, latest=3.0, radius=0.06, now=0.0, camera=None) -> Aim:
     return Aim(track, lib, earliest, latest, radius, now, camera)
 
 
 def test_a_camera_is_checked():
-    assert (Camera().rate, Camera().sigma) == (60.0, 0.005)
+    assert (TargetCamera().rate, TargetCamera().sigma) == (60.0, 0.005)
     for bad in ({"rate": 0.0}, {"sigma": 0.0}, {"rate": np.nan}):
         with pytest.raises(InputError):
-            Camera(**bad)
+            TargetCamera(**bad)
 
 
 def test_gauss_newton_meets_a_target_at_rest_by_the_smallest_change():
@@ -44,7 +44,7 @@ def test_gauss_newton_meets_a_target_at_rest_by_the_smallest_change():
 def test_gauss_newton_meets_a_moving_target_by_its_start_too():
     velocity = np.array([0.5, -0.8])
     target = HOME + np.array([0.02, 0.03]) - velocity * 1.5  # near the tip at 1.5 s
-    falling = Track.known(find_motion("ballistic"), np.r_[HOME + np.array([0.02, 0.03]), velocity], epoch=1.5)
+    falling = TargetTrack.known(find_motion("ballistic"), np.r_[HOME + np.array([0.02, 0.03]), velocity], epoch=1.5)
     one = aim(falling, library(MIDDLE)).steer(MIDDLE, np.array([1.0]), np.array([0.5]), free=np.ones(5, bool), steps=1)
     x, start, tau = aim(known(*target, *velocity), library(MIDDLE)).steer(
         MIDDLE, np.array([1.0]), np.array([0.5]), free=np.ones(5, bool), steps=1
@@ -154,7 +154,7 @@ def test_doubt_along_the_relative_velocity_is_only_a_matter_of_when():
     for first, along in ((0, SPEED), (1, SPEED[::-1])):
         unit = along / np.linalg.norm(along)
         doubt = 1e-3 * np.outer(unit, unit) + 1e-9 * np.eye(2)
-        track = Track(find_motion("still"), HOME, doubt)
+        track = TargetTrack(find_motion("still"), HOME, doubt)
         assert aim(track, lib).crossings(2)[0][0] == first
 
 
@@ -165,9 +165,9 @@ def test_a_later_start_is_worth_a_miss_that_the_doubt_outweighs():
     shifts = np.array([-0.9 * SPEED, 0.4 * SPEED + 0.015 * across])
     strikes = MIDDLE + shifts @ np.linalg.pinv(PUSH).T
     strikes[:, -1] = 1.4
-    track, late = Track(find_motion("still"), HOME, 4e-4 * np.eye(2)), {"earliest": 1.0, "latest": 2.45}
+    track, late = TargetTrack(find_motion("still"), HOME, 4e-4 * np.eye(2)), {"earliest": 1.0, "latest": 2.45}
     blind, seeing = (
-        aim(track, library(strikes), now=1.0, camera=camera, **late) for camera in (None, Camera(20.0, 0.02))
+        aim(track, library(strikes), now=1.0, camera=camera, **late) for camera in (None, TargetCamera(20.0, 0.02))
     )
     assert blind.crossings(2)[0].tolist() == [0, 1]
     which, start, tau = seeing.crossings(2)
@@ -193,15 +193,15 @@ def test_contacts_stay_on_the_tips_path():
 def test_the_track_is_as_certain_as_at_the_start():
     """A frame every 1/20 s until the tenth in which the strike starts adds its information; without a camera, none."""
     doubt = 4e-4 * np.eye(2)
-    track = Track(find_motion("still"), HOME, doubt)
+    track = TargetTrack(find_motion("still"), HOME, doubt)
     plain = aim(track, library(MIDDLE), earliest=1.0, now=1.0)
     assert plain.at_start(1.5) is track
-    watched = aim(track, library(MIDDLE), earliest=1.0, now=1.0, camera=Camera(20.0, 0.01))
+    watched = aim(track, library(MIDDLE), earliest=1.0, now=1.0, camera=TargetCamera(20.0, 0.01))
     for start, frames in ((1.0, 0), (1.05, 0), (1.1, 2), (1.19, 2), (1.31, 6), (1.7, 14)):
         expected = 1 / (1 / 4e-4 + frames / 0.01**2)
         np.testing.assert_allclose(watched.at_start(start).covariance, expected * np.eye(2), rtol=1e-6, atol=1e-15)
     told = known(*HOME)
-    assert aim(told, library(MIDDLE), camera=Camera()).at_start(2.0) is told
+    assert aim(told, library(MIDDLE), camera=TargetCamera()).at_start(2.0) is told
 
 
 @pytest.mark.parametrize("sigma", [0.02, 0.06])
@@ -209,7 +209,7 @@ def test_the_stated_probability_is_that_of_a_hit(sigma):
     """A straight flight by a target in round doubt, 3 cm aside: only the doubt across matters, which is normal."""
     unit = SPEED / np.linalg.norm(SPEED)
     aside = HOME + 0.03 * np.array([-unit[1], unit[0]])
-    track = Track(find_motion("still"), aside, sigma**2 * np.eye(2))
+    track = TargetTrack(find_motion("still"), aside, sigma**2 * np.eye(2))
     rng = np.random.default_rng(0)
     found = aim(track, library(MIDDLE)).best(MIDDLE, np.array([1.0]), np.array([0.5]), rng=rng, samples=4000, began=0.0)
     exact = ncx2.cdf((0.06 / sigma) ** 2, 1, (0.03 / sigma) ** 2)  # of the squared distance across, in units of sigma
@@ -237,7 +237,7 @@ def test_a_moving_target_is_where_it_is_when_the_tip_comes():
 def test_only_the_window_around_the_contact_counts():
     """The tip passes the target 0.2 s after the planned contact: that is no hit, 0.09 s after is."""
     for late, hits in ((0.2, False), (0.09, True), (-0.2, False), (-0.09, True)):
-        track = Track(find_motion("still"), HOME + late * SPEED, 1e-10 * np.eye(2))
+        track = TargetTrack(find_motion("still"), HOME + late * SPEED, 1e-10 * np.eye(2))
         found = aim(track, library(MIDDLE)).best(
             MIDDLE, np.array([1.0]), np.array([0.5]), rng=np.random.default_rng(0), samples=50, began=0.0
         )
@@ -251,10 +251,10 @@ def test_the_best_hits_most_probably_is_near_and_is_allowed():
     offsets = np.array([0.09, 0.02, 0.01, 0.5])
     strikes = MIDDLE + offsets[:, None] * (np.linalg.pinv(PUSH) @ across)
     some, rng = (np.full(4, 1.0), np.full(4, 0.5)), np.random.default_rng(0)
-    still = Track(find_motion("still"), HOME, 1e-6 * np.eye(2))
+    still = TargetTrack(find_motion("still"), HOME, 1e-6 * np.eye(2))
     found = aim(still, library(strikes)).best(strikes, *some, rng=rng, samples=64, began=0.0)
     np.testing.assert_allclose(found.strike.vector, strikes[2])  # all but one hit surely: the nearest
-    away = Track(find_motion("still"), HOME - 0.2 * across, 1e-6 * np.eye(2))
+    away = TargetTrack(find_motion("still"), HOME - 0.2 * across, 1e-6 * np.eye(2))
     found = aim(away, library(strikes)).best(strikes, *some, rng=rng, samples=64, began=0.0)
     np.testing.assert_allclose(found.strike.vector, strikes[2])  # none hits: the nearest
     assert found.probability == 0

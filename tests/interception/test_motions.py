@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 from whiptool.errors import InputError
-from whiptool.interception.motions import GRAVITY, LENGTHS, Pendulum, Polynomial, find_motion
+from whiptool.interception.motions import GRAVITY, LENGTHS, PendulumMotion, Polynomial, find_motion
 
 T = np.linspace(-0.7, 1.1, 19)
 
@@ -35,8 +35,8 @@ def swing(L: float, theta: float, rate: float, g: float = 9.81) -> tuple[np.ndar
 def test_a_pendulum_solves_its_equation_backward_and_forward(L, theta, rate, g):
     angle, _ = swing(L, theta, rate, g)
     expected = np.stack([0.1 + L * np.sin(angle), 0.9 - L * np.cos(angle)], axis=1)
-    free = Pendulum(gravity=g).positions(np.array([0.1, 0.9, np.log(L), theta, rate]), T)
-    held = Pendulum((0.1, 0.9), g).positions(np.array([np.log(L), theta, rate]), T)
+    free = PendulumMotion(gravity=g).positions(np.array([0.1, 0.9, np.log(L), theta, rate]), T)
+    held = PendulumMotion((0.1, 0.9), g).positions(np.array([np.log(L), theta, rate]), T)
     np.testing.assert_allclose(free, expected, atol=1e-8)
     np.testing.assert_allclose(held, expected, atol=1e-8)
 
@@ -45,22 +45,22 @@ def test_a_pendulums_period_is_that_of_the_elliptic_integral():
     """From rest at 2 rad it is back after `4 K(sin(1)) sqrt(L / g)`, and opposite after half of that."""
     L = 0.8
     period = 4 * ellipk(np.sin(1.0) ** 2) * np.sqrt(L / GRAVITY)
-    at = Pendulum((0.0, 0.0)).positions(np.array([np.log(L), 2.0, 0.0]), period * np.array([0.0, 0.25, 0.5, 1.0]))
+    at = PendulumMotion((0.0, 0.0)).positions(np.array([np.log(L), 2.0, 0.0]), period * np.array([0.0, 0.25, 0.5, 1.0]))
     start = L * np.array([np.sin(2.0), -np.cos(2.0)])
     np.testing.assert_allclose(at, [start, [0, -L], start * [-1, 1], start], atol=1e-9)
 
 
 def test_many_pendulums_at_once_are_each_as_alone():
     numbers = np.array([[[0.1, 0.9, 0.0, 0.3, 1.0], [0.2, 0.8, -0.5, -1.0, 0.5]], [[0.0] * 5, [1.0] * 5]])
-    together = Pendulum().positions(numbers, T)
+    together = PendulumMotion().positions(numbers, T)
     assert together.shape == (2, 2, len(T), 2)
     for index in np.ndindex(2, 2):
-        np.testing.assert_allclose(together[index], Pendulum().positions(numbers[index], T), atol=1e-14)
+        np.testing.assert_allclose(together[index], PendulumMotion().positions(numbers[index], T), atol=1e-14)
 
 
 def test_a_bob_with_too_much_energy_stays_on_its_string():
     """It has energy to go over the top, which a string does not let it: finite, and one string's length away."""
-    at = Pendulum((0.3, 1.0)).positions(np.array([np.log(0.5), 1.0, 30.0]), T)
+    at = PendulumMotion((0.3, 1.0)).positions(np.array([np.log(0.5), 1.0, 30.0]), T)
     np.testing.assert_allclose(np.linalg.norm(at - [0.3, 1.0], axis=1), 0.5, rtol=1e-12)
 
 
@@ -93,10 +93,10 @@ def test_motions_have_the_gravity_and_pivot_that_are_asked_for():
 
 def test_what_is_known_of_a_pendulum_beforehand():
     """Weights are 1 / standard error: 10 m of the pivot, 1 of log L, 3 rad, 10 rad/s."""
-    mean, weight = Pendulum().loosely
+    mean, weight = PendulumMotion().loosely
     np.testing.assert_array_equal(mean, np.zeros(5))
     np.testing.assert_allclose(weight, [0.1, 0.1, 1.0, 1 / 3, 0.1])
-    np.testing.assert_allclose(Pendulum((0.0, 0.0)).loosely[1], [1.0, 1 / 3, 0.1])
+    np.testing.assert_allclose(PendulumMotion((0.0, 0.0)).loosely[1], [1.0, 1 / 3, 0.1])
 
 
 @pytest.mark.parametrize(("theta", "rate"), [(0.3, 1.0), (-0.6, 0.5), (0.1, -2.0)])
@@ -104,23 +104,23 @@ def test_a_search_for_a_pendulum_starts_near_it(theta, rate):
     """Frames of 0.1 s around time 0: one of the starts has the true string, all are at the bob and move with it."""
     t = np.linspace(-0.05, 0.05, 7)
     truth = np.array([1.2, 0.9, np.log(LENGTHS[1]), theta, rate])
-    points = Pendulum().positions(truth, t)
-    starts = Pendulum().starts(t, points)
+    points = PendulumMotion().positions(truth, t)
+    starts = PendulumMotion().starts(t, points)
     assert starts.shape == (len(LENGTHS), 5)
     assert LENGTHS == (0.4, 1.0, 2.5)
     np.testing.assert_allclose(np.exp(starts[:, 2]), LENGTHS)
     np.testing.assert_allclose(starts[1], truth, atol=0.02)
-    at = Pendulum().positions(starts, np.array([-1e-4, 0.0, 1e-4]))
+    at = PendulumMotion().positions(starts, np.array([-1e-4, 0.0, 1e-4]))
     np.testing.assert_allclose(at[:, 1], np.tile(points[3], (3, 1)), atol=2e-3)
     velocity = (at[:, 2] - at[:, 0]) / 2e-4
     np.testing.assert_allclose(velocity, np.tile((points[4] - points[2]) / (t[4] - t[2]), (3, 1)), atol=0.03)
-    held = Pendulum((1.2, 0.9)).starts(t, points)
+    held = PendulumMotion((1.2, 0.9)).starts(t, points)
     np.testing.assert_allclose(held, truth[None, 2:], atol=0.02)
 
 
 def test_a_search_from_two_frames_takes_the_string_to_be_upright():
     """No acceleration is seen: only gravity pulls, and the bob is right below its pivot."""
-    starts = Pendulum().starts(np.array([-0.1, 0.1]), np.array([[0.9, 0.2], [1.1, 0.2]]))
+    starts = PendulumMotion().starts(np.array([-0.1, 0.1]), np.array([[0.9, 0.2], [1.1, 0.2]]))
     np.testing.assert_allclose(starts[:, 0], 1.0)
     np.testing.assert_allclose(starts[:, 1], 0.2 + np.array(LENGTHS))
     np.testing.assert_allclose(starts[:, 3], 0, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from straight_tip import HOME, LOWER, MIDDLE, PUSH, SPEED, UPPER, known, library
 
 from whiptool.errors import InputError
-from whiptool.interception.aiming import Camera, Interception
+from whiptool.interception.aiming import Interception, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.planning import HORIZON, LATENCY, LONGEST, PLAN_TIME, REFRESH_TIME, intercept, plan, refresh
 from whiptool.interception.tracks import fit_track
@@ -136,7 +136,7 @@ def test_later_frames_change_the_strike_only_where_it_is_aimed_again(few, update
     aside = 0.08 * np.array([-VELOCITY[1], VELOCITY[0]]) / np.linalg.norm(VELOCITY)
     turning = [(t, point + max(t, 0.0) * aside) for t, point in frames()]
     plans = list(
-        intercept(turning, few, decide=0.0, rng=RNG(0), update=update, motion="straight", camera=Camera(60, 1e-3))
+        intercept(turning, few, decide=0.0, rng=RNG(0), update=update, motion="straight", camera=TargetCamera(60, 1e-3))
     )
     changed = [plan.strike != plans[0].strike for plan in plans[1:]]
     assert len(changed) >= 2
@@ -146,7 +146,9 @@ def test_later_frames_change_the_strike_only_where_it_is_aimed_again(few, update
 @pytest.mark.parametrize(("update", "count"), [("none", 1), ("time", 3), ("aim", 3)])
 def test_a_watched_target_is_planned_on_and_updated(few, update, count):
     plans = list(
-        intercept(frames(), few, decide=0.0, rng=RNG(0), update=update, motion="straight", camera=Camera(60, 1e-3))
+        intercept(
+            frames(), few, decide=0.0, rng=RNG(0), update=update, motion="straight", camera=TargetCamera(60, 1e-3)
+        )
     )
     assert len(plans) >= count
     assert (len(plans) == 1) == (update == "none")
@@ -193,6 +195,6 @@ def test_the_motion_of_the_first_plan_is_kept(many):
     """Seen slow at first, then falling: a track of its own would change its mind, the plan does not."""
     t = np.arange(-30, 60) / 60
     path = HOME + np.where(t > 0.05, (t - 0.05) * 0.3, 0.0)[:, None] * [1.0, 1.0]
-    plans = list(intercept(zip(t, path), many, decide=0.0, rng=RNG(0), camera=Camera(60, 0.005), plan_time=0.1))
+    plans = list(intercept(zip(t, path), many, decide=0.0, rng=RNG(0), camera=TargetCamera(60, 0.005), plan_time=0.1))
     assert fit_track(t, path, sigma=0.005).motion.name != "still"
     assert any(x is not None and "still" in x.warning for x in plans[1:])

@@ -11,7 +11,7 @@ from scipy.special import erf
 
 from whiptool.interception.aiming import Aim
 from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import Track
+from whiptool.interception.tracks import TargetTrack
 
 SPREAD, RADIUS, SPEED, TAU = 0.05, 0.035, 10.0, 0.3  # [m], [m], [m/s], [s]
 POINT = np.array([1.0, 0.0])
@@ -42,7 +42,7 @@ class Library:
 
 def aim(spread: float = SPREAD) -> Aim:
     """A target at rest near the point, its place known to `spread` in each coordinate."""
-    track = Track(find_motion("still"), POINT, spread**2 * np.eye(2))
+    track = TargetTrack(find_motion("still"), POINT, spread**2 * np.eye(2))
     return Aim(track, Library(Rollout()), 0.0, 2.0, RADIUS, 0.0, None)
 
 

@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 from whiptool.errors import InputError
-from whiptool.interception.motions import Pendulum, find_motion
-from whiptool.interception.tracks import DOUBTFUL, Track, derivatives, fit_track
+from whiptool.interception.motions import PendulumMotion, find_motion
+from whiptool.interception.tracks import DOUBTFUL, TargetTrack, derivatives, fit_track
 
 SIGMA = 0.01
 FRAMES = 2.0 + np.arange(12) / 30
@@ -55,7 +55,7 @@ def test_a_linear_track_is_linear_least_squares(name):
 @pytest.mark.parametrize("motion", ["straight", "ballistic", "pendulum"])
 def test_a_track_does_not_depend_on_when_the_clock_began(motion):
     """The same frames a quarter of an hour later."""
-    swing = Pendulum(pivot=(1.0, 0.9))
+    swing = PendulumMotion(pivot=(1.0, 0.9))
     points = swing.positions(np.array([np.log(0.6), 0.5, 0.3]), FRAMES - 2.0)
     points = points + np.random.default_rng(1).normal(0, SIGMA, points.shape)
     pivot = (1.0, 0.9) if motion == "pendulum" else None
@@ -80,7 +80,9 @@ def test_the_motion_of_the_smallest_bic_is_chosen():
 
 def test_a_pendulum_is_chosen_where_its_bic_is_smaller():
     rng = np.random.default_rng(0)
-    points = Pendulum().positions(np.array([1.0, 1.0, 0.0, 0.6, 1.0]), FRAMES - 2.2) + rng.normal(0, SIGMA, (12, 2))
+    points = PendulumMotion().positions(np.array([1.0, 1.0, 0.0, 0.6, 1.0]), FRAMES - 2.2) + rng.normal(
+        0, SIGMA, (12, 2)
+    )
     alone = {name: fit_track(FRAMES, points, sigma=SIGMA, motion=name) for name in (*LINEAR, "pendulum")}
     assert fit_track(FRAMES, points, sigma=SIGMA).motion.name == "pendulum"
     assert min(alone, key=lambda name: alone[name].bic) == "pendulum"
@@ -92,7 +94,7 @@ def test_a_pendulum_is_chosen_where_its_bic_is_smaller():
 def test_a_pendulum_is_the_most_probable_one_and_its_covariance_the_inverse_curvature():
     """The negative logarithm of the posterior, minimised and differentiated twice by other means."""
     rng, pivot = np.random.default_rng(1), (1.0, 1.0)
-    points = Pendulum(pivot).positions(np.array([-0.2, 0.6, 1.0]), FRAMES - 2.2) + rng.normal(0, SIGMA, (12, 2))
+    points = PendulumMotion(pivot).positions(np.array([-0.2, 0.6, 1.0]), FRAMES - 2.2) + rng.normal(0, SIGMA, (12, 2))
     track = fit_track(FRAMES, points, sigma=SIGMA, motion="pendulum", pivot=pivot)
     s = FRAMES - FRAMES.mean()
 
@@ -129,7 +131,9 @@ def test_a_pendulum_is_the_most_probable_one_and_its_covariance_the_inverse_curv
 
 def test_a_pendulum_is_found_on_any_clock():
     truth = np.array([1.0, 1.0, 0.0, 0.6, 1.0])
-    track = fit_track(1e5 + FRAMES, Pendulum().positions(truth, FRAMES - FRAMES.mean()), sigma=1e-4, motion="pendulum")
+    track = fit_track(
+        1e5 + FRAMES, PendulumMotion().positions(truth, FRAMES - FRAMES.mean()), sigma=1e-4, motion="pendulum"
+    )
     np.testing.assert_allclose(track.numbers, truth, atol=1e-3)
     assert track.epoch == pytest.approx(1e5 + FRAMES.mean())
 
@@ -143,13 +147,13 @@ def test_what_is_known_beforehand_speaks_where_frames_are_silent():
     np.testing.assert_allclose(track.position(0.01), [[1.0, 0.0]], atol=1e-4)
 
     def surprise(x: np.ndarray) -> float:
-        off = (Pendulum().positions(x, np.array([-0.01, 0.0, 0.01])) - points) / SIGMA
+        off = (PendulumMotion().positions(x, np.array([-0.01, 0.0, 0.01])) - points) / SIGMA
         return (off**2).sum() + ((x / [10, 10, 1, 3, 10]) ** 2).sum()
 
     found = minimize(surprise, [0.9, 1.0, 0.0, 0.0, 0.0], method="BFGS", options={"gtol": 1e-7})
     np.testing.assert_allclose(track.numbers, found.x, atol=5e-3)
     for dof in (0, -1):
-        alone = Track(find_motion("still"), np.zeros(2), np.eye(2), chi2=5.0, dof=dof)
+        alone = TargetTrack(find_motion("still"), np.zeros(2), np.eye(2), chi2=5.0, dof=dof)
         assert (alone.p_value, alone.misfit) == (1.0, 1.0)
 
 
@@ -171,14 +175,14 @@ def test_the_covariance_is_scaled_by_the_misfit_and_never_down():
 
 def test_the_warning_begins_at_four_times_the_variance():
     still, numbers = find_motion("still"), np.zeros(2)
-    assert Track(still, numbers, np.eye(2), chi2=DOUBTFUL * 10, dof=10).warning == ""
-    assert Track(still, numbers, np.eye(2), chi2=DOUBTFUL * 10 + 0.1, dof=10).warning != ""
+    assert TargetTrack(still, numbers, np.eye(2), chi2=DOUBTFUL * 10, dof=10).warning == ""
+    assert TargetTrack(still, numbers, np.eye(2), chi2=DOUBTFUL * 10 + 0.1, dof=10).warning != ""
     assert DOUBTFUL == 4.0
 
 
 def test_covariances_cover_the_scatter_of_refits():
     """300 noises of the same pendulum: what is said of 0.5 s ahead scatters with the covariance stated, +- 25 %."""
-    motion, truth = Pendulum((1.0, 1.0)), np.array([0.0, 0.5, 0.8])
+    motion, truth = PendulumMotion((1.0, 1.0)), np.array([0.0, 0.5, 0.8])
     ahead, said, stated = FRAMES[-1] + 0.5, [], []
     exact = motion.positions(truth, FRAMES - FRAMES.mean())
     for seed in range(300):
@@ -198,13 +202,13 @@ def test_derivatives_in_closed_form():
     expected = np.stack([np.hstack([np.eye(2), s * np.eye(2)]) for s in t])
     np.testing.assert_allclose(by_numbers, expected, atol=1e-9)
     L, theta = 0.8, 0.4
-    by_numbers = derivatives(Pendulum(), np.array([1.0, 1.0, np.log(L), theta, 2.0]), np.array([0.0]))[0]
+    by_numbers = derivatives(PendulumMotion(), np.array([1.0, 1.0, np.log(L), theta, 2.0]), np.array([0.0]))[0]
     s, c = np.sin(theta), np.cos(theta)
     np.testing.assert_allclose(by_numbers, [[1, 0, L * s, L * c, 0], [0, 1, -L * c, L * s, 0]], atol=1e-9)
 
 
 def test_positions_and_velocities_are_on_the_clock_of_the_frames():
-    track = Track.known(find_motion("ballistic"), np.array([1.0, 2.0, 3.0, 4.0]), epoch=10.0)
+    track = TargetTrack.known(find_motion("ballistic"), np.array([1.0, 2.0, 3.0, 4.0]), epoch=10.0)
     t = np.array([10.0, 10.5])
     np.testing.assert_allclose(track.position(t), [[1, 2], [2.5, 2 + 2 - 9.81 / 8]])
     np.testing.assert_allclose(track.velocity(t), [[3, 4], [3, 4 - 9.81 / 2]], atol=1e-7)
@@ -216,7 +220,7 @@ def test_positions_and_velocities_are_on_the_clock_of_the_frames():
 
 def test_samples_scatter_as_the_covariance_says():
     covariance = np.array([[4.0, 1.5], [1.5, 1.0]]) * 1e-4
-    track = Track(find_motion("still"), np.array([1.0, 2.0]), covariance)
+    track = TargetTrack(find_motion("still"), np.array([1.0, 2.0]), covariance)
     drawn = track.sample(np.random.default_rng(0), 20_000)
     assert drawn.shape == (20_000, 2)
     np.testing.assert_allclose(drawn.mean(axis=0), [1.0, 2.0], atol=5e-4)
@@ -227,7 +231,7 @@ def test_samples_scatter_as_the_covariance_says():
 def test_more_frames_add_their_information(misfit):
     """A position at rest: n frames and m more have the variance of n + m, all as wrong as the first were."""
     variance = misfit * SIGMA**2 / 12
-    track = Track(find_motion("still"), np.zeros(2), variance * np.eye(2), chi2=misfit * 22, dof=22)
+    track = TargetTrack(find_motion("still"), np.zeros(2), variance * np.eye(2), chi2=misfit * 22, dof=22)
     later = track.after(np.arange(24) / 30, SIGMA)
     np.testing.assert_allclose(later.covariance, variance / 3 * np.eye(2), rtol=1e-6, atol=1e-15)
     finer = track.after(np.arange(24) / 30, SIGMA / 2)

@@ -10,7 +10,7 @@ from whiptool.goals.criteria import Effort, Miss, Speed
 from whiptool.goals.target import Target
 from whiptool.objective import Objective
 from whiptool.optimizers import run_search
-from whiptool.optimizers.front import Front
+from whiptool.optimizers.front import ParetoFront
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout.interface import Rollout
 
@@ -34,7 +34,9 @@ class WavyRollout(LinearRollout):
         return near, slopes
 
 
-def front(criteria, *, trials: int = 700, seed: int = 0, rollout: Rollout | None = None) -> tuple[Front, Objective]:
+def front(
+    criteria, *, trials: int = 700, seed: int = 0, rollout: Rollout | None = None
+) -> tuple[ParetoFront, Objective]:
     objective = Objective(
         rollout or LinearRollout(),
         Target(tuple(PLACE), 0.3),
@@ -45,7 +47,7 @@ def front(criteria, *, trials: int = 700, seed: int = 0, rollout: Rollout | None
     )
     result = run_search(objective, pareto_search, "pareto", seed=seed)
     assert result.n_trials == trials
-    return Front.of(criteria, objective.trials), objective
+    return ParetoFront.of(criteria, objective.trials), objective
 
 
 def test_effort_against_miss_is_a_parabola_without_holes():
@@ -104,7 +106,7 @@ def test_a_front_of_one_hit_does_not_end_the_search(monkeypatch):
 
     rollout = Free()
 
-    def improve(objective: Objective, front: Front) -> None:
+    def improve(objective: Objective, front: ParetoFront) -> None:
         rollout.free = True
         objective.trial(np.r_[PLACE, LEAST[2:]])
 

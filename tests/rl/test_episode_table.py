@@ -6,11 +6,11 @@ import numpy as np
 
 from whiptool.rl.episode_table import EpisodeTable
 from whiptool.rl.held_out import Score
-from whiptool.rl.training import Episode
+from whiptool.rl.training import TrainingEpisode
 
-FIRST = Episode(1, 4, -2.5, 0.25, 0, {})
-SECOND = Episode(2, 8, 1.0, 0.5, 1, {"critic": 3.5, "actor": -1.0}, Score(0.75, 0.125), best=True)
-THIRD = Episode(3, 12, 2.0, 0.5, 1, {"critic": 3.0, "actor": -2.0})
+FIRST = TrainingEpisode(1, 4, -2.5, 0.25, 0, {})
+SECOND = TrainingEpisode(2, 8, 1.0, 0.5, 1, {"critic": 3.5, "actor": -1.0}, Score(0.75, 0.125), best=True)
+THIRD = TrainingEpisode(3, 12, 2.0, 0.5, 1, {"critic": 3.0, "actor": -2.0})
 
 
 def test_every_line_has_the_same_columns(tmp_path):

@@ -20,7 +20,7 @@ from whiptool.rl import training
 from whiptool.rl.held_out import EVERY, GOALS, Score, held_out_goals, score
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.training import Plan, Training, load_checkpoint, make_learner
+from whiptool.rl.training import Training, TrainingPlan, load_checkpoint, make_learner
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 FOUND = [Score(0.2, 0.3), Score(0.5, 0.3), Score(0.5, 0.2), Score(0.5, 0.2), Score(0.4, 0.1)]
@@ -34,7 +34,7 @@ def run_of(episodes: int, *, method: str = "ddpg", observation: str = "goal") ->
     task = StrikeTask(StraightFlight(), Disc((1.0, 0.0), 0.5), bounds=BOUNDS, observation=observation)
     settings = settings_for(method, hidden=(4,), **({} if method == "ppo" else {"batch_size": 4}))
     learner = make_learner(method, settings, task, torch.Generator().manual_seed(0))
-    return Training(learner, task, Plan(episodes, 4, 2), held_out_goals(task, 0))
+    return Training(learner, task, TrainingPlan(episodes, 4, 2), held_out_goals(task, 0))
 
 
 def test_a_score_counts_what_the_first_strikes_hit_and_miss():
@@ -119,7 +119,7 @@ def test_scores_change_nothing_of_what_is_learned():
 
 def test_random_strikes_are_not_scored():
     run = run_of(6)
-    run.plan = Plan(6, 4, 5)
+    run.plan = TrainingPlan(6, 4, 5)
     assert all(episode.held_out is None for episode in run.run())
 
 
@@ -141,7 +141,7 @@ def test_a_training_goes_on_from_a_checkpoint_to_any_length(tmp_path):
     again.load(tmp_path / "older.pt")
     assert again.done == 7
     other = run_of(11)
-    other.plan = Plan(11, 5, 2)
+    other.plan = TrainingPlan(11, 5, 2)
     with pytest.raises(InputError, match=r"checkpoint\.pt: got .*'trials': 4.*; allowed: a checkpoint of plan"):
         other.load(tmp_path / "checkpoint.pt")
 

@@ -10,7 +10,7 @@ from one_joint import one_joint_task
 
 from whiptool.errors import InputError
 from whiptool.rl.settings import SETTINGS, settings_for
-from whiptool.rl.training import Plan, make_learner
+from whiptool.rl.training import TrainingPlan, make_learner
 
 
 def test_settings_are_checked():
@@ -42,7 +42,7 @@ def test_settings_are_checked():
             settings_for(method, **wrong)
     for wrong in ({"episodes": 0}, {"episodes": True}, {"trials": 1}, {"random_episodes": -1}, {"hindsight": -1}):
         with pytest.raises(InputError):
-            Plan(**wrong)
+            TrainingPlan(**wrong)
     with pytest.raises(InputError, match=", ".join(SETTINGS)):
         make_learner("dqn", settings_for("sac"), one_joint_task(), torch.Generator())
     with pytest.raises(InputError, match="observation"):

@@ -16,13 +16,13 @@ from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask, reward
-from whiptool.rl.training import Plan, Training, load_checkpoint, make_learner
+from whiptool.rl.training import Training, TrainingPlan, load_checkpoint, make_learner
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))
 ZONE = Disc((1.0, 0.0), 0.5)
 
 
-def training(plan: Plan, *, observation: str = "goal", strikes: int = 2, seed: int = 0) -> Training:
+def training(plan: TrainingPlan, *, observation: str = "goal", strikes: int = 2, seed: int = 0) -> Training:
     task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, observation=observation, strikes=strikes)
     generator = torch.Generator().manual_seed(seed)
     settings = settings_for("ddpg", hidden=(4,), batch_size=4)
@@ -45,7 +45,7 @@ class Watch:
 
 
 def test_episodes_show_their_strikes_and_keep_their_targets():
-    run = training(Plan(episodes=5, trials=30, random_episodes=2))
+    run = training(TrainingPlan(episodes=5, trials=30, random_episodes=2))
     watch, task, previous = Watch(run), run.task, None
     for number in range(1, 6):
         targets, obs = task.targets.copy(), run.obs.copy()
@@ -83,7 +83,7 @@ def test_episodes_show_their_strikes_and_keep_their_targets():
 
 
 def test_runs_end_with_the_plan_the_number_or_the_time():
-    run = training(Plan(episodes=6, trials=3, random_episodes=6))
+    run = training(TrainingPlan(episodes=6, trials=3, random_episodes=6))
     numbers = []
     run.run(lambda episode: numbers.append(episode.number), episodes=2)
     assert numbers == [1, 2]
@@ -95,19 +95,19 @@ def test_a_plan_says_what_it_allows():
     """The least of each number, and one less."""
     least = {"episodes": 1, "trials": 2, "random_episodes": 0, "hindsight": 0}
     for name, low in least.items():
-        assert getattr(Plan(**{name: low}), name) == low
+        assert getattr(TrainingPlan(**{name: low}), name) == low
         with pytest.raises(InputError, match=name):
-            Plan(**{name: low - 1})
+            TrainingPlan(**{name: low - 1})
 
 
 def test_the_discount_is_that_of_the_observation():
     for observation, discount in (("goal", 0.0), ("tip", 0.99), ("relative", 0.99)):
-        learner = training(Plan(), observation=observation).learner
+        learner = training(TrainingPlan(), observation=observation).learner
         assert (learner.discount, learner.n_obs, learner.n_act) == (discount, 6 if discount == 0 else 4, 5)
 
 
 def test_relabelled_strikes_are_those_of_the_straight_line():
-    run = training(Plan(episodes=3, trials=40, random_episodes=3, hindsight=2))
+    run = training(TrainingPlan(episodes=3, trials=40, random_episodes=3, hindsight=2))
     run.task.rollout.wild_above = 9.0
     before = run.task.reset(run.task.targets)
     added = []
@@ -147,7 +147,7 @@ def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
     task = StrikeTask(StraightFlight(9.0), ZONE, bounds=BOUNDS, arrival=rule)
     settings = settings_for("ddpg", hidden=(4,), batch_size=4)
     learner = make_learner("ddpg", settings, task, torch.Generator().manual_seed(0))
-    run = Training(learner, task, Plan(episodes=3, trials=60, random_episodes=3, hindsight=2))
+    run = Training(learner, task, TrainingPlan(episodes=3, trials=60, random_episodes=3, hindsight=2))
     before, added = run.obs.copy(), []
     run.learner.replay.add = added.append
     run.run(episodes=1)
@@ -183,7 +183,7 @@ def test_a_training_at_directions_goes_on_from_its_checkpoint(tmp_path):
         task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, arrival=rule)
         settings = settings_for("sac", hidden=(8,), batch_size=8)
         learner = make_learner("sac", settings, task, torch.Generator().manual_seed(seed))
-        return Training(learner, task, Plan(episodes=6, trials=10, random_episodes=2, hindsight=1))
+        return Training(learner, task, TrainingPlan(episodes=6, trials=10, random_episodes=2, hindsight=1))
 
     rule = ArrivalRule(angle=(-1.0, 1.0), speed=1.0)
     whole, first, second = fresh(rule), fresh(rule), fresh(rule, seed=7)
@@ -200,7 +200,7 @@ def test_a_training_at_directions_goes_on_from_its_checkpoint(tmp_path):
 
 
 def test_checkpoints_of_points_hold_what_they_always_held(tmp_path):
-    run = training(Plan(episodes=2, trials=4, random_episodes=1))
+    run = training(TrainingPlan(episodes=2, trials=4, random_episodes=1))
     run.run()
     run.save(tmp_path / "checkpoint.pt")
     state = load_checkpoint(tmp_path / "checkpoint.pt")
@@ -208,7 +208,7 @@ def test_checkpoints_of_points_hold_what_they_always_held(tmp_path):
     assert set(state) == {*identity, "learner", "done", "obs", "targets", "counts", "strikes"}
 
 
-def in_space(plan: Plan) -> Training:
+def in_space(plan: TrainingPlan) -> Training:
     box = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0.3,) * 5, 1.0))
     task = StrikeTask(StraightFlightInSpace(), Disc((1.0, 0.0, 0.2), 0.3), bounds=box, observation="goal")
     learner = make_learner("sac", settings_for("sac", hidden=(16,)), task, torch.Generator().manual_seed(4))
@@ -217,7 +217,7 @@ def in_space(plan: Plan) -> Training:
 
 def test_a_training_in_space_goes_on_from_its_checkpoint(tmp_path):
     """With relabelled strikes: from the middle on the same episodes, and the same weights at the end."""
-    plan = Plan(episodes=6, trials=20, random_episodes=2, hindsight=1)
+    plan = TrainingPlan(episodes=6, trials=20, random_episodes=2, hindsight=1)
     whole = in_space(plan)
     episodes = whole.run()
     first = in_space(plan)

@@ -20,7 +20,7 @@ from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import OBSERVATIONS, reward
-from whiptool.rl.training import LEARNERS, Plan, Training, load_checkpoint, make_learner
+from whiptool.rl.training import LEARNERS, Training, TrainingPlan, load_checkpoint, make_learner
 
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}
@@ -30,7 +30,7 @@ SMALL["ppo"] = {"hidden": (16, 16)}
 def training(method, *, seed=0, plan=None, task=None, **changes) -> Training:
     task = task or one_joint_task()
     learner = make_learner(method, settings_for(method, **changes), task, torch.Generator().manual_seed(seed))
-    return Training(learner, task, plan or Plan(episodes=6, trials=20, random_episodes=2))
+    return Training(learner, task, plan or TrainingPlan(episodes=6, trials=20, random_episodes=2))
 
 
 def same(a, b) -> bool:
@@ -84,10 +84,10 @@ def test_learners_hit_with_one_joint(method):
     """The bandit shows that actions follow the observation; this, that strikes are learned from the task's reward."""
     off_policy = {"learning_rate": 1e-3, "batch_size": 128}
     changes, plan = {
-        "sac": (off_policy, Plan(episodes=12, trials=100, random_episodes=5)),
-        "td3": ({**off_policy, "noise": 0.3}, Plan(episodes=18, trials=50, random_episodes=4)),
-        "ddpg": ({**off_policy, "noise": 0.3}, Plan(episodes=18, trials=50, random_episodes=4)),
-        "ppo": ({"learning_rate": 3e-3, "kl_target": 0.03}, Plan(episodes=30, trials=200, random_episodes=0)),
+        "sac": (off_policy, TrainingPlan(episodes=12, trials=100, random_episodes=5)),
+        "td3": ({**off_policy, "noise": 0.3}, TrainingPlan(episodes=18, trials=50, random_episodes=4)),
+        "ddpg": ({**off_policy, "noise": 0.3}, TrainingPlan(episodes=18, trials=50, random_episodes=4)),
+        "ppo": ({"learning_rate": 3e-3, "kl_target": 0.03}, TrainingPlan(episodes=30, trials=200, random_episodes=0)),
     }[method]
     run = training(method, plan=plan, task=one_joint_task(hit_radius=0.1), hidden=(64, 64), **changes)
     targets = sample(run.task.zone, 200, np.random.default_rng(1))
@@ -132,7 +132,7 @@ def test_seeds_decide_everything(method):
     ],
 )
 def test_a_run_goes_on_as_if_nothing_had_happened(method, observation, copies, tmp_path):
-    plan = Plan(episodes=6, trials=20, random_episodes=2, hindsight=copies)
+    plan = TrainingPlan(episodes=6, trials=20, random_episodes=2, hindsight=copies)
 
     def fresh(seed):
         task = one_joint_task(observation=observation, strikes=2)
@@ -165,7 +165,7 @@ def test_checkpoints_that_are_none_are_refused(tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(InputError, match="checkpoint"):
             run.load(path)
-    torch.save({"plan": Plan}, path)  # code, which is not executed
+    torch.save({"plan": TrainingPlan}, path)  # code, which is not executed
     with pytest.raises(InputError, match="checkpoint"):
         load_checkpoint(path)
     for foreign in ([1, 2], 3, {}, {**torch.load(io.BytesIO(whole), weights_only=True), "obs": [1]}):
@@ -173,7 +173,7 @@ def test_checkpoints_that_are_none_are_refused(tmp_path):
         with pytest.raises(InputError, match=path.name):
             run.load(path)
     path.write_bytes(whole)
-    other = training("sac", plan=Plan(episodes=7, trials=20, random_episodes=1), **SMALL["sac"])
+    other = training("sac", plan=TrainingPlan(episodes=7, trials=20, random_episodes=1), **SMALL["sac"])
     with pytest.raises(InputError, match=r"random.episodes"):
         other.load(path)
 
@@ -301,7 +301,7 @@ def test_trials_are_counted_to_the_first_hit():
 
 
 def test_relabelled_rewards_are_those_of_the_physics():
-    run = training("sac", plan=Plan(episodes=2, trials=50, random_episodes=1, hindsight=3), **SMALL["sac"])
+    run = training("sac", plan=TrainingPlan(episodes=2, trials=50, random_episodes=1, hindsight=3), **SMALL["sac"])
     run.run(episodes=1)
     task, held = run.task, run.learner.state_dict()["replay"]
     assert held["size"] == 50 * 4
@@ -324,4 +324,4 @@ def test_relabelled_rewards_are_those_of_the_physics():
     assert (relabelled == 50).mean() > 1.5 * (gained[150:] == 50).mean()
     for wrong in (("ppo", "goal"), ("sac", "tip")):
         with pytest.raises(InputError, match="hindsight"):
-            training(wrong[0], task=one_joint_task(observation=wrong[1]), plan=Plan(hindsight=1))
+            training(wrong[0], task=one_joint_task(observation=wrong[1]), plan=TrainingPlan(hindsight=1))

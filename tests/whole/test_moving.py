@@ -13,11 +13,11 @@ from scipy.stats import chi2
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Camera, Interception
+from whiptool.interception.aiming import Interception, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.motions import Pendulum, find_motion
+from whiptool.interception.motions import PendulumMotion, find_motion
 from whiptool.interception.planning import intercept, plan, refresh
-from whiptool.interception.tracks import Track, fit_track
+from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
@@ -87,10 +87,10 @@ def test_a_pendulum_solves_its_equation(theta, rate, L):
     angle = solved.sol(t)[0]
     expected = np.stack([0.1 + L * np.sin(angle), 0.2 - L * np.cos(angle)], axis=1)
     np.testing.assert_allclose(
-        Pendulum().positions(np.array([0.1, 0.2, np.log(L), theta, rate]), t), expected, atol=1e-8
+        PendulumMotion().positions(np.array([0.1, 0.2, np.log(L), theta, rate]), t), expected, atol=1e-8
     )
     np.testing.assert_allclose(
-        Pendulum((0.1, 0.2)).positions(np.array([np.log(L), theta, rate]), t), expected, atol=1e-8
+        PendulumMotion((0.1, 0.2)).positions(np.array([np.log(L), theta, rate]), t), expected, atol=1e-8
     )
 
 
@@ -98,7 +98,7 @@ TRUTHS = {
     "still": (find_motion("still"), [1.2, 0.1]),
     "straight": (find_motion("straight"), [1.2, 0.1, -0.3, 0.4]),
     "ballistic": (find_motion("ballistic"), [1.4, 0.1, -2.0, -1.5]),
-    "pendulum": (Pendulum(), [1.2, 0.9, 0.0, 0.5, 1.0]),
+    "pendulum": (PendulumMotion(), [1.2, 0.9, 0.0, 0.5, 1.0]),
 }
 
 
@@ -116,7 +116,11 @@ def test_the_motion_is_recognised_and_a_wrong_one_has_no_chance(name):
 
 @pytest.mark.parametrize(
     ("motion", "numbers", "pivot"),
-    [(*TRUTHS["straight"], None), (*TRUTHS["ballistic"], None), (Pendulum((1.2, 0.9)), [0.0, 0.5, 1.0], (1.2, 0.9))],
+    [
+        (*TRUTHS["straight"], None),
+        (*TRUTHS["ballistic"], None),
+        (PendulumMotion((1.2, 0.9)), [0.0, 0.5, 1.0], (1.2, 0.9)),
+    ],
     ids=["straight", "ballistic", "pendulum of known pivot"],
 )
 def test_the_covariance_covers(motion, numbers, pivot):
@@ -210,7 +214,7 @@ def miss(truth, chosen: Interception, motion, numbers) -> float:
 
 
 def test_a_target_at_rest_is_an_ordinary_plan(library, rollout):
-    track = Track.known(find_motion("still"), np.array([1.2, 0.1]))
+    track = TargetTrack.known(find_motion("still"), np.array([1.2, 0.1]))
     chosen = plan(track, library, now=3.0, rng=np.random.default_rng(0))
     assert chosen is not None
     assert chosen.probability == 1
@@ -225,7 +229,7 @@ def test_a_target_at_rest_is_an_ordinary_plan(library, rollout):
 def test_the_tip_is_where_the_target_will_be(library, name):
     """Known motions, judged on MuJoCo's rollout, which shares no formula with the planner's."""
     motion, numbers = TRUTHS[name] if name != "ballistic" else (find_motion("ballistic"), [3.5, 0.6, -2.6, 3.2])
-    chosen = plan(Track.known(motion, np.array(numbers)), library, now=0.0, rng=np.random.default_rng(0))
+    chosen = plan(TargetTrack.known(motion, np.array(numbers)), library, now=0.0, rng=np.random.default_rng(0))
     assert chosen is not None
     path = ReferenceRollout(MODEL, Controller()).trajectory(chosen.strike, t_stay=0.3)
     relative = path.tip - motion.positions(np.array(numbers), chosen.start + path.t)
@@ -273,14 +277,16 @@ def test_a_plan_is_repeatable_and_keeps_its_bounds(library, rollout):
 
 
 def test_what_cannot_be_met_has_no_plan(library):
-    away = Track.known(find_motion("straight"), np.array([1.8, 0.0, 0.5, 0.0]))
+    away = TargetTrack.known(find_motion("straight"), np.array([1.8, 0.0, 0.5, 0.0]))
     assert plan(away, library, now=0.0, rng=np.random.default_rng(0)) is None
-    gone = Track.known(find_motion("ballistic"), np.array([0.5, 0.0, 3.0, 2.0]))  # out of reach before a tip arrives
+    gone = TargetTrack.known(
+        find_motion("ballistic"), np.array([0.5, 0.0, 3.0, 2.0])
+    )  # out of reach before a tip arrives
     assert plan(gone, library, now=0.0, rng=np.random.default_rng(0)) is None
 
 
 def test_bad_plans_are_refused(library, rollout):
-    track = Track.known(find_motion("still"), np.array([1.2, 0.1]))
+    track = TargetTrack.known(find_motion("still"), np.array([1.2, 0.1]))
     for horizon in (0.0, np.nan, np.inf, 1e6):
         with pytest.raises(InputError, match=r"horizon.*> 0 and <= 60"):
             plan(track, library, now=0.0, rng=np.random.default_rng(0), horizon=horizon)
@@ -312,10 +318,10 @@ def test_bad_plans_are_refused(library, rollout):
 def test_a_newer_track_moves_the_strike_and_its_start(library, truth, true, enough):
     """The target turns out slower: the same strike later is enough; it is 4 cm aside, too: the strike has to move."""
     motion = find_motion("straight")
-    believed = Track.known(motion, np.array([1.2, -0.4, 0.0, 0.5]))
+    believed = TargetTrack.known(motion, np.array([1.2, -0.4, 0.0, 0.5]))
     chosen = plan(believed, library, now=0.0, rng=np.random.default_rng(0), latency=0.3)
     assert chosen is not None
-    newer = Track.known(motion, np.array(true))
+    newer = TargetTrack.known(motion, np.array(true))
     timed, aimed = (
         refresh(chosen, newer, library, now=0.1, rng=np.random.default_rng(0), aim=aim) for aim in (False, True)
     )
@@ -350,7 +356,7 @@ def test_moving_targets_are_hit(library, truth):
             points[np.random.default_rng(seed).random(len(t)) < 0.15] = np.nan
             frames = zip(t, points, strict=True)
             plans = list(
-                intercept(frames, library, decide=0.0, rng=np.random.default_rng(seed), camera=Camera(60, SIGMA))
+                intercept(frames, library, decide=0.0, rng=np.random.default_rng(seed), camera=TargetCamera(60, SIGMA))
             )
             assert all(x is not None for x in plans)
             hits.append(miss(truth, plans[-1], motion, numbers) <= 0.06)

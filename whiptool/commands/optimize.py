@@ -290,10 +290,10 @@ class _Run:
 
     def _front(self, result):
         """Return the Pareto front of what was tried."""
-        from whiptool.optimizers.front import Front
+        from whiptool.optimizers.front import ParetoFront
 
         first, second = self.objective.criteria
-        return Front.of((first, second), result.trace)
+        return ParetoFront.of((first, second), result.trace)
 
     def _refusals(self, result) -> dict:
         """How many strikes were refused, and how many by each of the limits, for JSON."""

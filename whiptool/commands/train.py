@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from whiptool.rl.policy import Policy
     from whiptool.rl.settings import Settings
     from whiptool.rl.task import StrikeTask
-    from whiptool.rl.training import Episode, Training
+    from whiptool.rl.training import Training, TrainingEpisode
     from whiptool.rollout import CompiledRollout
 
 CHECKPOINT, BEST, EPISODES, CURVE = "checkpoint.pt", "best.pt", "episodes.csv", "learning.png"
@@ -220,7 +220,7 @@ def train(
         episodes: Number of episodes.
         trials: Strikes per episode, all in one batch.
         random_episodes: Episodes at the start with random strikes; None: a tenth of them.
-        hindsight: Relabelled copies of every strike, see `whiptool.rl.settings.Plan`.
+        hindsight: Relabelled copies of every strike, see `whiptool.rl.settings.TrainingPlan`.
         seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
@@ -239,20 +239,20 @@ def train(
 
     from whiptool.comparison.learner_unit import one_torch_thread
     from whiptool.rl.held_out import held_out_goals
-    from whiptool.rl.settings import Plan, settings_for
+    from whiptool.rl.settings import TrainingPlan, settings_for
     from whiptool.rl.task import StrikeTask
     from whiptool.rl.training import Training, make_learner
 
     expect(str, method=method)
     method = method_name(method)
     seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
-    plan = Plan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
+    plan = TrainingPlan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
     struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
     learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)
     training = Training(learner, struck, plan, held_out_goals(struck, seed))
     with one_torch_thread(), Progress(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
 
-        def on_episode(episode: Episode) -> None:
+        def on_episode(episode: TrainingEpisode) -> None:
             bar.update()
 
         training.run(on_episode)
@@ -263,11 +263,11 @@ def build_training(options: TrainOptions) -> Training:
     """Return the training that options ask for, not begun."""
     torch = optional("torch", "whiptool train")
     from whiptool.rl.held_out import held_out_goals
-    from whiptool.rl.training import Plan, Training, make_learner
+    from whiptool.rl.training import Training, TrainingPlan, make_learner
 
     task, generator = build_task(options), torch.Generator().manual_seed(options.seed)
     learner = make_learner(options.method, settings_of(options), task, generator)
-    plan = Plan(options.episodes, options.trials, options.random_episodes, options.hindsight)
+    plan = TrainingPlan(options.episodes, options.trials, options.random_episodes, options.hindsight)
     return Training(learner, task, plan, held_out_goals(task, options.seed))
 
 

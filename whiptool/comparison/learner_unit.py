@@ -31,7 +31,7 @@ class LearnerUnit(Unit):
         method: sac, td3, ddpg or ppo.
         observation: Observation of the learner.
         seed: Seed of its training.
-        episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.Plan`.
+        episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.TrainingPlan`.
         reward: See `whiptool.rl.task.StrikeTask`.
         settings: Hyperparameters other than the usual ones, by name.
     """
@@ -111,13 +111,13 @@ class LearnerUnit(Unit):
 
         from whiptool.rl.learner import OffPolicyLearner
         from whiptool.rl.settings import settings_for
-        from whiptool.rl.training import Plan, Training, make_learner
+        from whiptool.rl.training import Training, TrainingPlan, make_learner
 
         task = self._task(self.scene.radii[0], threads)
         generator = torch.Generator().manual_seed(self.seed)
         learner = make_learner(self.method, settings_for(self.method, **dict(self.settings)), task, generator)
         relabels = isinstance(learner, OffPolicyLearner) and self.observation == "goal"
-        plan = Plan(self.episodes, self.trials, self.random_episodes, self.hindsight if relabels else 0)
+        plan = TrainingPlan(self.episodes, self.trials, self.random_episodes, self.hindsight if relabels else 0)
         return Training(learner, task, plan)
 
     def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:

@@ -11,7 +11,7 @@ from whiptool.comparison.scene import Scene
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.errors import InputError
 from whiptool.models.parameters import whole
-from whiptool.rl.settings import Plan
+from whiptool.rl.settings import TrainingPlan
 from whiptool.words import method_name
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
@@ -29,7 +29,7 @@ class Comparison:
         methods: Methods of `whiptool.optimizers`; `random` is always among them.
         observations: Observations of the learners.
         seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
-        episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.Plan`.
+        episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.TrainingPlan`.
         further_episodes: Episodes under observations other than `tip`; None for as many, which is the most.
             Fewer have fewer random ones in proportion.
 
@@ -66,7 +66,7 @@ class Comparison:
             whole(name, value)
         if set(LEARNERS) & set(self.methods):
             for observation in ("tip", "goal"):
-                Plan(*self.training(observation), hindsight=self.hindsight)
+                TrainingPlan(*self.training(observation), hindsight=self.hindsight)
             if not self.observations:
                 raise InputError("observation", (), ", ".join(OBSERVATIONS))
 

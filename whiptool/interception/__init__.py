@@ -1,8 +1,8 @@
 """Moving targets: their tracks, and strikes that meet them."""
 
-from whiptool.interception.aiming import Camera, Interception
+from whiptool.interception.aiming import Interception, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.planning import intercept, plan, refresh
-from whiptool.interception.tracks import Track, fit_track
+from whiptool.interception.tracks import TargetTrack, fit_track
 
-__all__ = ["Camera", "Interception", "Library", "Track", "fit_track", "intercept", "plan", "refresh"]
+__all__ = ["Interception", "Library", "TargetCamera", "TargetTrack", "fit_track", "intercept", "plan", "refresh"]

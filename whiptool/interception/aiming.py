@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.goals.target import Target
 from whiptool.interception.library import Library
-from whiptool.interception.tracks import Track
+from whiptool.interception.tracks import TargetTrack
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
 from whiptool.rollout.closest import closest_on_segments
@@ -50,7 +50,7 @@ _AIMING = Aiming()
 
 
 @dataclass(frozen=True)
-class Camera:
+class TargetCamera:
     """What goes on seeing the target until the strike starts.
 
     Args:
@@ -79,7 +79,7 @@ class Interception:
         probability: Predicted probability of a hit, over tracks other than those that chose the strike.
         expected_miss: Mean over the same tracks, each at most half a metre [m].
         mean_miss: Miss on the most probable track [m].
-        warning: Warning of the track that it is planned on (`Track.warning`); empty: none.
+        warning: Warning of the track that it is planned on (`TargetTrack.warning`); empty: none.
         wall_time: Time that planning took [s].
     """
 
@@ -106,19 +106,19 @@ class Aim:
 
     def __init__(
         self,
-        track: Track,
+        track: TargetTrack,
         library: Library,
         earliest: float,
         latest: float,
         hit_radius: float,
         now: float,
-        camera: Camera | None,
+        camera: TargetCamera | None,
     ) -> None:
         self.track, self.library, self.earliest, self.latest = track, library, earliest, latest
         self.goal, self.now, self.camera = Target((0.0, 0.0), hit_radius).goals, now, camera  # seen from the target
-        self._seen: dict[int, Track] = {}
+        self._seen: dict[int, TargetTrack] = {}
 
-    def at_start(self, start: float) -> Track:
+    def at_start(self, start: float) -> TargetTrack:
         """The track as certain as it will be when a strike starts."""
         if self.camera is None or not self.track.covariance.any():
             return self.track
@@ -214,7 +214,7 @@ class Aim:
         )
 
     def outlook(
-        self, tip: np.ndarray, when: np.ndarray, track: Track, rng: np.random.Generator, samples: int
+        self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
         """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])

@@ -15,7 +15,7 @@ LENGTHS = (0.4, 1.0, 2.5)  # [m] of strings that a search starts from
 _OVER_THE_TOP = 1 - 1e-9  # a bob with more energy than this part of the top's is not a pendulum's
 
 
-class Motion(Protocol):
+class TargetMotion(Protocol):
     """A family of paths with p numbers.
 
     Args:
@@ -78,7 +78,7 @@ class Polynomial:
 
 
 @dataclass(frozen=True)
-class Pendulum:
+class PendulumMotion:
     """A bob on a string, at any angle below the top: theta'' = -(g / L) sin(theta), exactly.
 
     Its numbers: the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0. theta
@@ -143,17 +143,17 @@ class Pendulum:
 MOTIONS = ("still", "straight", "ballistic", "pendulum")
 
 
-def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY) -> Motion:
+def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY) -> TargetMotion:
     """The motion called `name`.
 
     Raises:
         InputError: No motion has that name; the message lists them.
     """
-    known: dict[str, Motion] = {
+    known: dict[str, TargetMotion] = {
         "still": Polynomial("still", 0),
         "straight": Polynomial("straight", 1),
         "ballistic": Polynomial("ballistic", 1, (0.0, -gravity)),
-        "pendulum": Pendulum(pivot, gravity),
+        "pendulum": PendulumMotion(pivot, gravity),
     }
     if name not in known:
         raise InputError("motion", name, ", ".join(("auto", *MOTIONS)))

@@ -9,9 +9,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.target import HIT_RADIUS, checked_radius
-from whiptool.interception.aiming import Aim, Camera, Interception
+from whiptool.interception.aiming import Aim, Interception, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.tracks import Track, fit_track
+from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.models.parameters import number
 
 LATENCY = 0.02  # [s] from a decision to the arm's first motion
@@ -22,7 +22,7 @@ _SHIFTS = 12  # such steps of t0 alone: they need no new rollout
 
 
 def plan(
-    track: Track,
+    track: TargetTrack,
     library: Library,
     *,
     now: float,
@@ -30,7 +30,7 @@ def plan(
     hit_radius: float = HIT_RADIUS,
     latency: float = LATENCY,
     horizon: float = HORIZON,
-    camera: Camera | None = None,
+    camera: TargetCamera | None = None,
     polished: int = 8,
     steps: int = 3,
     samples: int = 128,
@@ -44,7 +44,7 @@ def plan(
     hits most of the tracks that are still possible is chosen.
 
     Args:
-        track: Track of the target.
+        track: TargetTrack of the target.
         library: Strikes of the whip.
         now: Time of the decision [s], on the track's clock, no sooner than its last frame.
         rng: Random generator for samples of the track.
@@ -80,7 +80,7 @@ def plan(
 
 def refresh(
     interception: Interception,
-    track: Track,
+    track: TargetTrack,
     library: Library,
     *,
     now: float,
@@ -88,7 +88,7 @@ def refresh(
     aim: bool = True,
     hit_radius: float = HIT_RADIUS,
     latency: float = LATENCY,
-    camera: Camera | None = None,
+    camera: TargetCamera | None = None,
     steps: int = 2,
     samples: int = 32,
 ) -> Interception:
@@ -132,7 +132,7 @@ def intercept(
     *,
     decide: float,
     rng: np.random.Generator,
-    camera: Camera | None = None,
+    camera: TargetCamera | None = None,
     motion: str = "auto",
     pivot: tuple[float, float] | None = None,
     update: str = "aim",
@@ -150,7 +150,7 @@ def intercept(
         decide: The first frame at or after this time is planned on [s]; while there is no plan, so is the next one that
             comes when the planner is free again.
         rng: As in `plan`.
-        camera: Its standard error is that of the frames; default: `Camera()`.
+        camera: Its standard error is that of the frames; default: `TargetCamera()`.
         motion, pivot: As in `fit_track`; what is chosen at the first plan is kept.
         update: Quantities that later frames change: `aim` (strike and t0), `time` (t0 alone), `none`.
         hit_radius, latency, horizon: As in `plan`.
@@ -169,7 +169,7 @@ def intercept(
     number("decide", decide)
     number("plan_time", plan_time, low=0)
     number("refresh_time", refresh_time, low=0)
-    camera = camera or Camera()
+    camera = camera or TargetCamera()
     chosen: Interception | None = None
     times, points, free = [], [], decide
     common = {"rng": rng, "hit_radius": hit_radius, "camera": camera if update == "aim" else None}
@@ -191,7 +191,7 @@ def intercept(
         yield chosen
 
 
-def _check(track: Track, now: float, hit_radius: float, latency: float) -> None:
+def _check(track: TargetTrack, now: float, hit_radius: float, latency: float) -> None:
     """What a plan and a refreshed one have in common."""
     checked_radius(hit_radius)
     number("latency", latency, low=0)

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
 
 from whiptool.errors import InputError
-from whiptool.interception.motions import GRAVITY, MOTIONS, Motion, find_motion
+from whiptool.interception.motions import GRAVITY, MOTIONS, TargetMotion, find_motion
 from whiptool.models.parameters import number
 
 LEAST = 3  # frames that a motion is chosen from
@@ -18,7 +18,7 @@ STEPS = 40  # of a fit, at most
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TargetTrack:
     """A target's motion as it is known.
 
     Args:
@@ -32,7 +32,7 @@ class Track:
         last: Time of the last frame that it was seen in [s]; -inf: it was given, not seen.
     """
 
-    motion: Motion
+    motion: TargetMotion
     numbers: np.ndarray
     covariance: np.ndarray
     epoch: float = 0.0
@@ -42,7 +42,7 @@ class Track:
     last: float = -np.inf
 
     @classmethod
-    def known(cls, motion: Motion, numbers: np.ndarray, *, epoch: float = 0.0) -> Track:
+    def known(cls, motion: TargetMotion, numbers: np.ndarray, *, epoch: float = 0.0) -> TargetTrack:
         """A motion without any doubt."""
         numbers = np.asarray(numbers, float)
         return cls(motion, numbers, np.zeros((len(numbers), len(numbers))), epoch)
@@ -93,7 +93,7 @@ class Track:
         """Numbers that are all still possible, (count, p)."""
         return rng.multivariate_normal(self.numbers, self.covariance, count, method="eigh", check_valid="ignore")
 
-    def after(self, t: np.ndarray, sigma: float) -> Track:
+    def after(self, t: np.ndarray, sigma: float) -> TargetTrack:
         """The same motion with the certainty that it will have once frames at times t (T,) are seen, too.
 
         To first order it does not depend on what they show. They are taken to be as wrong as those so far (`misfit`).
@@ -102,7 +102,7 @@ class Track:
         return replace(self, covariance=_inverse(_inverse(self.covariance) + J.T @ J))
 
 
-def derivatives(motion: Motion, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
+def derivatives(motion: TargetMotion, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Of a motion's positions at times (T,) by its numbers (p,), (T, 2, p), by central differences."""
     steps = 1e-5 * np.maximum(1.0, np.abs(numbers))
     moved = np.vstack([numbers + np.diag(steps), numbers - np.diag(steps)])
@@ -118,7 +118,7 @@ def fit_track(
     motion: str = "auto",
     pivot: tuple[float, float] | None = None,
     gravity: float = GRAVITY,
-) -> Track:
+) -> TargetTrack:
     """The motion behind noisy positions, by least squares over all of them (Levenberg-Marquardt).
 
     For the linear motions this is what a Kalman filter without process noise ends with; a pendulum is searched from
@@ -127,7 +127,7 @@ def fit_track(
     Where the residuals are larger than `sigma` says, because it is understated or because the target moves otherwise,
     the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1
     (Birge 1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself
-    grows differently from noise, so that this is a remedy for small ones; see `Track.warning`.
+    grows differently from noise, so that this is a remedy for small ones; see `TargetTrack.warning`.
 
     Args:
         t: Times of the frames [s], (T,), increasing. Gaps do no harm.
@@ -156,7 +156,7 @@ def fit_track(
     return min((_fit(x, t[seen], points[seen], sigma) for x in candidates), key=lambda track: track.bic)
 
 
-def _fit(motion: Motion, t: np.ndarray, points: np.ndarray, sigma: float) -> Track:
+def _fit(motion: TargetMotion, t: np.ndarray, points: np.ndarray, sigma: float) -> TargetTrack:
     epoch, p = float(t.mean()), len(motion.names)
     mean, weight = motion.loosely
     known = weight > 0
@@ -175,7 +175,7 @@ def _fit(motion: Motion, t: np.ndarray, points: np.ndarray, sigma: float) -> Tra
     J = slopes(best.x)
     J[: 2 * len(t)] /= _misfit(chi2, dof) ** 0.5  # what is known beforehand is not touched
     bic = chi2 + p * float(np.log(2 * len(t)))
-    return Track(motion, best.x, _inverse(J.T @ J), epoch, chi2, dof, bic, float(t[-1]))
+    return TargetTrack(motion, best.x, _inverse(J.T @ J), epoch, chi2, dof, bic, float(t[-1]))
 
 
 def _misfit(chi2: float, dof: int) -> float:

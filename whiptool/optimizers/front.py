@@ -17,7 +17,7 @@ RESOLUTION = 1e-3  # part of a criterion's range over the front that counts as n
 
 
 @dataclass(frozen=True, eq=False)
-class Front:
+class ParetoFront:
     """Hits that no other hit dominates, from the best by the first criterion to the best by the second.
 
     Args:
@@ -29,7 +29,7 @@ class Front:
     trials: tuple[Trial, ...]
 
     @classmethod
-    def of(cls, criteria: tuple[Criterion, Criterion], trials: Sequence[Trial]) -> Front:
+    def of(cls, criteria: tuple[Criterion, Criterion], trials: Sequence[Trial]) -> ParetoFront:
         """Return the front of what a search tried; of equal hits it holds the first.
 
         A hit that is better by one criterion by less than `RESOLUTION` of its range is left out: a micron is not worth

@@ -11,7 +11,7 @@ from scipy.stats import rankdata
 
 from whiptool.objective import Objective, Trial
 from whiptool.optimizers.constrained import Cap, descend
-from whiptool.optimizers.front import Front, oriented
+from whiptool.optimizers.front import ParetoFront, oriented
 from whiptool.optimizers.linear_steps import step_down
 
 BATCH = 64  # random strikes from which a front begins
@@ -105,16 +105,16 @@ def _nearby(objective: Objective, strike: np.ndarray, rng: np.random.Generator) 
     return objective.admissible(np.clip(nearby, lower, upper)[None])[0]
 
 
-def _front_with_gaps(objective: Objective, rng: np.random.Generator) -> Front:
+def _front_with_gaps(objective: Objective, rng: np.random.Generator) -> ParetoFront:
     """Return the front; while it is one hit, which is the best by both criteria, descend near it."""
     first, second = objective.criteria
-    while len((front := Front.of((first, second), objective.trials)).trials) < 2:
+    while len((front := ParetoFront.of((first, second), objective.trials)).trials) < 2:
         descend(objective, _nearby(objective, front.strikes[0], rng), second)
         descend(objective, _fresh(objective, rng), first)
     return front
 
 
-def _improve_ends(objective: Objective, front: Front) -> None:
+def _improve_ends(objective: Objective, front: ParetoFront) -> None:
     """Improve the best hits by each criterion by the other one."""
     spans = np.ptp(front.values, axis=0)
     for end, held in ((0, 0), (-1, 1)):
@@ -130,7 +130,7 @@ def _fresh(objective: Objective, rng: np.random.Generator) -> np.ndarray:
     return strikes[int(np.argmin([outcome.cost for outcome in objective.batch(strikes)]))]
 
 
-def _fill(objective: Objective, front: Front, tried: Counter[tuple[int, int]], rng: np.random.Generator) -> None:
+def _fill(objective: Objective, front: ParetoFront, tried: Counter[tuple[int, int]], rng: np.random.Generator) -> None:
     """Descend into the widest gap of a front."""
     steps = np.abs(np.diff(front.costs, axis=0))
     gaps = [(a.number, b.number) for a, b in zip(front.trials, front.trials[1:])]

@@ -29,7 +29,7 @@ from whiptool.limits.all_limits import Limits
 from whiptool.models import Model, load_model
 from whiptool.models.numbers import ASK_UNIT, LONGEST, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
-from whiptool.rl.task import Step, StrikeTask
+from whiptool.rl.task import StrikeTask, TaskStep
 from whiptool.rollout import CompiledRollout
 from whiptool.words import as_named
 
@@ -249,7 +249,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return _float32(obs), step.reward, step.hit, step.truncated, info
 
 
-def _info(task: StrikeTask, step: Step) -> dict[str, np.ndarray]:
+def _info(task: StrikeTask, step: TaskStep) -> dict[str, np.ndarray]:
     """The entries of `info` after a strike in every lane, (B, ...) each."""
     judged, goals = step.judged, task.goals
     near, velocity = judged.approach, np.where(judged.lost[:, None], 0.0, judged.approach.velocity)

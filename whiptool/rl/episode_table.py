@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from whiptool.rl.training import Episode
+from whiptool.rl.training import TrainingEpisode
 from whiptool.whole_files import append_whole, write_whole
 
 _OTHERS = ("losses", "held_out", "best")  # of an episode, in separate columns, or elsewhere
@@ -27,7 +27,7 @@ class EpisodeTable:
 
     def __init__(self, path: Path, losses: Sequence[str]) -> None:
         self.path = path
-        self.names = [*(f.name for f in fields(Episode) if f.name not in _OTHERS), *losses, *HELD_OUT]
+        self.names = [*(f.name for f in fields(TrainingEpisode) if f.name not in _OTHERS), *losses, *HELD_OUT]
 
     def cut(self, episodes: int) -> None:
         """Leave the first episodes; those after them will be made again."""
@@ -36,7 +36,7 @@ class EpisodeTable:
         if episodes and lines:
             self.names = lines[0].strip().split(",")  # an older version's run may lack columns
 
-    def add(self, episode: Episode) -> None:
+    def add(self, episode: TrainingEpisode) -> None:
         """Append an episode.
 
         Raises:

@@ -17,7 +17,7 @@ _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is bey
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrainingPlan:
     """How long to train (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
 
     Args:

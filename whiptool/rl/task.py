@@ -91,7 +91,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Step:
+class TaskStep:
     """Results of a batch of strikes, one per lane; B lanes.
 
     Args:
@@ -222,13 +222,13 @@ class StrikeTask:
         """Go on with the lanes of a mask (B,) alone."""
         self.goals, self.counts = self.goals.rows(lanes), self.counts[lanes]
 
-    def step(self, actions: np.ndarray) -> Step:
+    def step(self, actions: np.ndarray) -> TaskStep:
         """Strike once in every lane; actions (B, n_act), clipped to [-1, 1]."""
         judged = self.judge(self.to_strikes(actions), self.goals)
         self.n_strikes += len(actions)
         self.n_diverged += int(judged.diverged.sum())
         self.counts += 1
-        return Step(
+        return TaskStep(
             obs=self.look(judged, self.goals),
             reward=self.reward(judged.cost, judged.hit),
             truncated=~judged.hit & (self.counts >= self.strikes),

@@ -28,7 +28,7 @@ from whiptool.rl.policy import Policy
 from whiptool.rl.ppo import PPO
 from whiptool.rl.replay import Transitions
 from whiptool.rl.sac import SAC
-from whiptool.rl.settings import Plan, Settings
+from whiptool.rl.settings import Settings, TrainingPlan
 from whiptool.rl.task import StrikeTask
 from whiptool.rl.td3 import TD3
 from whiptool.whole_files import write_whole
@@ -43,7 +43,7 @@ LOSSES = {
 
 
 @dataclass(frozen=True)
-class Episode:
+class TrainingEpisode:
     """Results of one episode.
 
     Args:
@@ -104,7 +104,7 @@ class Training:
         InputError: Hindsight is asked of a learner without replay, or under an observation without the target.
     """
 
-    def __init__(self, learner: Learner, task: StrikeTask, plan: Plan, held_out: Goals | None = None) -> None:
+    def __init__(self, learner: Learner, task: StrikeTask, plan: TrainingPlan, held_out: Goals | None = None) -> None:
         if plan.hindsight and (not isinstance(learner, OffPolicyLearner) or task.observation != "goal"):
             raise InputError(
                 "hindsight",
@@ -118,11 +118,11 @@ class Training:
 
     def run(
         self,
-        on_episode: Callable[[Episode], None] | None = None,
+        on_episode: Callable[[TrainingEpisode], None] | None = None,
         *,
         episodes: int | None = None,
         max_seconds: float | None = None,
-    ) -> list[Episode]:
+    ) -> list[TrainingEpisode]:
         """Train to the plan's end, or for some episodes, or until the time is up.
 
         Raises:
@@ -136,7 +136,7 @@ class Training:
                 on_episode(seen[-1])
         return seen
 
-    def episode(self) -> Episode:
+    def episode(self) -> TrainingEpisode:
         """One strike in every lane, then as many updates."""
         task, lanes = self.task, self.plan.trials
         explore = self.done < self.plan.random_episodes
@@ -162,7 +162,7 @@ class Training:
         self.obs = task.renew(step.obs, over, fresh.rows(over))
         self.done += 1
         held_out = self._score()
-        return Episode(
+        return TrainingEpisode(
             number=self.done,
             strikes=self.done * lanes,
             mean_reward=float(step.reward.mean()),
