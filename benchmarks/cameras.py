@@ -30,11 +30,11 @@ from whiptool.identification.results import Fit
 from whiptool.impedance import Controller, constant_preset
 from whiptool.models import Model, WhipProfile, preset
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.recording.space_camera import SpaceCamera, looking_at
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.rollout.trajectory import Trajectory
 from whiptool.vision.camera_model import expose
 from whiptool.vision.space_view import SpaceView, track_view
 

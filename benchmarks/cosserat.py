@@ -35,12 +35,12 @@ from whiptool.goals.target import TARGET
 from whiptool.impedance import Controller, constant_preset
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import WhipProfile, preset
+from whiptool.models.closest import closest_on_curve
 from whiptool.models.robots import rope
 from whiptool.models.strike import default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
-from whiptool.rollout.trajectory import Trajectory
 from whiptool.runs import RunFolder, code_version
 from whiptool.whole_files import write_whole
 

@@ -48,10 +48,10 @@ from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model, preset
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.trajectory import Trajectory
 from whiptool.whole_files import write_whole
 
 FREE = ("whip.k", "whip.b", "whip.m")

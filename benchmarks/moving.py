@@ -40,8 +40,8 @@ from whiptool.interception.motions import GRAVITY, PendulumMotion, TargetMotion,
 from whiptool.interception.planning import HORIZON, LATENCY, PLAN_TIME, intercept, plan
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.models import preset
+from whiptool.models.closest import closest_on_segments
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.closest import closest_on_segments
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
 ZONE = Disc((1.2, 0.0), 0.3)

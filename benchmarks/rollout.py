@@ -26,9 +26,9 @@ from whiptool.impedance import OIAC_PRESETS, ConstantImpedance, Controller
 from whiptool.impedance.arm import Arm
 from whiptool.models import preset
 from whiptool.models.strike import T_STAY, Strike, default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.trajectory import Trajectory
 
 MODEL = preset("lemon2024")
 CONTROLLERS = {"constant": Controller(ConstantImpedance())} | {

@@ -34,10 +34,10 @@ from whiptool.impedance import Controller, constant_preset, default_controller
 from whiptool.impedance.arm import Arm
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, WhipProfile, preset
+from whiptool.models.closest import closest_on_segments
 from whiptool.models.robots import rope
 from whiptool.models.strike import T_STAY, Strike, default_bounds
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.closest import closest_on_segments
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.threads import cores
 

@@ -19,9 +19,9 @@ from whiptool.goals.zone import Region
 from whiptool.identification.pendulum_files import read_angles
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.tables import read_toml
+from whiptool.models.trajectory import Trajectory
 from whiptool.optimizers.library import StrikeLibrary
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout import Trajectory
 
 
 def some_trajectory(T: int = 5) -> Trajectory:

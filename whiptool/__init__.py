@@ -32,7 +32,7 @@ _HOMES = {
     "oiac_preset": "impedance",
     "CompiledRollout": "rollout",
     "ReferenceRollout": "rollout",
-    "Trajectory": "rollout",
+    "Trajectory": "models",
     "Objective": "objective",
     "Outcome": "objective",
     "Target": "goals.target",
@@ -82,6 +82,7 @@ if TYPE_CHECKING:
         Model,
         Strike,
         StrikeBounds,
+        Trajectory,
         WhipParameters,
         WhipProfile,
         default_bounds,
@@ -96,7 +97,7 @@ if TYPE_CHECKING:
     from whiptool.recording import StrikeRecording, read_recording
     from whiptool.references import citations
     from whiptool.rl.environment import WhipEnv
-    from whiptool.rollout import CompiledRollout, ReferenceRollout, Trajectory
+    from whiptool.rollout import CompiledRollout, ReferenceRollout
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
     from whiptool.viz.plots import plot_distance, plot_strike, plot_tip_speed, plot_torque, plot_tracking

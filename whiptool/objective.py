@@ -23,8 +23,8 @@ from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import array_of
 from whiptool.models.parameters import number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.rollout.interface import Rollout
-from whiptool.rollout.trajectory import Approach, Trajectory
 from whiptool.words import counted
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make

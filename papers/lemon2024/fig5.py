@@ -11,7 +11,7 @@ from papers.context import Context
 from papers.lemon2024.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, compared
 from whiptool import Disc, Objective, Target, Trajectory, search
 from whiptool.comparison import Scene
-from whiptool.rollout.trajectory import joint_points
+from whiptool.models.kinematics import joint_points
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted

@@ -12,8 +12,8 @@ from papers.nah2023.nearest import BESIDE
 from papers.nah2023.statistics import LEVEL, share_nearer
 from papers.nah2023.units import STAY, simulator
 from whiptool import Trajectory
+from whiptool.models.kinematics import joint_points
 from whiptool.models.robots import NAH2023
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.report import Picture, Section, Table, Text
 
 REACH = NAH2023.reach

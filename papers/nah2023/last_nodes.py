@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from whiptool import CompiledRollout, Trajectory
+from whiptool.models.closest import Points
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.strike import T_STAY
+from whiptool.models.trajectory import Approach
 from whiptool.rollout.interface import Rollout, Strikes
-from whiptool.rollout.points import Points
-from whiptool.rollout.trajectory import Approach
 
 
 class LastNodes(Rollout):

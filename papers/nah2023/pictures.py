@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from papers.nah2023 import published
 from papers.nah2023.claims import PLANAR
 from whiptool import Trajectory
+from whiptool.models.kinematics import joint_points
 from whiptool.models.robots import NAH2023
 from whiptool.models.strike import strike_names
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.words import counted
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool import CompiledRollout
 from whiptool.models.strike import strike_names
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 _INTERVAL = 1e-3  # [s] at which derivatives are taken; in between they change linearly
 

@@ -19,8 +19,8 @@ from whiptool import CompiledRollout, Model, Strike, StrikeRecording, Target, Tr
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.models.closest import closest_on_curve
 from whiptool.models.strike import T_STAY
-from whiptool.rollout.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, TipPaths, hand_path
 
 ROPE = "rope"

@@ -21,7 +21,7 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 PUSH = np.array([[0.3, -0.1, 0.4, 0.2, 0.0], [0.0, 0.2, -0.1, 0.5, 0.0]])  # of a strike's numbers on the tip [m]
 LONGER = np.array([0.3, 0.4])  # of the logarithm of the whip's length [m]

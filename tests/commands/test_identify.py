@@ -19,13 +19,13 @@ from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.models import preset, read_model, write_model
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.recording.readers import open_video, read_recording
 from whiptool.recording.readers.tracks import write_csv
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
 
 LEMON, TARGET = preset("lemon2024"), (1.3, 0.0)

@@ -11,10 +11,10 @@ import pytest
 from whiptool.commands import identify
 from whiptool.impedance import Controller
 from whiptool.models import preset
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike
 from whiptool.recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 
 STRIKE = Strike((-1.0, 0.4), (1.0, 0.6), 0.6)
 MARKERS = {"handle": 2, "node6": 8, "tip": 14}  # points of the chain

@@ -19,7 +19,7 @@ from whiptool.models import JointLimits, Strike, preset
 from whiptool.models.files import write_model
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import StrikeBounds
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 
 STRIKE = ["--strike", "-1.2", "0.9", "1.2", "0.3", "0.7"]
 UR5E = [

@@ -14,8 +14,8 @@ from command_line import assert_one_line, called
 from processes import HANG
 
 from whiptool.models import preset, read_model, write_model
+from whiptool.models.trajectory import Trajectory
 from whiptool.optimizers.trial_log import TrialLog
-from whiptool.rollout.trajectory import Trajectory
 
 KEYS = {
     "method",

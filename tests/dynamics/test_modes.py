@@ -22,9 +22,9 @@ from whiptool.impedance import OIAC, Controller, PositionControl
 from whiptool.impedance.law import Law
 from whiptool.models.kinematics import rotation_about
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.models.planar_arm import in_space
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
-from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec

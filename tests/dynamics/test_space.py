@@ -30,8 +30,8 @@ from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC
 from whiptool.models.parameters import Model
+from whiptool.models.planar_arm import in_space
 from whiptool.models.presets import preset
-from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import Strike
 
 LARGE = [pytest.param(a, N, marks=pytest.mark.slow) for a, N in ((6, 10), (4, 25), (7, 20), (7, 23))]

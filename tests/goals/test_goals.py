@@ -17,7 +17,7 @@ from whiptool.goals.goals import (
     direction_error,
     probability_within,
 )
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 RADIUS, CONE, SPEED = 0.05, math.radians(10), 6.0
 

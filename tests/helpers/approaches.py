@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 
 def approaches(distance: np.ndarray, velocity: np.ndarray | None = None) -> Approach:

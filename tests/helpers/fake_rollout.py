@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from whiptool.models import preset
+from whiptool.models.trajectory import Approach
 from whiptool.rollout.interface import Rollout
-from whiptool.rollout.trajectory import Approach
 
 SPEED = 2.0  # [m/s]
 

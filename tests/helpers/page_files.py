@@ -24,12 +24,13 @@ from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.models import ArmLink, Model, preset, write_model
 from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.recording.camera_files import write_cameras
 from whiptool.recording.readers import write_csv
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.servo_replay import replay_trajectory
-from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.vision.camera_model import camera_preset
 
 MODEL, TARGET = preset("lemon2024"), (1.2, 0.1)

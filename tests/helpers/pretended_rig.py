@@ -25,7 +25,7 @@ class Pretend:
         return Judgement(0.5 / self.calls, 0.004, 1.0, Nearest(0.7, (1.0, 0.5), (3.0, 4.0)))
 
     def approach(self, target):
-        from whiptool.rollout.trajectory import Approach
+        from whiptool.models.trajectory import Approach
 
         two = np.zeros((1, 2))
         return Approach(np.array([0.5 / self.calls]), np.zeros(1), two, two, two, two, np.zeros(1, bool))

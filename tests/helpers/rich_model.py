@@ -10,7 +10,7 @@ import pytest
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 LEMON = preset("lemon2024")
 # code of scalars is generated as that of lanes is: its derivatives are compiled in the whole suite only

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Trajectory
 
 
 class ShortStrikes:

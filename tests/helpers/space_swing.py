@@ -8,9 +8,9 @@ import numpy as np
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model
 from whiptool.models.strike import Strike
-from whiptool.rollout import Trajectory
+from whiptool.models.trajectory import Trajectory
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.trajectory import complete_trajectory
 
 
 def swing(model: Model, *, seed: int = 0, instants: int = 301) -> Trajectory:
@@ -24,7 +24,7 @@ def swing(model: Model, *, seed: int = 0, instants: int = 301) -> Trajectory:
     controller = Controller(ConstantImpedance(tuple(map(tuple, gains)), tuple(map(tuple, gains / 10))))
     strike = Strike.from_vector([*rng.uniform(-0.5, 0.5, a), *rng.uniform(0.6, 1, a), 0.4])
     tau = 5 * np.sin(angle[:, :a])
-    return complete_trajectory(model, controller, strike, t=t, q=q, v=v, tau=tau, diverged=False)
+    return complete_trajectory(model, controller, strike, States(t, q, v, tau))
 
 
 def places(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,8 +42,8 @@ def test_stored_error_is_counted_from_the_first_instant():
     strike = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
     path = CompiledRollout(model, Controller(law), timestep=1e-3).trajectory(strike, t_stay=0.0)
     some = np.linspace(0, len(path.t) - 1, 6).astype(int)
-    names = ("t", "q", "v", "q_d", "v_d", "K", "B")
-    coarse = SimpleNamespace(**{name: np.array(getattr(path, name))[some] for name in names})
+    names = ("t", "q", "v", "q_d", "v_d", "tau", "K", "B", "tip", "tip_velocity")
+    coarse = replace(path, **{name: np.array(getattr(path, name))[some] for name in names})
     coarse.q[:, :2] += np.array([0.3, -0.2])
     arm = Arm(model)
     ends = []

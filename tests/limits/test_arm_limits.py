@@ -12,7 +12,7 @@ from whiptool.errors import InputError
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import JointLimits, preset
 from whiptool.models.free_hand import free_hand
-from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Trajectory
 
 TURNS = JointLimits(position=(-1.0, 3.0), velocity=2.0, torque=10.0)
 SPINS = JointLimits(velocity=4.0)  # for ever

@@ -13,7 +13,7 @@ from whiptool.errors import InputError
 from whiptool.limits.clearance import UNIT, Clearance
 from whiptool.models import preset
 from whiptool.models.kinematics import joint_points
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 
 UR5E = preset("ur5e")
 AHEAD = (0.0, -1.0, 1.5, -3.6, -1.5707963, 0.0)  # the stick level and forward

@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.limits.motor_limits import XM430, MotorLimits, limits_preset
-from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Trajectory
 
 MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=4.0)
 

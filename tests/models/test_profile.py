@@ -16,12 +16,12 @@ from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model, WhipParameters
 from whiptool.models.presets import preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 
 LEMON = preset("lemon2024")
 # Table 2 as a continuum: rho l = m, EI / l = k, eta / l = b

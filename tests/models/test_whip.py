@@ -47,7 +47,7 @@ def test_rows_of_any_kind_become_tuples(kind):
 @pytest.mark.parametrize(("joints", "per_node"), [("hinge", 1), ("universal", 2), ("rod", 2)])
 def test_a_node_bends_about_one_axis_in_the_plane_and_two_in_space(joints, per_node):
     whip = _whip(k=(0.1, 0.2, 0.3), joints=joints)
-    assert whip.joints_per_node == per_node
+    assert whip.kind.joints == per_node
     expected = [0.1, 0.2, 0.3] if per_node == 1 else [0.1, 0.1, 0.2, 0.2, 0.3, 0.3]
     np.testing.assert_array_equal(whip.per_joint("k"), expected)
 

@@ -14,6 +14,7 @@ from whiptool.limits.command_limits import CommandLimits
 from whiptool.models import preset
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds
+from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import METHODS, Status, find_method, search
 from whiptool.optimizers.genetic_search import fitness
@@ -21,7 +22,6 @@ from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import Rollout
-from whiptool.rollout.trajectory import Approach
 
 LEMON = preset("lemon2024")
 UNIT = StrikeBounds((0.0, 0.0, 0.0, 0.0, 0.5), (1.0, 1.0, 1.0, 1.0, 1.5))

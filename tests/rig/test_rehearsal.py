@@ -11,13 +11,13 @@ from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.limits.motor_limits import XM430, MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import Strike
+from whiptool.models.trajectory import Trajectory
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.guards import Guards
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import CHATTER, _chatter, _verdict, rehearse
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import Trajectory
 
 MODEL = preset("lemon2024")
 MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=4.0)

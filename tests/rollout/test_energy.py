@@ -12,11 +12,12 @@ from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
+from whiptool.models.kinematics import chain_motion, joint_points
 from whiptool.models.strike import Strike
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout import CompiledRollout, ReferenceRollout
-from whiptool.rollout.energy import energies, joint_velocities
+from whiptool.rollout.energy import energies
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.trajectory import Trajectory, joint_points
 
 STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
 LEMON = preset("lemon2024")
@@ -79,7 +80,7 @@ def test_velocities_are_the_rates_of_the_points():
     path = path_of(EVERYTHING, 1e-3)
     q, v, h = path.q[300:400], path.v[300:400], 1e-6
     rate = (joint_points(EVERYTHING, q + h * v) - joint_points(EVERYTHING, q - h * v)) / (2 * h)
-    velocities = joint_velocities(EVERYTHING, q, v)
+    velocities = chain_motion(EVERYTHING, q, v)[1]
     np.testing.assert_allclose(velocities, rate, atol=1e-7)
     np.testing.assert_allclose(velocities[:, -1], path.tip_velocity[300:400], atol=1e-12)
 
@@ -154,6 +155,6 @@ def test_velocities_in_space_are_the_rates_of_the_points(joints):
     path = CompiledRollout(model, STIFF, timestep=1e-3, engine="interpreter").trajectory(IN_SPACE, t_stay=0.1)
     q, v, h = path.q[300:400], path.v[300:400], 1e-6
     rate = (joint_points(model, q + h * v) - joint_points(model, q - h * v)) / (2 * h)
-    velocities = joint_velocities(model, q, v)
+    velocities = chain_motion(model, q, v)[1]
     assert velocities.shape == (100, model.arm.n + 1 + model.whip.N, 3)
     np.testing.assert_allclose(velocities, rate, atol=1e-7)

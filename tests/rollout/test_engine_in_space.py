@@ -16,8 +16,8 @@ from whiptool.impedance.controller import Controller
 from whiptool.impedance.oiac import OIAC
 from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
+from whiptool.models.planar_arm import in_space
 from whiptool.models.presets import preset
-from whiptool.models.spatial_arm import in_space
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.engine import RUNGS, find_engine

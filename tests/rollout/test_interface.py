@@ -15,10 +15,10 @@ from whiptool.models import Strike, StrikeBounds, preset
 from whiptool.models.free_hand import free_hand
 from whiptool.models.joint_space import check_turns
 from whiptool.models.strike import T_STAY
+from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import joined
-from whiptool.rollout.trajectory import Approach
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller(ConstantImpedance())
 TARGET = Target((1.1, 0.2))

@@ -14,12 +14,12 @@ from spatial_arms import ARMS, of_universal_nodes, random_arm, random_model
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller, constant_preset
 from whiptool.models import Model, Strike, in_space, preset
-from whiptool.models.kinematics import chain_motion, rotation_about
+from whiptool.models.kinematics import chain_motion, joint_points, rotation_about
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.mujoco_model import build_spec, export_xml
 from whiptool.rollout.reference import replay
-from whiptool.rollout.trajectory import complete_trajectory, joint_points
 
 
 def planar_model() -> Model:
@@ -123,7 +123,7 @@ def test_what_follows_from_states_is_what_the_rollout_recorded():
     strike = Strike((0, -1.5, 1.0, 0, 0.5, 0), (0.3, -1.0, 0.5, 0.2, 0.5, 0), 0.2)
     path = ReferenceRollout(model, controller, timestep=1e-4, integrator="implicitfast").trajectory(strike, t_stay=0.0)
     assert not path.diverged
-    again = complete_trajectory(model, controller, strike, t=path.t, q=path.q, v=path.v, tau=path.tau, diverged=False)
+    again = complete_trajectory(model, controller, strike, States(path.t, path.q, path.v, path.tau))
     np.testing.assert_allclose(again.tip, path.tip, atol=1e-12)
     np.testing.assert_allclose(again.tip_velocity, path.tip_velocity, atol=1e-11)
     slope = np.gradient(path.tip, path.t, axis=0)[1:-1]

@@ -15,10 +15,10 @@ from whiptool.goals.goals import Goals
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl, constant_preset, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds
+from whiptool.models.trajectory import Approach
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
 from whiptool.rollout.resolution import resolve
-from whiptool.rollout.trajectory import Approach
 
 OIAC = Controller(oiac_preset("table4"))
 ROBOT = preset("ur5e")

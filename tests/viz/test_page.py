@@ -15,9 +15,9 @@ from browser_pages import Elements, browser, chromium, count, picture, root_data
 from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.page import strike_data, strike_page
 
 LEMON, TARGET = preset("lemon2024"), Target((1.3, 0.0), 0.06)

@@ -14,10 +14,10 @@ from space_swing import swing
 from whiptool.dynamics import hanging_modes
 from whiptool.errors import InputError
 from whiptool.models import Model, WhipProfile, preset
-from whiptool.models.spatial_arm import in_space
-from whiptool.rollout import Trajectory
+from whiptool.models.kinematics import joint_points
+from whiptool.models.planar_arm import in_space
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.energy import Energies, energies
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz import plots_dynamics
 from whiptool.viz.posture import arm_and_whip
 

@@ -16,7 +16,7 @@ from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
 from whiptool.models import preset
-from whiptool.rollout import Trajectory
+from whiptool.models.trajectory import Trajectory
 from whiptool.viz import plots, plots_space
 from whiptool.viz.report import Picture
 

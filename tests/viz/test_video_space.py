@@ -9,8 +9,8 @@ from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.models.kinematics import joint_points
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz import video
 from whiptool.viz.animation import animate
 from whiptool.viz.camera import Camera

@@ -27,10 +27,10 @@ from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.limits.motor_limits import XM430
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import joint_points
 
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)

@@ -20,9 +20,9 @@ from whiptool.interception.planning import intercept, plan, refresh
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
+from whiptool.models.closest import closest_on_segments
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
-from whiptool.rollout.closest import closest_on_segments
 
 SIGMA = 0.005
 FRAMES = np.arange(31) / 60 - 0.5

@@ -17,10 +17,11 @@ from whiptool.identification.fit import FitOptions, predict
 from whiptool.identification.plant import Plant, slopes
 from whiptool.identification.predict import Predictor
 from whiptool.models import preset, write_model
+from whiptool.models.kinematics import joint_points
 from whiptool.models.profile import WhipProfile
+from whiptool.models.trajectory import Trajectory
 from whiptool.recording.readers.tracks import write_csv
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.vision.camera_model import camera_preset
 
 WHIP = Plant(preset("lemon2024")).with_nodes(4).model  # as long and heavy as lemon's, of four links

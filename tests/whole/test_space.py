@@ -15,8 +15,8 @@ from command_line import assert_one_line, called
 
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
+from whiptool.models.trajectory import Trajectory
 from whiptool.optimizers.trial_log import TrialLog
-from whiptool.rollout import Trajectory
 
 UR5E = ["--model", "ur5e"]
 NAH = ["--model", "nah2023", "--controller", "constant", "--timestep", "0.001"]

@@ -18,8 +18,8 @@ from whiptool.identification.plant import Plant
 from whiptool.limits.all_limits import Given
 from whiptool.models.parameters import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.models.trajectory import Approach
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import Approach
 from whiptool.strike_map.striker import Striker
 
 SURE = 0.25  # of the hit radius and the cone: a strike that misses all whips by no more is worth no better one

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.adaptation.plan_search import Effort, Search
-from whiptool.rollout.trajectory import Approach
+from whiptool.models.trajectory import Approach
 
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the limits that is kept free; more, where all strikes were refused
 CHECKED = 3  # strikes that are asked about before more is kept free

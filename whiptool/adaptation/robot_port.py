@@ -13,7 +13,6 @@ from typing import Any
 from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.errors import WhiptoolError
 from whiptool.goals.target import Target
-from whiptool.limits.arm_limits import limits_of
 from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
@@ -107,7 +106,7 @@ class RobotPort:
         """Write a strike's trajectory, and return its file."""
         arm = self.model.arm
         path = JointTrajectory.of_strike(
-            strike, arm.names, limits=limits_of(arm), rate=self.rate, rest=self.rest, t_stay=self.t_stay
+            strike, arm.names, limits=arm.joint_limits, rate=self.rate, rest=self.rest, t_stay=self.t_stay
         )
         path.save_goal(folder / f"{TRAJECTORY}.yaml")
         path.save_csv(folder / f"{TRAJECTORY}.csv")

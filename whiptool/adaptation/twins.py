@@ -15,7 +15,8 @@ import numpy as np
 from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
 from whiptool.errors import InputError, expect
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.parameters import ArmParameters, Model, SpatialArm, WhipParameters, whole
+from whiptool.models.parameters import Model, WhipParameters, whole
+from whiptool.models.planar_arm import AnyArm
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 
@@ -169,7 +170,7 @@ def _waves(x: np.ndarray, rng: np.random.Generator, size: float) -> np.ndarray:
     return np.exp(size * log * np.sqrt(2 / _SMOOTH))
 
 
-def _with_friction(model: Model, friction: np.ndarray) -> ArmParameters | SpatialArm:
+def _with_friction(model: Model, friction: np.ndarray) -> AnyArm:
     """The model's arm, with more friction in its joints."""
     named = model.parameters()
     added = {f"arm.friction[{i}]": x for i, x in enumerate(friction.tolist())}

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from whiptool.limits.all_limits import AllLimits
     from whiptool.models import Model, Strike
     from whiptool.models.strike import StrikeBounds
-    from whiptool.rollout.trajectory import Trajectory
+    from whiptool.models.trajectory import Trajectory
 
 
 def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
@@ -92,7 +92,7 @@ def _easiest_to_hold(
     import numpy as np
 
     from whiptool.impedance.arm import Arm
-    from whiptool.rollout.trajectory import Approach
+    from whiptool.models.trajectory import Approach
 
     a, arm = model.arm.n, Arm(model)
     q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])

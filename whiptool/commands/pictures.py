@@ -10,7 +10,7 @@ from whiptool.commands import cli
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models import Model
-    from whiptool.rollout import Trajectory
+    from whiptool.models.trajectory import Trajectory
     from whiptool.viz.picture_process import PictureProcess
 
 VIDEO = "strike.mp4"

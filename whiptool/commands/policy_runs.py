@@ -14,7 +14,7 @@ from whiptool.runs import CONFIG, read_config
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models import Model
-    from whiptool.rollout import Trajectory
+    from whiptool.models.trajectory import Trajectory
 
 T = TypeVar("T", bound=OptionGroup)
 

@@ -22,7 +22,7 @@ from whiptool.options import ControllerOptions, GoalOptions, JsonOptions, ModelO
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models import Model
-    from whiptool.rollout import Trajectory
+    from whiptool.models.trajectory import Trajectory
 
 T = TypeVar("T", bound=OptionGroup)
 TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
@@ -157,7 +157,7 @@ def read_strike(folder: Path) -> StrikeRun:
     """
     from whiptool.models.files import model_from_table
     from whiptool.models.tables import read_toml
-    from whiptool.rollout import Trajectory
+    from whiptool.models.trajectory import Trajectory
     from whiptool.runs import CONFIG
 
     config = read_toml(folder / CONFIG)

@@ -14,11 +14,12 @@ from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.integrator import GAMMA
 from whiptool.dynamics.rods import RodFrame, bend
 from whiptool.dynamics.serial_arm import ArmMotion, ArmPosture, Body, LedMotion, SerialArm, solve
-from whiptool.dynamics.structure import HINGES, Structure
+from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
 from whiptool.dynamics.turns import rotation_left, turned_by
 from whiptool.impedance.hand import SINGULAR
 from whiptool.impedance.law import LAWS
+from whiptool.models.whip import KINDS
 
 __all__ = ["ClosedLoop", "Structure", "closed_loop"]
 
@@ -56,7 +57,7 @@ class ClosedLoop(System):
         assert self.prescribed or not self.explicit
         self.n_inputs = structure.n_arm if self.held or self.prescribed else 0
         self.dimension = structure.dimension
-        self.hinges = HINGES[structure.joints]
+        self.hinges = KINDS[structure.joints].hinges
         self.parameters = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*self.parameters.values())
         self.link_columns = {

@@ -33,14 +33,13 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
     A whip that does not hang straight starts where weight and springs balance, found by Newton's method from straight
     down.
     """
-    a, rods = model.arm.n, model.whip.joints == "rod"
-    n = a + 3 * model.whip.N if rods else model.n
+    a, n, hinges = model.arm.n, model.coordinates, model.whip.kind.hinges
     q = np.zeros((len(q_i), n))
     q[:, :a] = q_i
-    if rods:
+    if not hinges:
         q[:, a + 2 :: 3] = -1
-    elif isinstance(model.arm, SpatialArm):
-        q[:, a : a + 2] = hanging_angles(model.arm, q_i)
+    elif model.dimension == 3:
+        q[:, a : a + 2] = hanging_angles(model.arm.in_space(), q_i)
     else:
         q[:, a] = -q_i.sum(axis=1)
     if hangs_straight(model):
@@ -101,10 +100,9 @@ def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.nd
     hinge = [structure.columns(name).start for name in springs]  # a spring at the hinge would bend the whip
     bent = {"rest_angle", "rest_angle_x"} & set(structure.optional)
     if hangs_straight(model) and not bent and not dp[:, hinge].any():
-        if structure.joints == "universal":
-            assert isinstance(model.arm, SpatialArm)
-            dq[:, a : a + 2] = _hanging_change(model.arm, q[:, :a], dq[:, :a])
-        elif structure.joints == "hinge":
+        if model.whip.kind.hinges and model.dimension == 3:
+            dq[:, a : a + 2] = _hanging_change(model.arm.in_space(), q[:, :a], dq[:, :a])
+        elif model.dimension == 2:
             dq[:, a] = -dp[:, :a].sum(axis=1)
         return dq  # rods hang down whatever the arm does
     change = _along(structure, q, p, dq, dp)[1]

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.dynamics.chain import PLANAR_AXIS
 from whiptool.dynamics.columns import Columns
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.position import PositionControl
@@ -17,13 +16,12 @@ from whiptool.models.hand_space import hand_layout
 from whiptool.models.joint_space import joint_layout
 from whiptool.models.parameters import ArmParameters, Model, SpatialArm
 from whiptool.models.spatial_arm import MOMENTS, XYZ
+from whiptool.models.whip import KINDS
 
 # generated only where used
 PER_NODE = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness", "node_inertia")
 _ONE = ("drag_ratio", "hinge_mass")  # numbers of a whip, likewise
-_ARM = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}  # numbers of a link in space
 Matrix = tuple[tuple[float, ...], ...]
-HINGES = {"hinge": (PLANAR_AXIS,), "universal": ((1.0, 0.0, 0.0), PLANAR_AXIS), "rod": ()}  # axes, by kind of joint
 
 
 @dataclass(frozen=True)
@@ -44,9 +42,8 @@ class ArmShape:
     @classmethod
     def of(cls, model: Model, free: Sequence[str]) -> ArmShape:
         """The shape of a model's arm, with the terms of parameters named in `free`."""
-        arm = model.arm
-        assert isinstance(arm, SpatialArm)
-        used = {name: x != 0 for name, x in arm_numbers(arm).items()}
+        arm = model.arm.in_space()
+        used = {name: x != 0 for name, x in arm.numbers().items()}
         for quantity, i in (arm_column(name) for name in free if name in model.parameters() and name[:4] == "arm."):
             used[quantity][i] = True
         return cls(
@@ -69,12 +66,7 @@ def arm_column(name: str) -> tuple[str, int]:
     assert found is not None
     quantity, index, part = found.groups()
     parts = MOMENTS if quantity == "inertia" else XYZ
-    return quantity, _ARM.get(quantity, 3) * int(index or 0) + (parts.index(part) if part else 0)
-
-
-def arm_numbers(arm: SpatialArm) -> dict[str, np.ndarray]:
-    """Return the numbers of an arm in space by quantity, each flat."""
-    return {name: np.ravel(arm.per_link(name)) for name in _ARM} | {"hand_position": np.array(arm.hand_position)}
+    return quantity, SpatialArm.QUANTITIES.get(quantity, 3) * int(index or 0) + (parts.index(part) if part else 0)
 
 
 @dataclass(frozen=True)
@@ -144,7 +136,7 @@ class Structure:
     @property
     def n(self) -> int:
         """Number of coordinates: the arm's joints, then the whip's hinges, or three of each rod's direction."""
-        return self.n_arm + self.n_whip * {"hinge": 1, "universal": 2, "rod": 3}[self.joints]
+        return self.n_arm + self.n_whip * KINDS[self.joints].coordinates
 
     @property
     def strike_layout(self) -> dict[str, int]:
@@ -162,7 +154,9 @@ class Structure:
         if self.arm is None:
             blocks |= {f"arm.{name}": a for name in ArmParameters.QUANTITIES}
         else:
-            blocks |= {f"arm.{name}": a * size for name, size in _ARM.items()} | {"arm.hand_position": 3}
+            blocks |= {f"arm.{name}": a * size for name, size in SpatialArm.QUANTITIES.items()} | {
+                "arm.hand_position": 3
+            }
         blocks |= {f"whip.{name}": N for name in ("l", "m", "k", "b")}
         for name in self.optional:
             blocks[f"whip.{name}"] = 1 if name in _ONE else N
@@ -198,10 +192,7 @@ class Structure:
             Shape (B, n_parameters).
         """
         values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
-        if isinstance(model.arm, SpatialArm):
-            values |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
-        else:
-            values |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
+        values |= {f"arm.{name}": numbers for name, numbers in model.arm.numbers().items()}
         per_node = ("l", "m", "k", "b", *PER_NODE)
         values |= {f"whip.{name}": model.whip.per_node(name) for name in per_node}
         values |= {

@@ -14,8 +14,8 @@ from whiptool.dynamics.chain import Scalar
 from whiptool.dynamics.columns import Columns
 from whiptool.dynamics.records import Nothing
 from whiptool.dynamics.rods import RodFrame
-from whiptool.dynamics.structure import HINGES
 from whiptool.dynamics.system import Hand, Instant, Reaction, System
+from whiptool.models.whip import KINDS
 
 BASE = 7  # numbers that describe the base at one instant, in the order of `Base`
 SPATIAL_BASE = 21  # in space: its axes (9, column by column), and four vectors, see `SpatialSwing`
@@ -61,12 +61,12 @@ class SwingStructure:
     @property
     def coordinates(self) -> int:
         """Number of all links' coordinates."""
-        return self.n * (len(HINGES[self.joints]) or 3)
+        return self.n * KINDS[self.joints].coordinates
 
     @property
     def dimension(self) -> int:
         """2 in the plane, 3 in space."""
-        return 2 if self.joints == "hinge" else 3
+        return KINDS[self.joints].dimension
 
     @property
     def layout(self) -> dict[str, int]:
@@ -112,7 +112,7 @@ class Swing(System):
             raise NotImplementedError("a whip in space hangs from a hand whose motion is given")
         self.structure = structure
         self.n_links, self.dimension = structure.n, structure.dimension
-        self.hinges = HINGES[structure.joints]
+        self.hinges = KINDS[structure.joints].hinges
         self.n_inputs = (BASE if self.dimension == 2 else SPATIAL_BASE) if structure.moving else 0
         P = {name: ca.SX.sym(name, size) for name, size in structure.layout.items()}
         self.p = ca.vertcat(*P.values())

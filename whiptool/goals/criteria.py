@@ -14,9 +14,9 @@ from whiptool.errors import InputError
 from whiptool.goals.goals import Goals
 from whiptool.models.numbers import numbers
 from whiptool.models.strike import StrikeBounds
+from whiptool.models.trajectory import Approach
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.slopes import ApproachSlopes
-from whiptool.rollout.trajectory import Approach
 
 NOISE = 0.01  # [rad, s], usual standard deviation of each number of a strike
 

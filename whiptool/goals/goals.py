@@ -12,7 +12,7 @@ from whiptool.errors import InputError
 from whiptool.models.arrays import NoArray
 
 if TYPE_CHECKING:
-    from whiptool.rollout.trajectory import Approach
+    from whiptool.models.trajectory import Approach
 
 CLAIMED = 0.9  # probability from which a hit is claimed of a strike whose miss was measured
 CONE = math.radians(10.0)  # half-angle, as in "Point It, Strike It" (2026)

@@ -17,7 +17,7 @@ from whiptool.models.numbers import ASK_UNIT, LONGEST, array_of, metres, number,
 from whiptool.models.parameters import Model
 
 if TYPE_CHECKING:
-    from whiptool.rollout.trajectory import Approach
+    from whiptool.models.trajectory import Approach
 
 HIT_RADIUS = 0.06  # [m], Eq. 17
 LARGEST_RADIUS = 10.0  # [m] of a target to hit; what is larger was given in millimetres

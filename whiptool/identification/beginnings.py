@@ -18,8 +18,7 @@ from whiptool.errors import InputError
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Identifiable, Plant
 from whiptool.identification.predict import Predictor
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 
 GROSS = 0.3  # of the whip's length: farther off than whips are unlike
@@ -39,7 +38,7 @@ _UNITS = {  # factor that mends it
 }  # fmt: skip
 
 
-def check_joints(recording: StrikeRecording, arm: ArmParameters | SpatialArm) -> None:
+def check_joints(recording: StrikeRecording, arm: AnyArm) -> None:
     """Refuse a log of joints that cannot be the arm's.
 
     Raises:
@@ -48,7 +47,7 @@ def check_joints(recording: StrikeRecording, arm: ArmParameters | SpatialArm) ->
     t, q, name = recording.joints_t, recording.joints_q, f"{recording.called}: joints"
     if t is None or q is None or q.shape[1] != arm.n:
         return
-    turning = np.ones(arm.n) if isinstance(arm, ArmParameters) else np.array([x.kind == "revolute" for x in arm.links])
+    turning = arm.turns
     steps = np.diff(q, axis=0) * turning
     turns = np.round(steps / (2 * math.pi))
     for row, joint in np.argwhere((turns != 0) & (np.abs(steps - 2 * math.pi * turns) < _WRAP)):

@@ -25,7 +25,7 @@ from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.plant import Identifiable, Plant, Quantities
 from whiptool.impedance.controller import Controller
 from whiptool.models.free_hand import hand_joints
-from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
@@ -235,7 +235,7 @@ class SwingDrive(Drive):
         if kind in ("robot", "hand") and plant.model.dimension == 2:
             raise InputError("drive", kind, "joints, handle, command or passive, for a model in the plane")
         if plant.model.dimension == 3:
-            _check_in_space(kind, unknown=unknown, rods=whip.joints == "rod")
+            _check_in_space(kind, unknown=unknown, rods=not whip.kind.hinges)
         terms = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")
         used = {name for name in terms if whip.per_node(name).any()} | {"stiffness"}
         used |= {name for name in terms if any(name in f for f in free)}
@@ -283,14 +283,13 @@ class SwingDrive(Drive):
             )
         arm, t = plant.model.arm, recording.joints_t
         check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
-        if isinstance(arm, ArmParameters):
+        if arm.dimension == 2:
             self.start = float(t[0])
             return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
-        return self._in_space(recording, t, recording.joints_q, arm, h, options)
+        return self._in_space(recording, t, recording.joints_q, arm.in_space(), h, options)
 
     def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
-        arm, self.start = plant.model.arm, 0.0
-        assert isinstance(arm, SpatialArm)
+        arm, self.start = plant.model.arm.in_space(), 0.0
         return LaggedReference(_command(recording, plant, "joints or hand"), arm, self._instants(recording, h))
 
     def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:

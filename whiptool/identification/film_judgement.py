@@ -16,9 +16,9 @@ from scipy.special import logsumexp
 
 from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
+from whiptool.models.closest import closest_on_segments
 from whiptool.recording.filmed_approach import GAP, LEAST, nearest_frame
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.closest import closest_on_segments
 
 RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
 _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected

@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 from whiptool.dynamics.hand_motion import hand_motion
 from whiptool.dynamics.swing import BASE, SPATIAL_BASE
 from whiptool.errors import InputError
-from whiptool.models.parameters import ArmParameters, SpatialArm
+from whiptool.models.planar_arm import AnyArm
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
@@ -234,7 +234,7 @@ class MeasuredJoints:
         self,
         t: np.ndarray,
         q: np.ndarray,
-        arm: ArmParameters | SpatialArm,
+        arm: AnyArm,
         instants: np.ndarray,
         *,
         knots: float | None = None,
@@ -244,7 +244,7 @@ class MeasuredJoints:
             raise InputError(
                 "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
             )
-        width = BASE + 2 if isinstance(arm, ArmParameters) else SPATIAL_BASE + 3
+        width = BASE + 2 if arm.dimension == 2 else SPATIAL_BASE + 3
         _check_size(instants, knots or _spacing(t, max(_SAMPLES_A_KNOT)), arm.n, width)
         noise, near = _noise(q, arm), (t >= instants[0]) & (t <= instants[-1])
         knots = knots or cross_validated(t[near], q[near], noise, jerk=JOINT_JERK, at_rest=at_rest)
@@ -261,12 +261,11 @@ class MeasuredJoints:
         self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
 
 
-def _noise(q: np.ndarray, arm: ArmParameters | SpatialArm) -> np.ndarray:
+def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
     """Return each joint's noise in a log (S, a), from differences that no smooth motion has: one number for all joints
     that turn, and one for all that slide, (a,)."""
-    slides = np.array([isinstance(arm, SpatialArm) and arm.links[i].kind == "prismatic" for i in range(arm.n)])
     noise = np.empty(arm.n)
-    for kind in (slides, ~slides):
+    for kind in (~arm.turns, arm.turns):
         if kind.any():
             rough = np.median(np.abs(np.diff(q[:, kind], n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
             noise[kind] = max(rough, _FINEST)
@@ -311,10 +310,9 @@ class SpatialJointMotion(MeasuredJoints):
 
     def at(self, c: np.ndarray) -> Moved:
         """The motion with coefficients c (C,)."""
-        assert isinstance(self._arm, SpatialArm)
         a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
         joints = c.reshape(-1, a)
-        found = hand_motion(self._arm, *(basis @ joints for basis in self._bases))
+        found = hand_motion(self._arm.in_space(), *(basis @ joints for basis in self._bases))
         changes = np.empty((B.shape[2], a, *found.by_joints.shape[:2]))  # (size, a, I, 24)
         for i in range(a):
             changes[:, i] = np.einsum("kis,iok->sio", B, found.by_joints[..., i], optimize=True)

@@ -10,13 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
-from whiptool.dynamics.structure import arm_numbers
 from whiptool.errors import InputError, expect
 from whiptool.identification.units import unit_of
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.whip import WhipParameters
 
 _BESIDE_PROFILE = ("dry_friction", "friction_velocity", "drag_ratio", "cubic_stiffness")  # of the whip, not its profile
@@ -169,10 +167,7 @@ class Plant:
     def quantities(self) -> Quantities:
         """Numbers of arm, whip, gravity and law by block."""
         model, blocks = self.held, {}
-        if isinstance(model.arm, SpatialArm):
-            blocks |= {f"arm.{name}": numbers for name, numbers in arm_numbers(model.arm).items()}
-        else:
-            blocks |= {f"arm.{name}": model.arm.per_link(name) for name in ArmParameters.QUANTITIES}
+        blocks |= {f"arm.{name}": numbers for name, numbers in model.arm.numbers().items()}
         for name in _OF_WHIP:
             single = name in ("hinge_mass", "friction_velocity", "drag_ratio")
             blocks[f"whip.{name}"] = np.array([getattr(model.whip, name)]) if single else model.whip.per_node(name)

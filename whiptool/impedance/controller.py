@@ -19,6 +19,7 @@ from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_space import JointSpace, StrikePath
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import ArmParameters, Model, number
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class Controller(NoArray, instead="its parameters()"):
         """Whether the arm's joints are exactly on the reference, and no torque is computed from errors."""
         return isinstance(self.law, PositionControl)
 
-    def strike_space(self, arm: ArmParameters | SpatialArm) -> JointSpace | HandSpace:
+    def strike_space(self, arm: AnyArm) -> JointSpace | HandSpace:
         """Return the coordinates of strikes with this controller, joint space or hand space.
 
         Raises:
@@ -92,7 +93,7 @@ class Controller(NoArray, instead="its parameters()"):
         expect(ArmParameters, SpatialArm, arm=arm)
         return JointSpace(arm) if self.hand is None else hand_space(arm, self.hand, led=self.prescribed)
 
-    def check_fits(self, arm: ArmParameters | SpatialArm) -> None:
+    def check_fits(self, arm: AnyArm) -> None:
         """Refuse a controller that does not fit an arm.
 
         Raises:
@@ -101,7 +102,7 @@ class Controller(NoArray, instead="its parameters()"):
                 or `compensated` not one mass more.
         """
         expect(ArmParameters, SpatialArm, arm=arm)
-        if isinstance(arm, SpatialArm) and arm.weightless and not self.prescribed:
+        if arm.weightless and not self.prescribed:
             given = f"no inertia of what {', '.join(arm.weightless)} moves"
             fix = "give --controller position, for which it does not matter, or write an <inertial> into the file"
             raise InputError("arm", given, "an arm whose links' inertia is known, where torques move it", fix)

@@ -3,53 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
-
-
-@runtime_checkable
-class Tracked(Protocol):
-    """What the cost needs of a strike at T instants; a `Trajectory` has it. The arm's joints come first in q and v."""
-
-    @property
-    def t(self) -> np.ndarray:
-        """Times of the instants [s], (T,)."""
-        ...
-
-    @property
-    def q(self) -> np.ndarray:
-        """Joint positions [rad], (T, n)."""
-        ...
-
-    @property
-    def v(self) -> np.ndarray:
-        """Joint speeds [rad/s], (T, n)."""
-        ...
-
-    @property
-    def q_d(self) -> np.ndarray:
-        """Desired positions of the arm's joints [rad], (T, a)."""
-        ...
-
-    @property
-    def v_d(self) -> np.ndarray:
-        """Desired speeds [rad/s], (T, a)."""
-        ...
-
-    @property
-    def K(self) -> np.ndarray:
-        """Stiffness [N m/rad], (T, a, a)."""
-        ...
-
-    @property
-    def B(self) -> np.ndarray:
-        """Damping [N m s/rad], (T, a, a)."""
-        ...
+from whiptool.models.trajectory import Trajectory
 
 
 @dataclass(frozen=True, repr=False)
@@ -69,7 +29,7 @@ class Cost:
 
 
 def impedance_cost(
-    trajectory: Tracked,
+    trajectory: Trajectory,
     model: Model,
     *,
     D: float,
@@ -92,7 +52,7 @@ def impedance_cost(
     from whiptool.impedance.arm import Arm
 
     expect(Model, model=model)
-    expect(Tracked, trajectory=trajectory)
+    expect(Trajectory, trajectory=trajectory)
     D, beta = number("D", D, low=0, strict=True), number("beta", beta)
     a = trajectory.q_d.shape[1]
     for name, Q in (("Q_K", Q_K), ("Q_B", Q_B)):

@@ -7,7 +7,6 @@ from whiptool.impedance.constant import constant_preset
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.position import PositionControl
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import is_person
 
 
@@ -19,6 +18,6 @@ def default_controller(model: Model) -> Controller:
     closely.
     """
     expect(Model, model=model)
-    if not isinstance(model.arm, SpatialArm):
+    if model.dimension == 2:
         return Controller()
     return Controller(constant_preset("nah2023") if is_person(model.arm) else PositionControl())

@@ -13,8 +13,7 @@ from whiptool.errors import InputError
 from whiptool.impedance.constant import ConstantImpedance
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.numbers import number
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -54,7 +53,7 @@ class HandControl:
 
 
 @lru_cache(maxsize=32)
-def hand_space(arm: ArmParameters | SpatialArm, hand: HandControl, *, led: bool) -> HandSpace:
+def hand_space(arm: AnyArm, hand: HandControl, *, led: bool) -> HandSpace:
     """Return the space of an arm's hand strikes, made once.
 
     Args:

@@ -12,7 +12,6 @@ from whiptool.interception.library import Library
 from whiptool.interception.tracks import TargetTrack
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
-from whiptool.rollout.closest import closest_on_segments
 
 FINE = 1000.0  # [1/s] of the paths that plans are judged on
 

@@ -16,7 +16,7 @@ from whiptool.models.joint_space import AnyStrike
 from whiptool.models.mount import default_floor
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
-from whiptool.rollout.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.words import as_named
 
 

@@ -5,34 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.command_limits import ROUNDING, CommandLimits
-from whiptool.limits.motor_limits import Motion, Peaks
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, limit_unit
+from whiptool.models.planar_arm import AnyArm
+from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.torque_rate import torque_rates
-
-
-class Extremes(Peaks, Protocol):
-    """Largest speeds and torques, and the range of positions; an `Approach` has them."""
-
-    @property
-    def positions(self) -> np.ndarray | None:
-        """Lowest and highest position of each joint [rad or m], (2, a) or (B, 2, a); None: not known."""
-        ...
-
+from whiptool.models.trajectory import Approach, Trajectory
 
 FOLLOWED, PRESCRIBED = 0.9, 1.0 - ROUNDING  # shares of the velocities that searches command
 _NAMES = ("position", "velocity", "torque")
-
-
-def limits_of(arm: ArmParameters | SpatialArm) -> tuple[JointLimits, ...]:
-    """Return the limits of each joint of an arm, (a,); of a planar arm none, ()."""
-    return tuple(link.limits for link in arm.links) if isinstance(arm, SpatialArm) else ()
 
 
 def _limited(joints: Sequence[JointLimits]) -> bool:
@@ -72,7 +57,7 @@ class ArmLimits:
             raise InputError("limits", "none", "an arm whose joints have limits")
 
     @classmethod
-    def of(cls, arm: ArmParameters | SpatialArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:
+    def of(cls, arm: AnyArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:
         """Return the limits of an arm.
 
         Args:
@@ -83,15 +68,15 @@ class ArmLimits:
         Raises:
             InputError: It has none, as planar arms; or the share is not in [0, 1).
         """
-        joints = tuple(joint.keeping_free(keep_free) for joint in limits_of(arm))
+        joints = tuple(joint.keeping_free(keep_free) for joint in arm.joint_limits)
         words = "the arm's limits" + (f", {keep_free:.0%} of them kept free" if keep_free else "")
-        slides = tuple(i for i, joint in enumerate(arm.joints) if joint in arm.slides)
+        slides = tuple(np.flatnonzero(~arm.turns).tolist())
         return cls(joints, words, PRESCRIBED if prescribed else FOLLOWED, slides)
 
     @staticmethod
-    def are_in(arm: ArmParameters | SpatialArm) -> bool:
+    def are_in(arm: AnyArm) -> bool:
         """Whether an arm has any."""
-        return _limited(limits_of(arm))
+        return _limited(arm.joint_limits)
 
     @property
     def command(self) -> CommandLimits:
@@ -131,7 +116,7 @@ class ArmLimits:
         beyond = np.maximum(low - q, q - high) / half  # -inf where there is no end
         return np.stack([np.maximum(1 + beyond, 0), np.abs(v) / velocity, np.abs(tau) / torque], axis=-2)
 
-    def violation(self, trajectory: Motion, *, margin: float = 0.0) -> float:
+    def violation(self, trajectory: Trajectory, *, margin: float = 0.0) -> float:
         """How far the worst instant of a trajectory lies beyond a limit, in parts of it; <= 0: within.
 
         Args:
@@ -143,22 +128,22 @@ class ArmLimits:
         worst = max(self._usage_of(trajectory).max(), self._rate_usage_of(trajectory)[1].max())
         return float(worst) - (1.0 - margin)
 
-    def violation_of_peaks(self, outcome: Extremes, *, margin: float = 0.0) -> np.ndarray:
+    def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
         """The same from what each joint does at most, which says all: each limit is of one quantity.
 
         Returns:
             One number per strike, (B,) for an Approach; infinite where positions are limited and not known.
         """
-        v, tau = np.asarray(outcome.max_joint_speed), np.asarray(outcome.max_torque)
-        positions = outcome.positions
+        v, tau = np.asarray(near.max_joint_speed), np.asarray(near.max_torque)
+        positions = near.positions
         if positions is None:
             unlimited = not np.isfinite([joint.position for joint in self.joints]).any()
             positions = np.full((*v.shape[:-1], 2, v.shape[-1]), 0.0 if unlimited else np.nan)
         at_both = (positions, *(np.stack([x, x], axis=-2) for x in (v, tau)))  # the lowest and the highest, (B, 2, a)
         worst = self.usage(*at_both).max(axis=(-3, -2, -1)) - (1.0 - margin)
-        return np.where(np.asarray(outcome.diverged) | ~np.isfinite(worst), np.inf, worst)
+        return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
-    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
         """The worst instant in words."""
         usage = self._usage_of(trajectory)
         t, of_rates, rates = self._rate_usage_of(trajectory)
@@ -179,11 +164,11 @@ class ArmLimits:
     def _effort(self, joint: int) -> str:
         return "force" if joint in self.slides else "torque"
 
-    def _usage_of(self, trajectory: Motion) -> np.ndarray:
+    def _usage_of(self, trajectory: Trajectory) -> np.ndarray:
         a = trajectory.tau.shape[1]
         return self.usage(trajectory.q[:, :a], trajectory.v[:, :a], trajectory.tau)
 
-    def _rate_usage_of(self, trajectory: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _rate_usage_of(self, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times (S,), what changes of torques use of their limits, and the changes [N m/s or N/s], (S, a)."""
         t, rates = torque_rates(trajectory.t, trajectory.tau) if self.of_candidates else _NO_RATES
         if not len(t):

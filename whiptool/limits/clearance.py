@@ -6,15 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.limits import motor_limits
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.trajectory import Approach, Trajectory
 
 if TYPE_CHECKING:
     from whiptool.limits.path_clearance import PathClearance
@@ -23,15 +22,6 @@ if TYPE_CHECKING:
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
 UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
-
-
-class Diverging(Protocol):
-    """What came of strikes; an `Approach`."""
-
-    @property
-    def diverged(self) -> np.ndarray | bool:
-        """Whether the simulation was given up, () or (B,)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -81,7 +71,7 @@ class Clearance:
     @staticmethod
     def is_of(model: Model) -> bool:
         """Whether a model's arm has capsules."""
-        return isinstance(model.arm, SpatialArm) and any(link.capsules for link in model.arm.links)
+        return model.dimension == 3 and any(link.capsules for link in model.arm.in_space().links)
 
     @property
     def words(self) -> str:
@@ -111,7 +101,7 @@ class Clearance:
 
     @cached_property
     def _smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
-        if not isinstance(self.model.arm, SpatialArm):
+        if self.model.dimension == 2:
             return ()
         from whiptool.limits.path_clearance import PathClearance
         from whiptool.models.hanging_whip import HangingWhip
@@ -119,7 +109,7 @@ class Clearance:
         path = PathClearance(self.model, self.floor, self.least)
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
 
-    def nearest(self, trajectory: motor_limits.Motion, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
+    def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
         """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
 
         Args:
@@ -142,21 +132,21 @@ class Clearance:
         found += [overlap] if overlap is not None and overlap.clearance < 0 else []
         return min(found, key=lambda x: x.clearance, default=None)
 
-    def violation(self, trajectory: motor_limits.Motion) -> float:
+    def violation(self, trajectory: Trajectory) -> float:
         """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
         if trajectory.diverged:
             return math.inf
         found = self.nearest(trajectory, enough=self.least)[0]
         return -math.inf if found is None else self._beyond(found)
 
-    def violation_of_peaks(self, outcome: Diverging) -> np.ndarray:
+    def violation_of_peaks(self, near: Approach) -> np.ndarray:
         """Return -1 for each strike, (B,), as peaks say nothing of distances; infinity where it diverged."""
-        return np.where(outcome.diverged, math.inf, -1.0)
+        return np.where(near.diverged, math.inf, -1.0)
 
     def _beyond(self, found: NearestPair) -> float:
         return (self.least - found.clearance) / UNIT
 
-    def explain(self, trajectory: motor_limits.Motion, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
         """Return in words what comes nearest to what."""
         found, at = self.nearest(trajectory)
         if found is None:
@@ -170,8 +160,7 @@ class Clearance:
             t: Times [s], (T,).
             q: Positions of its joints [rad or m], (T, a).
         """
-        in_space = isinstance(self.model.arm, SpatialArm)
-        found = self._nearest(q, self.least, self._scene_of_arm) if in_space else None
+        found = self._nearest(q, self.least, self._scene_of_arm) if self.model.dimension == 3 else None
         if found is None or self._beyond(found) <= 0:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,55 +13,8 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.words import as_named
-
-
-class Motion(Protocol):
-    """Positions, speeds and torques of a strike at T instants; a `Trajectory` has them."""
-
-    @property
-    def t(self) -> np.ndarray:
-        """Times of the instants [s], (T,)."""
-        ...
-
-    @property
-    def q(self) -> np.ndarray:
-        """Joint positions [rad or m], (T, n)."""
-        ...
-
-    @property
-    def v(self) -> np.ndarray:
-        """Joint speeds [rad/s], (T, n): those of the arm come first."""
-        ...
-
-    @property
-    def tau(self) -> np.ndarray:
-        """Torques of the arm's joints [N m], (T, a)."""
-        ...
-
-    @property
-    def diverged(self) -> bool:
-        """Whether the simulation was given up."""
-        ...
-
-
-class Peaks(Protocol):
-    """Largest speeds and torques of one strike or many; an `Outcome` and an `Approach` have them."""
-
-    @property
-    def max_joint_speed(self) -> np.ndarray | tuple[float, ...]:
-        """[rad/s], (a,) or (B, a)."""
-        ...
-
-    @property
-    def max_torque(self) -> np.ndarray | tuple[float, ...]:
-        """[N m], (a,) or (B, a)."""
-        ...
-
-    @property
-    def diverged(self) -> np.ndarray | bool:
-        """Whether the simulation was given up, () or (B,)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -145,7 +98,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         driving = np.maximum(v * np.sign(tau), 0.0) / self.no_load_speed
         return np.maximum(np.abs(tau) / self.stall_torque + driving, np.abs(v) / self.no_load_speed)
 
-    def violation(self, trajectory: Motion, *, margin: float = 0.0) -> float:
+    def violation(self, trajectory: Trajectory, *, margin: float = 0.0) -> float:
         """Return the excess of the worst instant of a trajectory over the line, relative to it; at most 0 within the
         limits.
 
@@ -158,7 +111,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         a = trajectory.tau.shape[1]
         return float(self.usage(trajectory.v[:, :a], trajectory.tau).max()) - (1.0 - margin)
 
-    def violation_of_peaks(self, outcome: Peaks, *, margin: float = 0.0) -> np.ndarray:
+    def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
         """Return the excess computed from the largest speed and the largest torque, which may occur at different
         instants.
 
@@ -167,11 +120,11 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         Returns:
             One number per strike: shape () for an Outcome, (B,) for an Approach.
         """
-        v, tau = np.asarray(outcome.max_joint_speed), np.asarray(outcome.max_torque)
+        v, tau = np.asarray(near.max_joint_speed), np.asarray(near.max_torque)
         worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - (1.0 - margin)
-        return np.where(np.asarray(outcome.diverged) | ~np.isfinite(worst), np.inf, worst)
+        return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
-    def explain(self, trajectory: Motion, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
         """The worst instant in words."""
         a = trajectory.tau.shape[1]
         v, tau = trajectory.v[:, :a], trajectory.tau

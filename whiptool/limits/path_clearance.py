@@ -7,7 +7,6 @@ import numpy as np
 from whiptool.models.kinematics import arm_poses
 from whiptool.models.parameters import Model
 from whiptool.models.scene import Scene
-from whiptool.models.spatial_arm import SpatialArm
 
 FRACTIONS = np.linspace(0.0, 1.0, 16)  # of the way, at which the arm is looked at
 SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for how joints depart from the command
@@ -25,9 +24,8 @@ class PathClearance:
     """
 
     def __init__(self, model: Model, floor: float | None = None, least: float = 0.0) -> None:
-        assert isinstance(model.arm, SpatialArm)
-        self._arm = model.arm
-        self._turns = np.array([link.kind == "revolute" for link in model.arm.links])
+        self._arm = model.arm.in_space()
+        self._turns = model.arm.turns
         self._scene = Scene(model, floor, ("close", "apart"))
         pairs = zip(self._scene.kinds, map(self._scene.links_of, self._scene.pairs), strict=True)
         of_pairs = [(0.0 if kind == "close" else least + SPARE, *links) for kind, links in pairs]

@@ -14,10 +14,11 @@ _HOMES = {
     "JointLimits": "spatial_arm",
     "SpatialArm": "spatial_arm",
     "SpatialLink": "spatial_arm",
-    "in_space": "spatial_arm",
+    "in_space": "planar_arm",
     "WhipProfile": "profile",
     "Strike": "strike",
     "StrikeBounds": "strike",
+    "Trajectory": "trajectory",
     "default_bounds": "strike",
     "PRESETS": "presets",
     "preset": "presets",
@@ -30,9 +31,11 @@ __all__ = list(_HOMES)
 if TYPE_CHECKING:
     from whiptool.models.files import load_model, read_model, write_model
     from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+    from whiptool.models.planar_arm import in_space
     from whiptool.models.presets import PRESETS, preset
     from whiptool.models.profile import WhipProfile
-    from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, in_space
+    from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
     from whiptool.models.strike import Strike, StrikeBounds, default_bounds
+    from whiptool.models.trajectory import Trajectory
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # presets and files are read where used

@@ -13,7 +13,7 @@ from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
 from whiptool.models.joint_space import FARTHEST_TURN
 from whiptool.models.mount import mounted
-from whiptool.models.planar_arm import ArmLink, ArmParameters
+from whiptool.models.planar_arm import AnyArm, ArmLink, ArmParameters
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 from whiptool.models.stick import with_stick
 from whiptool.models.tables import build_from
@@ -51,7 +51,7 @@ def _units_asked(arm: SpatialArm) -> SpatialArm:
     return dataclasses.replace(arm, notes=(*arm.notes, note)) if far else arm
 
 
-def arm_from_table(table: object, folder: Path) -> ArmParameters | SpatialArm:
+def arm_from_table(table: object, folder: Path) -> AnyArm:
     """Return the arm that a table describes: by its links, or by a robot's `file`, of which the table chooses a chain.
 
     Links in space have a `position`; those in the plane have none.
@@ -112,10 +112,10 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
     return with_stick(arm, **stick)
 
 
-def arm_to_table(arm: ArmParameters | SpatialArm) -> dict[str, Any]:
+def arm_to_table(arm: AnyArm) -> dict[str, Any]:
     """Return the arm as plain data; `arm_from_table` gives the same arm back."""
     table = _plain(dataclasses.asdict(arm))
-    for link in table["links"] if isinstance(arm, SpatialArm) else ():
+    for link in table["links"] if arm.dimension == 3 else ():
         limits = {name: value for name, value in link.pop("limits").items() if not _unlimited(value)}
         if limits:
             link["limits"] = limits

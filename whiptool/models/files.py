@@ -18,7 +18,7 @@ from whiptool.models.presets import PRESETS, preset, presets
 from whiptool.models.profile import WhipProfile
 from whiptool.models.robots import rope
 from whiptool.models.tables import build_from, read_toml
-from whiptool.models.whip import ABSENT, WhipParameters
+from whiptool.models.whip import WhipParameters
 from whiptool.whole_files import write_whole
 from whiptool.words import as_named
 
@@ -87,8 +87,8 @@ def _profile(table: object) -> WhipProfile:
 def model_to_table(model: Model) -> dict:
     """The model as nested plain data; `model_from_table` gives the same model back."""
     whip = {k: list(v) if isinstance(v, tuple) else v for k, v in dataclasses.asdict(model.whip).items()}
-    if model.whip.joints == "hinge":  # what is of space stays out of the plane
-        for name in ("joints", *ABSENT["hinge"]):
+    if model.dimension == 2:  # what is of space stays out of the plane
+        for name in ("joints", *model.whip.kind.absent):
             del whip[name]
     return {"name": model.name, "gravity": model.gravity, "whip": whip, "arm": arm_to_table(model.arm)}
 

@@ -17,8 +17,7 @@ from whiptool.models.hand_way import HandWay
 from whiptool.models.inverse_kinematics import HandKinematics
 from whiptool.models.joint_space import check_turns, refuse_far
 from whiptool.models.numbers import numbers
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import StrikeBounds, default_bounds
 
 EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
@@ -80,7 +79,7 @@ class HandSpace:
 
     def __init__(
         self,
-        arm: ArmParameters | SpatialArm,
+        arm: AnyArm,
         *,
         posture: Sequence[float] | None = None,
         orientation: bool = False,
@@ -150,7 +149,7 @@ class HandSpace:
         before, ahead = np.split(steps / _SAMPLES * 2 * self.arm.length, 2)
         turns = np.full(self.size - d, TURNED)
         low, high = home - np.r_[before, turns], home + np.r_[ahead, turns]
-        limited = isinstance(self.arm, SpatialArm) and any(np.isfinite(x.limits.velocity) for x in self.arm.links)
+        limited = any(np.isfinite(limits.velocity) for limits in self.arm.joint_limits)
         return StrikeBounds((*low, *low, _D[0] if limited else _FAST), (*high, *high, _D[1]))
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> HandStrike:
@@ -247,7 +246,7 @@ class HandSpace:
 
     def _beyond_limits(self, q: np.ndarray) -> np.ndarray:
         """How far postures (..., a) are beyond the joints' limits, in parts of half their ranges (...)."""
-        return self._per_joint(q).max(axis=-1) if isinstance(self.arm, SpatialArm) else np.zeros(q.shape[:-1])
+        return self._per_joint(q).max(axis=-1)
 
     def _refuse(self, found: _Found, vectors: np.ndarray) -> None:
         """Refuse the first strike that the arm cannot make.
@@ -271,15 +270,14 @@ class HandSpace:
         raise InputError("strike of the hand", f"({given})", rule)
 
     def _per_joint(self, q: np.ndarray) -> np.ndarray:
-        """The same of each joint of an arm in space, (..., a)."""
-        assert isinstance(self.arm, SpatialArm)
-        low, high = np.array([link.limits.position for link in self.arm.links]).T
+        """The same of each joint, (..., a); -inf where it has no limits."""
+        low, high = np.array([limits.position for limits in self.arm.joint_limits]).T
         half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
         return np.maximum(low - q, q - high) / half
 
 
 @lru_cache(maxsize=32)
-def home_posture(arm: ArmParameters | SpatialArm, *, orientation: bool = False) -> np.ndarray:
+def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
     """Return the posture near which an arm holds its hand unless another is given [rad or m], (a,).
 
     Of the postures whose joints are one or two steps of 45 degrees (of a fifth of the range, where that is less) away

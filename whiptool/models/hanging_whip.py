@@ -8,7 +8,6 @@ import numpy as np
 
 from whiptool.models.kinematics import arm_poses
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
 
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
@@ -26,9 +25,8 @@ class HangingWhip:
     """
 
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
-        assert isinstance(model.arm, SpatialArm)
-        self._arm, self._lowest = model.arm, floor + least + _depth(model)
-        self._turns = np.array([link.kind == "revolute" for link in model.arm.links])
+        self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
+        self._turns = model.arm.turns
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how far the whip reaches too low [m], (1,), <= 0 where it does not, and the derivatives (1, 2 a + 1).

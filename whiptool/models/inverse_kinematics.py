@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.models.parameters import ArmParameters
+from whiptool.models.kinematics import upright
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.rotations import rotation_of, rotation_vector, turning
-from whiptool.models.spatial_arm import SpatialArm, SpatialLink, in_space
+from whiptool.models.spatial_arm import SpatialLink
 
 STEPS = 8  # of the way from the given posture's pose
 NEWTON = 2  # iterations at each
@@ -82,10 +83,9 @@ class HandKinematics:
         upright: The hand's rotation in the given posture, (3, 3).
     """
 
-    def __init__(self, arm: ArmParameters | SpatialArm, posture: np.ndarray, *, orientation: bool = False) -> None:
+    def __init__(self, arm: AnyArm, posture: np.ndarray, *, orientation: bool = False) -> None:
         self.dimension, self.orientation, self.posture = arm.dimension, orientation, np.asarray(posture, float)
-        self._arm = arm if isinstance(arm, SpatialArm) else in_space(arm)
-        self._turns = np.array([link.kind == "revolute" for link in self._arm.links])
+        self._arm, self._turns = arm.in_space(), arm.turns
         self._links = [_Link.of(link) for link in self._arm.links]
         if arm.dimension == 2:
             rows = np.array([[1, 0, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 0, -1, 0]], float)
@@ -144,7 +144,7 @@ class HandKinematics:
     def poses(self, x: np.ndarray) -> HandPose:
         """Return where coordinates (..., m) have the hand; any rotation without orientation."""
         d = self.dimension
-        places = x[..., :3] if d == 3 else np.stack([x[..., 0], np.zeros_like(x[..., 0]), x[..., 1]], axis=-1)
+        places = upright(x[..., :d])
         if not self.orientation:
             return HandPose(places, None)
         turned = x[..., 3:]

@@ -10,8 +10,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.hand_strike import HandStrike
 from whiptool.models.numbers import array_of
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds, strike_names
 
 AnyStrike = Strike | HandStrike
@@ -106,7 +105,7 @@ class JointSpace:
         arm: Arm of a joints.
     """
 
-    def __init__(self, arm: ArmParameters | SpatialArm) -> None:
+    def __init__(self, arm: AnyArm) -> None:
         self.arm = arm
 
     @property
@@ -163,7 +162,7 @@ class JointSpace:
         check_turns(name, np.asarray(vectors)[..., :-1], self.arm)
 
 
-def check_turns(name: str, positions: Any, arm: ArmParameters | SpatialArm) -> None:
+def check_turns(name: str, positions: Any, arm: AnyArm) -> None:
     """Refuse positions that turn a joint farther than any arm does, as angles in degrees would.
 
     Args:

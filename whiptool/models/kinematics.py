@@ -9,8 +9,7 @@ import numpy as np
 
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
-
-UNIVERSAL = ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # axes of a universal node's hinges, in order
+from whiptool.models.whip import KINDS
 
 
 class MovingFrame(NamedTuple):
@@ -117,33 +116,45 @@ def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
 
     In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
     """
-    if model.dimension == 3:
-        return chain_motion(model, q)[0]
-    theta = np.cumsum(q, axis=-1)
-    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
-    steps = np.stack([l * np.sin(theta), -l * np.cos(theta)], axis=-1)
-    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
+    return chain_motion(model, q)[0]
+
+
+def upright(places: np.ndarray) -> np.ndarray:
+    """Return places in space (..., 3); those of the strike plane (..., 2) stand upright, y becoming z."""
+    return places if places.shape[-1] == 3 else np.insert(places, 1, 0.0, axis=-1)
 
 
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
 
     Args:
-        model: Model with an arm in space of a joints, and a whip of N nodes.
+        model: Model with an arm of a joints, and a whip of N nodes, in d dimensions.
         q: Joint positions: behind the arm's, those of universal nodes x1, y1, x2, y2, ..., (..., a + 2 N), or the
-            directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N).
+            directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N); in the plane those
+            of hinges, (..., a + N).
         v: How fast they change, like q; default: at rest.
 
     Returns:
-        Positions [m] and velocities [m/s], (..., a + 1 + N, 3): those of the joints, the hand, the nodes; last the tip.
+        Positions [m] and velocities [m/s], (..., a + 1 + N, d): those of the joints, the hand, the nodes; last the tip.
     """
-    assert isinstance(model.arm, SpatialArm)
-    a = model.arm.n
     v = np.zeros_like(q) if v is None else v
-    frames = arm_frames(model.arm, q[..., :a], v[..., :a])
+    if model.dimension == 2:
+        return _hinges(np.r_[model.arm.lengths, model.whip.per_node("l")], q, v)
+    a = model.arm.n
+    frames = arm_frames(model.arm.in_space(), q[..., :a], v[..., :a])
     points, velocities = (np.stack([getattr(f, part) for f in frames], axis=-2) for part in ("origin", "velocity"))
     nodes, speeds = whip_motion(model, frames[-1], q[..., a:], v[..., a:])
     return np.concatenate([points, nodes], axis=-2), np.concatenate([velocities, speeds], axis=-2)
+
+
+def _hinges(lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (..., n + 1, 2) of the ends of n links in the plane, q and v (..., n)."""
+    theta, omega = np.cumsum(q, axis=-1), np.cumsum(v, axis=-1)
+    steps = np.stack([lengths * np.sin(theta), -lengths * np.cos(theta)], axis=-1)
+    changes = (lengths * omega)[..., None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    start = np.zeros((*steps.shape[:-2], 1, 2))
+    points, velocities = (np.concatenate([start, np.cumsum(x, axis=-2)], axis=-2) for x in (steps, changes))
+    return points, velocities
 
 
 def whip_motion(
@@ -156,8 +167,11 @@ def whip_motion(
         hand: The hand's frame.
         q, v: Positions and speeds of the whip's joints, as in `chain_motion` behind the arm's; v's default: at rest.
     """
-    move = _rods if model.whip.joints == "rod" else _universal
-    return move(hand, model.whip.per_node("l"), q, np.zeros_like(q) if v is None else v)
+    v, lengths, hinges = np.zeros_like(q) if v is None else v, model.whip.per_node("l"), model.whip.kind.hinges
+    if not hinges:
+        return _rods(hand, lengths, q, v)
+    frames = hinged_frames(hand, lengths, hinges, q, v)
+    return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 
 def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -168,34 +182,31 @@ def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.nd
         origin, rotation: Origin and rotation of the hand's frame, (T, 3) and (T, 3, 3).
         q: Positions of the whip's joints, as in `chain_motion` behind the arm's.
     """
-    if model.whip.joints == "rod":
+    if not model.whip.kind.hinges:
         steps = q.reshape(len(q), -1, 3) * model.whip.per_node("l")[:, None]
         return origin[:, None] + np.cumsum(steps, axis=1)
     rest = np.zeros_like(origin)
     return whip_motion(model, MovingFrame(origin, rotation, rest, rest), q)[0]
 
 
-def universal_frames(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> list[MovingFrame]:
-    """Return the frame at each of N universal nodes.
+def hinged_frames(
+    hand: MovingFrame, lengths: np.ndarray, hinges: Sequence[Sequence[float]], q: np.ndarray, v: np.ndarray
+) -> list[MovingFrame]:
+    """Return the frame at each of N nodes on hinges.
 
     Args:
         hand: The frame of the hand, for states of any shape (...).
         lengths: Lengths of the links [m], (N,).
-        q, v: Positions and speeds of the hinges [rad, rad/s], (..., 2 N).
+        hinges: Axes of each node's h hinges, (h, 3).
+        q, v: Positions and speeds of the hinges [rad, rad/s], (..., h N).
     """
     frame, frames = hand, []
     for i, length in enumerate(lengths):
-        for j, axis in enumerate(UNIVERSAL, start=2 * i):
+        for j, axis in enumerate(hinges, start=len(hinges) * i):
             frame = frame.hinged(axis, q[..., j], v[..., j])
         frame = frame.carried((0.0, 0.0, -length))
         frames.append(frame)
     return frames
-
-
-def _universal(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities (..., N, 3) of nodes on universal joints, q and v (..., 2 N)."""
-    frames = universal_frames(hand, lengths, q, v)
-    return np.stack([f.origin for f in frames], axis=-2), np.stack([f.velocity for f in frames], axis=-2)
 
 
 def _rods(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -218,7 +229,7 @@ def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
         # behind both hinges a node points along (sin y, sin x cos y, -cos x cos y)
         p = np.einsum("...ji,...j->...i", frame.rotation, d / np.linalg.norm(d, axis=-1, keepdims=True))
         pair = np.stack([np.arctan2(p[..., 1], -p[..., 2]), np.arcsin(np.clip(p[..., 0], -1, 1))], axis=-1)
-        for j, axis in enumerate(UNIVERSAL):
+        for j, axis in enumerate(KINDS["universal"].hinges):
             frame = frame.hinged(axis, pair[..., j], rest)
         angles.append(pair)
     return np.concatenate(angles, axis=-1)

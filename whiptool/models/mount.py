@@ -13,7 +13,7 @@ from whiptool.models.capsules import Capsule, Point
 from whiptool.models.joint_space import refuse_far
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import numbers
-from whiptool.models.planar_arm import ArmParameters
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
@@ -74,22 +74,21 @@ def level_links(arm: SpatialArm) -> int:
     return arm.n
 
 
-def turns_as_a_whole(arm: ArmParameters | SpatialArm) -> bool:
+def turns_as_a_whole(arm: AnyArm) -> bool:
     """Whether an arm's first joint turns all of it about the vertical through the base."""
-    if not isinstance(arm, SpatialArm):
-        return False
-    first = arm.links[0]
+    first = arm.in_space().links[0]
     axis = np.array(first.rotation) @ np.array(first.axis)
     return first.kind == "revolute" and first.position[:2] == (0.0, 0.0) and bool(axis[2] == 1.0)
 
 
-def default_floor(arm: ArmParameters | SpatialArm) -> float | None:
+def default_floor(arm: AnyArm) -> float | None:
     """Return the height of the floor on which a robot stands, 0: that of its base; None: it does not stand on one.
 
     It does where the first joint that moves anything up or down is above the base, and not where that joint is at the
     base, as a person's shoulder is, next to it (on a wall) or below it (on a ceiling).
     """
-    if not isinstance(arm, SpatialArm) or (first := level_links(arm)) == arm.n:
+    arm = arm.in_space()
+    if (first := level_links(arm)) == arm.n:
         return None
     height = float(arm_frames(arm, np.zeros(arm.n))[first].origin[2])
     return 0.0 if height > _LEAST_HEIGHT else None

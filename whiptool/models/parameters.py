@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from whiptool.errors import InputError, expect, no_attribute
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import metres, number, numbers, whole
-from whiptool.models.planar_arm import ArmLink, ArmParameters
+from whiptool.models.planar_arm import AnyArm, ArmLink, ArmParameters
 from whiptool.models.resized import of_other_profile, resized
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.whip import ABSENT, PerNode, WhipParameters
+from whiptool.models.whip import KINDS, PerNode, WhipParameters
 
 __all__ = ["ArmLink", "ArmParameters", "Model", "PerNode", "SpatialArm", "WhipParameters", "number", "whole"]
 
@@ -30,7 +30,7 @@ class Model(NoArray, instead="its parameters()"):
     """
 
     whip: WhipParameters
-    arm: ArmParameters | SpatialArm
+    arm: AnyArm
     gravity: float = 9.81
     name: str = field(default="unnamed", compare=False)
 
@@ -42,12 +42,10 @@ class Model(NoArray, instead="its parameters()"):
         if not self.name.isprintable() or len(self.name) > LONGEST_NAME:
             raise InputError("name", self.name, f"one line of text, of at most {LONGEST_NAME} characters")
         metres("reach of arm and stretched whip", self.reach, strict=False)
-        bends = self.whip.joints
-        if isinstance(self.arm, SpatialArm):
-            if bends == "hinge":
-                raise InputError("whip.joints", bends, "universal or rod, for an arm in space")
-        elif bends != "hinge":
-            raise InputError("whip.joints", bends, "hinge, for an arm in the plane", "put the arm in space: in_space")
+        if self.whip.kind.dimension != self.dimension:
+            fitting = " or ".join(name for name, kind in KINDS.items() if kind.dimension == self.dimension)
+            where, fix = ("in space", "") if self.dimension == 3 else ("in the plane", "put the arm in space: in_space")
+            raise InputError("whip.joints", self.whip.joints, f"{fitting}, for an arm {where}", fix)
 
     if not TYPE_CHECKING:
 
@@ -63,12 +61,12 @@ class Model(NoArray, instead="its parameters()"):
     @property
     def n(self) -> int:
         """Number of joints: the arm's, then the whip's, one for each node in the plane and two in space."""
-        return self.arm.n + self.whip.N * self.whip.joints_per_node
+        return self.arm.n + self.whip.N * self.whip.kind.joints
 
     @property
     def coordinates(self) -> int:
         """Number of coordinates that a trajectory holds: as many as joints, but three for the direction of a rod."""
-        return self.arm.n + self.whip.N * (3 if self.whip.joints == "rod" else self.whip.joints_per_node)
+        return self.arm.n + self.whip.N * self.whip.kind.coordinates
 
     @property
     def coordinate_names(self) -> tuple[tuple[str, str], ...]:
@@ -76,10 +74,9 @@ class Model(NoArray, instead="its parameters()"):
 
         Of universal joints they are `whip[0][0]` and `whip[0][1]`, of rods `whip[0].x` to `whip[0].z`, without unit.
         """
-        suffixes = {"hinge": [""], "universal": ["[0]", "[1]"], "rod": [".x", ".y", ".z"]}[self.whip.joints]
-        unit = "1" if self.whip.joints == "rod" else "rad"
+        kind = self.whip.kind
         of_arm = [(joint, "m" if joint in self.arm.slides else "rad") for joint in self.arm.joints]
-        return (*of_arm, *((f"whip[{i}]{suffix}", unit) for i in range(self.whip.N) for suffix in suffixes))
+        return (*of_arm, *((f"whip[{i}]{ending}", kind.unit) for i in range(self.whip.N) for ending in kind.endings))
 
     @property
     def reach(self) -> float:
@@ -95,7 +92,7 @@ class Model(NoArray, instead="its parameters()"):
         named: dict[str, float] = {}
         for f in dataclasses.fields(self.whip):
             value = getattr(self.whip, f.name)
-            if f.name in ("N", "joints", *ABSENT[self.whip.joints]):
+            if f.name in ("N", "joints", *self.whip.kind.absent):
                 continue
             if isinstance(value, tuple):
                 named.update({f"whip.{f.name}[{i}]": v for i, v in enumerate(value)})

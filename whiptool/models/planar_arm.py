@@ -5,14 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
-from whiptool.models.joint_names import checked_joints, subscripts
+from whiptool.models.joint_names import checked_joints
 from whiptool.models.numbers import metres, number, numbers
+from whiptool.models.spatial_arm import JointedArm, JointLimits, SpatialArm, SpatialLink
+from whiptool.models.whip import PLANAR_AXIS
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class ArmLink(NoArray, instead="its numbers by name"):
 
 
 @dataclass(frozen=True)
-class ArmParameters(NoArray, instead="its per_link(name)"):
+class ArmParameters(JointedArm):
     """Serial planar arm, shoulder first.
 
     Args:
@@ -69,9 +71,9 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
 
     @property
-    def n(self) -> int:
-        """Number of joints of the arm."""
-        return len(self.links)
+    def joint_limits(self) -> tuple[JointLimits, ...]:
+        """Limits of each joint, (n,): none is limited."""
+        return (JointLimits(),) * self.n
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,25 +81,31 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         return self.joints
 
     @property
-    def slides(self) -> tuple[str, ...]:
-        """Names of the joints that slide: none."""
-        return ()
-
-    @property
     def weightless(self) -> tuple[str, ...]:
         """Names of the joints whose links' inertia is not known: none."""
         return ()
-
-    @property
-    def subscripts(self) -> tuple[str, ...]:
-        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
-        return subscripts(self.joints)
 
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,)."""
         if name not in list(self.QUANTITIES):
             raise InputError("name", name, ", ".join(self.QUANTITIES))
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
+
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Return the numbers of each of `QUANTITIES`, (n,)."""
+        return {name: self.per_link(name) for name in self.QUANTITIES}
+
+    def in_space(self) -> SpatialArm:
+        """Return the arm in space, its axes parallel to (0, -1, 0): x stays x, the plane's y becomes z."""
+        links, position = [], (0.0, 0.0, 0.0)
+        for link in self.links:
+            assert link.com is not None
+            assert link.inertia is not None
+            com = (0.0, 0.0, -link.com)
+            moments = (link.inertia, link.inertia, 0.0, 0.0, 0.0, 0.0)  # of a thin rod: none about itself
+            links.append(SpatialLink(link.mass, com, moments, PLANAR_AXIS, position, friction=link.friction))
+            position = (0.0, 0.0, -link.length)
+        return SpatialArm(tuple(links), self.joints, hand_position=position)
 
     @property
     def lengths(self) -> np.ndarray:
@@ -128,3 +136,11 @@ class ArmParameters(NoArray, instead="its per_link(name)"):
         known = self.parameters() | dict(changes)
         links = tuple(ArmLink(**{name: known[f"{name}[{i}]"] for name in self.QUANTITIES}) for i in range(self.n))
         return dataclasses.replace(self, links=links)
+
+
+AnyArm: TypeAlias = ArmParameters | SpatialArm
+
+
+def in_space(arm: AnyArm) -> SpatialArm:
+    """Return an arm in space: a planar one with its axes parallel to (0, -1, 0), x staying x and y becoming z."""
+    return arm.in_space()

@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.models.arrays import NoArray
 from whiptool.models.numbers import THICKEST, array_of, metres, number, numbers, whole
-from whiptool.models.whip import Joints, WhipParameters
+from whiptool.models.whip import KINDS, Joints, WhipParameters
 
 WAVES = 3  # of what a taper leaves out
 _GRADED = {  # taper and waves of each quantity that varies along a whip
@@ -150,7 +150,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free unless it is clamped.
         """
         N = whole("N", N)
-        if self.rest_curvature and joints != "hinge":
+        if self.rest_curvature and KINDS[joints].dimension == 3:
             raise InputError("rest_curvature", self.rest_curvature, "0 in space, where a bend has a direction, too")
         blocks = lump(self.numbers, N, clamped=clamped)
         per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}

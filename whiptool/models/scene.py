@@ -11,12 +11,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from whiptool.models.capsules import Capsule
-from whiptool.models.kinematics import arm_poses, joint_points, whip_places
+from whiptool.models.kinematics import arm_poses, whip_places
 from whiptool.models.mount import level_links
 from whiptool.models.parameters import Model
 from whiptool.models.segment_distances import nearest_points
 from whiptool.models.solids import Solids
-from whiptool.models.spatial_arm import BASE, SpatialArm
+from whiptool.models.spatial_arm import BASE
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
@@ -104,6 +104,7 @@ class Scene:
     bodies: list[_Body] = field(init=False)
 
     def __post_init__(self) -> None:
+        self._arm, self._flat = self.model.arm.in_space(), self.model.dimension == 2
         self.bodies = [_Body(name, link, capsule) for name, link, capsule in self._capsules_of_arm()]
         asked = (self.of,) if isinstance(self.of, str) else self.of
         if "whip" in asked:
@@ -130,22 +131,18 @@ class Scene:
 
     def _capsules_of_arm(self) -> list[tuple[str, int, Capsule]]:
         """Name, link and capsule of all that the arm consists of."""
-        arm = self.model.arm
-        if not isinstance(arm, SpatialArm):
-            points = [(0.0, 0.0, 0.0), *((0.0, 0.0, -float(l)) for l in arm.per_link("length"))]
-            return [
-                (f"the link of {joint}", i, Capsule(points[0], points[i + 1], 0.0))
-                for i, joint in enumerate(arm.joints)
-            ]
+        arm = self._arm
+        shapes = [link.capsules for link in arm.links]
+        if self._flat:
+            shapes = [(Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -float(l)), 0.0),) for l in self.model.arm.lengths]
         found = [("the base", _BASE, capsule) for capsule in arm.base]
-        for i, (joint, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
-            found += [(f"the link of {joint}", i, capsule) for capsule in link.capsules]
+        for i, (joint, of_link) in enumerate(zip(arm.joints, shapes, strict=True)):
+            found += [(f"the link of {joint}", i, capsule) for capsule in of_link]
         return found
 
     def _compared(self) -> Iterator[tuple[tuple[int, int], Of]]:
         """Yield the numbers of bodies that may be compared, and of which kind that is."""
-        arm, n = self.model.arm, len(self.bodies)
-        level = level_links(arm) if isinstance(arm, SpatialArm) else 0
+        n, level = len(self.bodies), level_links(self._arm)
         for i, body in enumerate(self.bodies):
             for j in range(i + 1, n):
                 kind = self._kind(body, self.bodies[j])
@@ -156,8 +153,8 @@ class Scene:
 
     def _kind(self, one: _Body, other: _Body) -> Of | None:
         """Return of which kind two bodies are that are compared, the whip's being the second; None: they are not."""
-        arm = self.model.arm
-        if not isinstance(arm, SpatialArm) or one.link == _WHIP:
+        arm = self._arm
+        if self._flat or one.link == _WHIP:
             return None
         if other.link == _WHIP:
             return "whip" if other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING else None
@@ -178,12 +175,8 @@ class Scene:
 
         They are its ends and, of the arm's bodies, one at the side of the first end along `Capsule.rotation`'s x.
         """
-        arm, a, T = self.model.arm, self.model.arm.n, len(q)
-        if not isinstance(arm, SpatialArm):
-            joints = joint_points(self.model, q)
-            joints = np.stack([joints[..., 0], np.zeros(joints.shape[:-1]), joints[..., 1]], axis=-1)
-            return _along(joints[:, : len(self.bodies) + 1], points)
-        origins, rotations = arm_poses(arm, q[:, :a])
+        a, T = self._arm.n, len(q)
+        origins, rotations = arm_poses(self._arm, q[:, :a])
         found = [np.empty((T, 0, points, 3))]
         for link, local in self._local.items():
             local = local[:, :points]

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from whiptool.models.arrays import NoArray
 from whiptool.models.capsules import Capsule, checked_capsules
 from whiptool.models.joint_names import checked_joints, subscripts
 from whiptool.models.numbers import metres, number, numbers
-from whiptool.models.planar_arm import ArmParameters
 
 Vector: TypeAlias = tuple[float, float, float]
 Matrix: TypeAlias = tuple[tuple[float, ...], ...]
@@ -207,7 +206,35 @@ def checked_rotation(name: str, given: object) -> Matrix:
 
 
 @dataclass(frozen=True)
-class SpatialArm(NoArray, instead="its per_link(name)"):
+class JointedArm(NoArray, instead="its per_link(name)"):
+    """What arms in the plane and in space have alike: rigid links in a row, each behind a named joint."""
+
+    links: tuple[Any, ...]
+    joints: tuple[str, ...] = ()
+
+    @property
+    def slides(self) -> tuple[str, ...]:
+        """Names of the joints that slide: none, unless an arm says otherwise."""
+        return ()
+
+    @property
+    def n(self) -> int:
+        """Number of joints of the arm."""
+        return len(self.links)
+
+    @property
+    def turns(self) -> np.ndarray:
+        """Which joints turn, (n,); the others slide."""
+        return np.array([joint not in self.slides for joint in self.joints])
+
+    @property
+    def subscripts(self) -> tuple[str, ...]:
+        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
+        return subscripts(self.joints)
+
+
+@dataclass(frozen=True)
+class SpatialArm(JointedArm):
     """Serial arm in space, its base at the origin: x forward, y to the left, z up.
 
     Args:
@@ -240,6 +267,7 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     dimension: ClassVar = 3
+    QUANTITIES: ClassVar = {"mass": 1, "com": 3, "inertia": 6, "position": 3, "friction": 1, "armature": 1}
 
     def __post_init__(self) -> None:
         links = tuple(self.links)
@@ -264,19 +292,24 @@ class SpatialArm(NoArray, instead="its per_link(name)"):
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property
-    def n(self) -> int:
-        """Number of joints of the arm."""
-        return len(self.links)
-
-    @property
     def slides(self) -> tuple[str, ...]:
         """Names of the joints that slide."""
         return tuple(joint for joint, link in zip(self.joints, self.links, strict=True) if link.kind == "prismatic")
 
     @property
-    def subscripts(self) -> tuple[str, ...]:
-        """Subscript of each joint in the strike's names; see `joint_names.subscripts`."""
-        return subscripts(self.joints)
+    def joint_limits(self) -> tuple[JointLimits, ...]:
+        """Limits of each joint, (n,)."""
+        return tuple(link.limits for link in self.links)
+
+    def in_space(self) -> SpatialArm:
+        """Return the arm itself."""
+        return self
+
+    def numbers(self) -> dict[str, np.ndarray]:
+        """Return the numbers of each of `QUANTITIES`, flat, and the hand's position."""
+        return {name: np.ravel(self.per_link(name)) for name in self.QUANTITIES} | {
+            "hand_position": np.array(self.hand_position)
+        }
 
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,) or, for one of more numbers, (n, ...)."""
@@ -383,17 +416,3 @@ def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, s
     if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= {*joints, BASE} for p in pairs):
         raise InputError("never_touch", given, f"pairs of the arm's joints, by their names, or {BASE} and one of them")
     return tuple((a, b) for a, b in pairs)
-
-
-def in_space(arm: ArmParameters) -> SpatialArm:
-    """Return a planar arm as one in space, its axes parallel to (0, -1, 0): x stays x, the plane's y becomes z."""
-    links, position = [], (0.0, 0.0, 0.0)
-    for link in arm.links:
-        assert link.com is not None
-        assert link.inertia is not None
-        moments = (link.inertia, link.inertia, 0.0, 0.0, 0.0, 0.0)  # of a thin rod: none about itself
-        links.append(
-            SpatialLink(link.mass, (0.0, 0.0, -link.com), moments, (0, -1, 0), position, friction=link.friction)
-        )
-        position = (0.0, 0.0, -link.length)
-    return SpatialArm(tuple(links), arm.joints, hand_position=position)

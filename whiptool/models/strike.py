@@ -14,6 +14,7 @@ from whiptool.errors import InputError, expect
 from whiptool.models.arrays import ArrayLike, Vector, made_of_numbers
 from whiptool.models.numbers import ends_and_duration, number, numbers, whole
 from whiptool.models.parameters import ArmParameters, Model
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
@@ -23,7 +24,7 @@ LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
 T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
 
 
-def strike_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
+def strike_names(arm: AnyArm) -> tuple[str, ...]:
     """Return the names of the strike's parameters, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
 
     Joints whose names begin with the same letter have their whole names in them: `q_shoulder_i`.
@@ -32,13 +33,13 @@ def strike_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
     return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
 
 
-def sliding_names(arm: ArmParameters | SpatialArm) -> tuple[str, ...]:
+def sliding_names(arm: AnyArm) -> tuple[str, ...]:
     """Return those of the strike's names whose numbers are positions of joints that slide [m]."""
     names = zip(strike_names(arm), (*arm.joints, *arm.joints), strict=False)  # all but D
     return tuple(name for name, joint in names if joint in arm.slides)
 
 
-def named_strike(strike: Strike, arm: ArmParameters | SpatialArm) -> dict[str, float]:
+def named_strike(strike: Strike, arm: AnyArm) -> dict[str, float]:
     """Return the strike's parameters by their names, angles in rad and D in s."""
     return dict(zip(strike_names(arm), map(float, strike.vector), strict=True))
 
@@ -178,12 +179,12 @@ _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow
 _D = (0.4, 1.5)  # [s]; none is printed
 
 
-def is_person(arm: ArmParameters | SpatialArm) -> bool:
+def is_person(arm: AnyArm) -> bool:
     """Whether an arm has the joints of the person's arm of Nah et al. 2023."""
     return arm.joints == _PERSON
 
 
-def default_bounds(arm: ArmParameters | SpatialArm | Model) -> StrikeBounds:
+def default_bounds(arm: AnyArm | Model) -> StrikeBounds:
     """Return the default bounds of strikes of an arm, or of a model's arm [rad or m], [s].
 
     For the planar arm of two joints the bounds are ours, because the paper prints none. For the human arm they are
@@ -195,19 +196,12 @@ def default_bounds(arm: ArmParameters | SpatialArm | Model) -> StrikeBounds:
     """
     arm = arm.arm if isinstance(arm, Model) else arm
     expect(ArmParameters, SpatialArm, arm=arm)
-    if isinstance(arm, SpatialArm):
-        found = _person_bounds() if is_person(arm) else _bounds_of_limits(arm)
-    else:
-        found = StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
-        found = found if arm.n == 2 else None
-    if found is None:
-        raise InputError(
-            "bounds",
-            "none",
-            f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})",
-            "give --lower and --upper",
-        )
-    return found
+    if arm.dimension == 3:
+        return _person_bounds() if is_person(arm) else _bounds_of_limits(arm)
+    if arm.n == 2:
+        return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
+    rule = f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})"
+    raise InputError("bounds", "none", rule, "give --lower and --upper")
 
 
 def _person_bounds() -> StrikeBounds:
@@ -216,8 +210,8 @@ def _person_bounds() -> StrikeBounds:
     return StrikeBounds((*lower, _D[0]), (*upper, _D[1]))
 
 
-def _bounds_of_limits(arm: SpatialArm) -> StrikeBounds:
-    low, high = np.array([link.limits.position for link in arm.links]).T
-    around = np.array([link.kind == "revolute" for link in arm.links]) & (high - low > 2 * PI)
+def _bounds_of_limits(arm: AnyArm) -> StrikeBounds:
+    low, high = np.array([limits.position for limits in arm.joint_limits]).T
+    around = arm.turns & (high - low > 2 * PI)
     low, high = np.where(around, -PI, low), np.where(around, PI, high)
     return StrikeBounds((*low, *low, _D[0]), (*high, *high, _D[1]))

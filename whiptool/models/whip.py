@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,9 +15,40 @@ from whiptool.models.numbers import metres, number, whole
 STEEPEST = math.pi / 2  # [rad] of a rest angle
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
-JOINTS = get_args(Joints)
-ABSENT = {"hinge": ("rest_angle_x",), "universal": (), "rod": ("rest_angle", "rest_angle_x", "node_inertia")}
-"""Quantities that joints of a kind do not have."""
+PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turns what hangs toward +x
+
+
+@dataclass(frozen=True)
+class JointKind:
+    """How a node of a whip bends.
+
+    Args:
+        dimension: 2 in the plane, 3 in space.
+        hinges: Axes of a node's hinges in order, in its frame; none: a rod, whose direction turns freely.
+        joints: A node's degrees of freedom.
+        endings: What the name of each of a node's coordinates in a trajectory ends with.
+        unit: Unit of these coordinates.
+        absent: Quantities of a whip that such joints do not have.
+    """
+
+    dimension: int
+    hinges: tuple[tuple[float, float, float], ...]
+    joints: int
+    endings: tuple[str, ...]
+    unit: str = "rad"
+    absent: tuple[str, ...] = ()
+
+    @property
+    def coordinates(self) -> int:
+        """Number of a node's coordinates in a trajectory: as many as hinges, or three of a rod's direction."""
+        return len(self.endings)
+
+
+KINDS: dict[str, JointKind] = {
+    "hinge": JointKind(2, (PLANAR_AXIS,), 1, ("",), absent=("rest_angle_x",)),
+    "universal": JointKind(3, ((1.0, 0.0, 0.0), PLANAR_AXIS), 2, ("[0]", "[1]")),
+    "rod": JointKind(3, (), 2, (".x", ".y", ".z"), "1", absent=("rest_angle", "rest_angle_x", "node_inertia")),
+}
 
 
 @dataclass(frozen=True)
@@ -107,9 +138,9 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         object.__setattr__(self, "friction_velocity", velocity)
         for name in ("hinge_mass", "drag_ratio"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
-        if self.joints not in JOINTS:
-            raise InputError("joints", self.joints, ", ".join(JOINTS))
-        for name in ABSENT[self.joints]:
+        if self.joints not in KINDS:
+            raise InputError("joints", self.joints, ", ".join(KINDS))
+        for name in self.kind.absent:
             if self.per_node(name).any():
                 untwisted = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
                 rule = untwisted if name == "rest_angle" else f"0 for joints of the kind {self.joints}"
@@ -124,9 +155,9 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
                 raise InputError(name, farthest, f"angles within {STEEPEST:.4g} rad of 0, which is 90 degrees", fix)
 
     @property
-    def joints_per_node(self) -> int:
-        """Number of a node's degrees of freedom: 1 in the plane, 2 in space."""
-        return 1 if self.joints == "hinge" else 2
+    def kind(self) -> JointKind:
+        """How its nodes bend."""
+        return KINDS[self.joints]
 
     def per_node(self, name: str) -> np.ndarray:
         """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""
@@ -140,7 +171,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     def per_joint(self, name: str) -> np.ndarray:
         """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
-        return np.repeat(self.per_node(name), self.joints_per_node)
+        return np.repeat(self.per_node(name), self.kind.joints)
 
     @property
     def clamped(self) -> bool:
@@ -171,7 +202,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
     def rest_angles(self) -> np.ndarray:
         """Angle of every joint at which its spring is slack [rad], shape (N,), or (2 N,) of nodes in space."""
         along = self.per_node("rest_angle")
-        return along if self.joints == "hinge" else np.stack([self.per_node("rest_angle_x"), along], axis=1).ravel()
+        return along if self.kind.joints == 1 else np.stack([self.per_node("rest_angle_x"), along], axis=1).ravel()
 
     @property
     def length(self) -> float:

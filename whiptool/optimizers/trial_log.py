@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import strike_names
 from whiptool.objective import RIG, Arrival, Outcome, Trial
 from whiptool.whole_files import append_whole, write_whole
@@ -42,7 +41,7 @@ class TrialLog:
     def __init__(
         self,
         path: Path,
-        arm: ArmParameters | SpatialArm,
+        arm: AnyArm,
         *,
         names: Sequence[str] | None = None,
         measured: bool = False,

@@ -210,15 +210,14 @@ class ModelOptions(WhipOptions):
     def _mounted(self, model: Model) -> Model:
         """The model with its base as `--base` says."""
         from whiptool.models.mount import MOUNT_RULE, mounted
-        from whiptool.models.spatial_arm import SpatialArm
 
         if self.base == ("floor",):
             return model
-        if not isinstance(model.arm, SpatialArm):
+        if model.dimension == 2:
             raise InputError("--base", self.base, "nothing but floor for an arm in the plane")
         try:
             angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
-            return replace(model, arm=mounted(model.arm, angles))
+            return replace(model, arm=mounted(model.arm.in_space(), angles))
         except InputError as error:
             raise error.renamed("--base") from None
         except ValueError:

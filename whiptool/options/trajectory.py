@@ -81,11 +81,11 @@ class TrajectoryOptions(OptionGroup):
         """
         if self.export_trajectory is None:
             return None
-        from whiptool.limits.arm_limits import ArmLimits, limits_of
+        from whiptool.limits.arm_limits import ArmLimits
         from whiptool.limits.clearance import Clearance
         from whiptool.models.joint_trajectory import JointTrajectory
 
-        limits = next((x.joints for x in given if isinstance(x, ArmLimits)), limits_of(model.arm))
+        limits = next((x.joints for x in given if isinstance(x, ArmLimits)), model.arm.joint_limits)
         options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
         found = JointTrajectory.of_strike(strike, model.arm.names, limits=limits, **options)
         slides = [joint in model.arm.slides for joint in model.arm.joints]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from whiptool.models.closest import closest_on_curve
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.closest import closest_on_curve
 
 GAP = 2.5  # usual distances of frames in time, beyond which some are missing
 LEAST = 4  # frames that a path is joined from, at least

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Phase
-from whiptool.rollout.trajectory import joint_points
 
 ENCODER = 2 * np.pi / 4096 / np.sqrt(12)  # [rad], standard error of an angle read to one count
 

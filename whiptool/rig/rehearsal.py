@@ -11,16 +11,17 @@ from whiptool.dynamics.stepping import FASTEST
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.limits.motor_limits import XM430, MotorLimits
-from whiptool.models.parameters import ArmParameters, Model
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.parameters import Model
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import Strike
+from whiptool.models.trajectory import Trajectory
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
 from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
-from whiptool.rollout.trajectory import Trajectory, complete_trajectory
+from whiptool.rollout.completed import States, complete_trajectory
 
 # A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
 CHATTER = 0.6
@@ -79,7 +80,7 @@ def rehearse(
     options, guards = options or LoopOptions(delay=0.0), guards or Guards()
     loop = CappedLoop(controller, Arm(model), strike, options.caps)
     played = _play(loop, believed or model, motor or Motor(), options)
-    trajectory = complete_trajectory(believed or model, controller, strike, **played)
+    trajectory = complete_trajectory(believed or model, controller, strike, States(**played))
     usage = limits.violation(trajectory) + 1.0
     chatter = _chatter(trajectory.tau)
     refused = _verdict(trajectory, usage, chatter, options, limits, guards, model.arm)
@@ -138,7 +139,7 @@ def _verdict(
     options: LoopOptions,
     limits: MotorLimits,
     guards: Guards,
-    arm: ArmParameters | SpatialArm,
+    arm: AnyArm,
 ) -> str | None:
     a, cure = arm.n, "cap K and B, raise the rate, or take a slower strike"
     if path.diverged or chatter > CHATTER:

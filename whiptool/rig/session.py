@@ -18,6 +18,7 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.recording.filmed_approach import approach_seen, tip_seen
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.control_loop import Clock, RigLoop, Run, StepClock, WallClock
@@ -29,8 +30,8 @@ from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
 from whiptool.rig.stop_signals import StopSignals
 from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
-from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
 from whiptool.vision.source import Frame
 
@@ -216,16 +217,8 @@ class TwinRig:
         if not _came_to_its_strike(run):
             return carried_out(Struck(run, None))
         keep = (moved["t"] >= began[0] - 1e-9) & (moved["t"] <= began[0] + strike.D + self.options.t_stay + 1e-9)
-        path = complete_trajectory(
-            truth.model,
-            self.controller,
-            strike,
-            t=moved["t"][keep] - began[0],
-            q=moved["q"][keep],
-            v=moved["v"][keep],
-            tau=moved["torque"][keep],
-            diverged=False,
-        )
+        t, q, v, tau = (moved[name][keep] for name in ("t", "q", "v", "torque"))
+        path = complete_trajectory(truth.model, self.controller, strike, States(t - began[0], q, v, tau))
         struck = Struck(run, _recorded(self, run, "twin", folder), path)
         if run.fault is None or run.fault.kind != "signal":
             struck = _seen(self, struck, signals, lambda: _recorded(self, run, "twin", folder, self._film(path)))

@@ -14,10 +14,10 @@ from matplotlib.patches import Circle, Patch
 
 from whiptool.goals.target import Target
 from whiptool.limits.motor_limits import XM430, MotorLimits
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.session import Struck
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.plots import COLORS, STYLE, legend_above, save_figure
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.words import counted

@@ -13,8 +13,8 @@ import numpy as np
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.goals import Goals, arrival_angles
 from whiptool.goals.zone import Zone, directions
+from whiptool.models.closest import closest_on_segments
 from whiptool.rl.task import StrikeTask
-from whiptool.rollout.closest import closest_on_segments
 
 RATE = 500.0  # [1/s] of the paths: within a millimetre of the tip, save that they may end 2 ms before the strike
 NEAR = (0.0, 0.5, 2.0)  # offsets of new goals from the path, in hit radii and in cones: hits, edges, near misses

@@ -21,11 +21,12 @@ from whiptool.goals.goals import Goals
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone, check_fits, usual_disc
 from whiptool.limits.all_limits import AllLimits, Limits, distance_beyond, limits_given
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
 
 OBSERVATIONS = ("tip", "relative", "goal")
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks

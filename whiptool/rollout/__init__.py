@@ -1,4 +1,4 @@
-"""Rollouts of strikes: the compiled engine, the reference in MuJoCo, and the trajectories that they return."""
+"""Rollouts of strikes: the compiled engine, and the reference in MuJoCo."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from whiptool.lazy_names import imported_when_used
 _HOMES = {
     "CompiledRollout": "compiled",
     "ReferenceRollout": "reference",
-    "Trajectory": "trajectory",
     "energies": "energy",
 }
 __all__ = list(_HOMES)
@@ -18,6 +17,5 @@ if TYPE_CHECKING:
     from whiptool.rollout.compiled import CompiledRollout
     from whiptool.rollout.energy import energies
     from whiptool.rollout.reference import ReferenceRollout
-    from whiptool.rollout.trajectory import Trajectory
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # CasADi and MuJoCo are imported where used

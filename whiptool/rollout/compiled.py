@@ -19,8 +19,10 @@ from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
 from whiptool.models.numbers import array_of, texts, whole
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.progress import Progress
 from whiptool.rollout.batch import Batch, Engine
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
     Points,
@@ -31,7 +33,6 @@ from whiptool.rollout.interface import (
 )
 from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve, stepped
 from whiptool.rollout.slopes import SLOPES, ApproachSlopes
-from whiptool.rollout.trajectory import Approach, Trajectory, complete_trajectory
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
@@ -401,17 +402,10 @@ class CompiledRollout(Rollout):
             assert rolled.first_row is not None
             for vector, start, out in zip(some, rolled.first_row, rolled.out, strict=True):
                 rows = rolled.rows[start : start + int(out[outcome["last_step"]][0]) + 1]
-                yield complete_trajectory(
-                    self.model,
-                    self.controller,
-                    self.space.path(vector),
-                    t=rows[:, 0],
-                    q=rows[:, columns["x"]][:, :n],
-                    v=rows[:, columns["x"]][:, n:],
-                    tau=rows[:, columns["tau"]],
-                    tip=(rows[:, columns["tip"]], rows[:, columns["velocity"]]),
-                    diverged=bool(out[outcome["diverged"]][0]),
-                )
+                x, tau, *tip = (rows[:, columns[name]] for name in ("x", "tau", "tip", "velocity"))
+                diverged = bool(out[outcome["diverged"]][0])
+                states = States(rows[:, 0], x[:, :n], x[:, n:], tau, diverged, (tip[0], tip[1]))
+                yield complete_trajectory(self.model, self.controller, self.space.path(vector), states)
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
         """How the parameter vector changes with each named parameter, (m, P); see `parameter_directions`.

@@ -24,13 +24,11 @@ from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
-from whiptool.models.kinematics import arm_frames
+from whiptool.models.kinematics import chain_motion, upright
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile, shares
-from whiptool.models.spatial_arm import SpatialArm
-from whiptool.rollout.energy import joint_velocities
-from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.models.trajectory import Trajectory
 
 _SHARE_OF_LIMIT = 0.9  # of the largest stable step
 
@@ -40,14 +38,9 @@ def hand_path(model: Model, trajectory: Trajectory) -> CubicHermiteSpline:
 
     What the whip did to the arm is in it. In the plane, the path is in x and z.
     """
-    a, q, v = model.arm.n, trajectory.q, trajectory.v
-    if isinstance(model.arm, SpatialArm):
-        hand = arm_frames(model.arm, q[:, :a], v[:, :a])[-1]
-        return CubicHermiteSpline(trajectory.t, hand.origin, hand.velocity)
-    points, velocities = joint_points(model, q)[:, a], joint_velocities(model, q, v)[:, a]
-    zero = np.zeros(len(points))
-    place, speed = (np.stack([x[:, 0], zero, x[:, 1]], axis=1) for x in (points, velocities))
-    return CubicHermiteSpline(trajectory.t, place, speed)
+    moving = chain_motion(model, trajectory.q, trajectory.v)
+    place, velocity = (upright(x[:, model.arm.n]) for x in moving)
+    return CubicHermiteSpline(trajectory.t, place, velocity)
 
 
 class TipPaths(NamedTuple):

@@ -10,10 +10,9 @@ import numpy as np
 from whiptool.dynamics.rod_damping import RodDamping, rod_damping
 from whiptool.dynamics.rods import half_square
 from whiptool.errors import InputError
-from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, universal_frames
+from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, hinged_frames
 from whiptool.models.parameters import Model, WhipParameters
-from whiptool.models.spatial_arm import SpatialArm
-from whiptool.rollout.trajectory import Trajectory, joint_points
+from whiptool.models.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -48,17 +47,6 @@ class Energies:
         return self.stored - self.stored[0] - self.work + self.lost
 
 
-def joint_velocities(model: Model, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocities of base, joints and tip [m/s] for joint positions q [rad] and velocities v [rad/s] of shape (..., n);
-    the points are those of `joint_points`: (..., n + 1, 2) in the plane, (..., a + 1 + N, 3) in space."""
-    if model.dimension == 3:
-        return chain_motion(model, q, v)[1]
-    theta, omega = np.cumsum(q, axis=-1), np.cumsum(v, axis=-1)
-    l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
-    steps = (l * omega)[..., None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
-    return np.concatenate([np.zeros((*steps.shape[:-2], 1, 2)), np.cumsum(steps, axis=-2)], axis=-2)
-
-
 def energies(model: Model, trajectory: Trajectory) -> Energies:
     """Energies along a strike, in the plane or in space.
 
@@ -76,8 +64,7 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
     t, q, v = trajectory.t, trajectory.q, trajectory.v
     if q.shape[1] != n:
         raise InputError("trajectory", f"of {q.shape[1]} joints", f"one of the model's {n}")
-    of_chain = _in_space if isinstance(model.arm, SpatialArm) else _in_plane
-    moving = of_chain(model, q, v)
+    moving = _motion(model, q, v)
 
     mass = np.r_[model.arm.per_link("mass"), whip.per_node("m")]
     kinetic = mass * (moving.speeds**2).sum(axis=2) / 2 + moving.turning  # (T, a + N)
@@ -117,50 +104,35 @@ class _Moving(NamedTuple):
     braking: np.ndarray
 
 
-def _in_plane(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
-    """The motion of a planar chain."""
-    arm, whip, a = model.arm, model.whip, model.arm.n
-    points, velocities = joint_points(model, q), joint_velocities(model, q, v)
-    share = np.r_[arm.per_link("com") / arm.per_link("length"), np.ones(whip.N)][:, None]  # of the link, to the mass
-    inertia = np.r_[arm.per_link("inertia"), whip.per_node("node_inertia")]
-    return _Moving(
-        points=points,
-        velocities=velocities,
-        centres=points[:, :-1] + share * np.diff(points, axis=1),
-        speeds=velocities[:, :-1] + share * np.diff(velocities, axis=1),
-        turning=inertia * np.cumsum(v, axis=1) ** 2 / 2,
-        springs=_spring_energy(model, (q[:, a:] - whip.rest_angles) ** 2),
-        braking=_braking_power(model, v[:, a:] ** 2).sum(axis=1),
-    )
-
-
-def _in_space(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
-    """The motion of an arm and whip in space."""
-    arm, whip, a = model.arm, model.whip, model.arm.n
-    assert isinstance(arm, SpatialArm)
+def _motion(model: Model, q: np.ndarray, v: np.ndarray) -> _Moving:
+    """The motion of an arm and whip, in the plane or in space."""
+    whip, a, arm = model.whip, model.arm.n, model.arm.in_space()
     points, velocities = chain_motion(model, q, v)
+    seen = [0, 1, 2] if model.dimension == 3 else [0, 2]
     *frames, hand = arm_frames(arm, q[:, :a], v[:, :a])
     centres = [frame.carried(link.com) for frame, link in zip(frames, arm.links, strict=True)]
     spins = (np.einsum("tji,tj->ti", frame.rotation, frame.spin) for frame in frames)  # in the links' axes, (T, 3)
     turning = np.zeros((len(q), a + whip.N))
     for i, (link, spin) in enumerate(zip(arm.links, spins, strict=True)):
         turning[:, i] = np.einsum("ti,ij,tj->t", spin, link.inertia_matrix, spin) / 2 + link.armature * v[:, i] ** 2 / 2
-    if whip.joints == "rod":
+    if whip.kind.hinges:
+        bends, slips = (x.reshape(len(q), whip.N, -1) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
+        springs = np.sum([_spring_energy(model, x) for x in np.moveaxis(bends, 2, 0)], axis=0)
+        braking = np.sum([_braking_power(model, x) for x in np.moveaxis(slips, 2, 0)], axis=0)
+        nodes = hinged_frames(hand, whip.per_node("l"), whip.kind.hinges, q[:, a:], v[:, a:])
+        spin = np.stack([frame.spin for frame in nodes], axis=1)
+        turning[:, a:] = whip.per_node("node_inertia") * (spin**2).sum(axis=2) / 2
+    else:
         squares, bending = _bends_of_rods(hand, whip, q[:, a:], v[:, a:])
         springs, braking = _spring_energy(model, squares), bending.power
-    else:
-        bends, slips = (x.reshape(len(q), whip.N, 2) ** 2 for x in (q[:, a:] - whip.rest_angles, v[:, a:]))
-        springs = _spring_energy(model, bends[..., 0]) + _spring_energy(model, bends[..., 1])
-        braking = _braking_power(model, slips[..., 0]) + _braking_power(model, slips[..., 1])
-        spin = np.stack(
-            [frame.spin for frame in universal_frames(hand, whip.per_node("l"), q[:, a:], v[:, a:])], axis=1
-        )
-        turning[:, a:] = whip.per_node("node_inertia") * (spin**2).sum(axis=2) / 2
+    origins, speeds = (
+        np.stack([getattr(at, name) for at in centres], axis=1)[..., seen] for name in ("origin", "velocity")
+    )
     return _Moving(
         points=points,
         velocities=velocities,
-        centres=np.concatenate([np.stack([at.origin for at in centres], axis=1), points[:, a + 1 :]], axis=1),
-        speeds=np.concatenate([np.stack([at.velocity for at in centres], axis=1), velocities[:, a + 1 :]], axis=1),
+        centres=np.concatenate([origins, points[:, a + 1 :]], axis=1),
+        speeds=np.concatenate([speeds, velocities[:, a + 1 :]], axis=1),
         turning=turning,
         springs=springs,
         braking=braking.sum(axis=1),

@@ -10,12 +10,12 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.closest import Points, target_points
 from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
-from whiptool.rollout.points import Points, target_points
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.rollout.slopes import ApproachSlopes
-from whiptool.rollout.trajectory import Approach, Trajectory
 
 Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray
 

@@ -11,8 +11,8 @@ import numpy as np
 from whiptool.dynamics.columns import outcome_columns, row_columns
 from whiptool.dynamics.stepping import FASTEST
 from whiptool.dynamics.system import System
+from whiptool.models.closest import ClosestApproach, closest_on_segments
 from whiptool.rollout.batch import Batch, Rolled, empty_results
-from whiptool.rollout.closest import ClosestApproach, closest_on_segments
 
 _AT_ONCE = 64  # strikes whose steps are kept in memory
 _IN_A_ROW = 16  # steps that CasADi takes in one call

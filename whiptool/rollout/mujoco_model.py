@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.kinematics import UNIVERSAL
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import IDENTITY, SpatialArm, in_space
+from whiptool.models.spatial_arm import IDENTITY, SpatialArm
 from whiptool.models.whip import WhipParameters
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_scene import add_ball, add_capsule, add_scene, add_target
@@ -22,8 +21,7 @@ NODE_INERTIA = 1e-12
 
 STAND_IN = 0.1  # [kg m^2 or kg] at joints of an arm of unknown inertia, which MuJoCo could not move without any
 
-_HINGE = (("", (0.0, -1.0, 0.0)),)  # a node's joints: what its name ends with, and their axes
-_NODE_JOINTS = {"hinge": _HINGE, "universal": tuple(zip(("x", "y"), UNIVERSAL, strict=True)), "rod": ()}
+_ENDINGS = {1: ("",), 2: ("x", "y")}  # of the names of a node's hinges, by their number
 
 
 def not_native(model: Model) -> list[str]:
@@ -33,7 +31,7 @@ def not_native(model: Model) -> list[str]:
         missing.append("quadratic air drag of the nodes")
     if model.whip.per_node("dry_friction").any():
         missing.append("smoothed dry friction of the joints")
-    if model.whip.joints == "rod":
+    if not model.whip.kind.hinges:
         missing.append("bending stiffness and damping of the rods")
     return missing
 
@@ -64,8 +62,7 @@ def build_spec(
     add_scene(spec, model)
     if target is not None:
         add_target(spec, target, target_radius, model.reach)
-    arm = model.arm if isinstance(model.arm, SpatialArm) else in_space(model.arm)
-    hand = _add_arm(spec, arm, model.reach, node_inertia)
+    hand = _add_arm(spec, model.arm.in_space(), model.reach, node_inertia)
     if model.whip.hinge_mass:
         point = (node_inertia, node_inertia, node_inertia, 0, 0, 0)
         grip = hand.add_body("grip", mass=model.whip.hinge_mass, com=(0, 0, 0), inertia=point, least=node_inertia)
@@ -168,15 +165,16 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
 
 
 def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -> None:
-    if whip.joints == "rod" and place.joints:
+    hinges = whip.kind.hinges
+    if not hinges and place.joints:
         raise InputError("arm.links", "a last one without mass", "one with mass, for a whip of rods in MuJoCo")
     names = ("l", "m", "k", "b", "cubic_stiffness", "node_inertia")
     slack = iter(whip.rest_angles)
     for i, (l, m, k, b, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):
         stiffness = [k, 0, cubic]  # MuJoCo's polynomial
-        if whip.joints == "rod":
+        if not hinges:
             place = place.with_joint(f"whip{i + 1}", (0, 0, 1), type=mujoco.mjtJoint.mjJNT_BALL)
-        for ending, axis in _NODE_JOINTS[whip.joints]:
+        for ending, axis in zip(_ENDINGS.get(len(hinges), ()), hinges, strict=True):
             place = place.with_joint(
                 f"whip{i + 1}{ending}",
                 axis,

@@ -15,7 +15,6 @@ from whiptool.dynamics.rod_damping import rod_damping
 from whiptool.dynamics.rods import half_square
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
 from whiptool.rollout.mujoco_import import mujoco
 
 
@@ -28,16 +27,15 @@ class MujocoRods:
     """
 
     def __init__(self, model: Model, mj: mujoco.MjModel) -> None:
-        assert isinstance(model.arm, SpatialArm)
-        whip, self._whip, self._arm = model.whip, model.whip, model.arm
+        whip, self._whip, self._arm = model.whip, model.whip, model.arm.in_space()
         self._nodes = np.array([mj.body(f"whip{i + 1}").id for i in range(whip.N)])
         self._hand = mj.body_parentid[self._nodes[0]]
         self._bodies = np.r_[self._hand, self._nodes]
-        self._turning = np.flatnonzero([link.kind == "revolute" for link in model.arm.links])
+        self._turning = np.flatnonzero(model.arm.turns)
         data = mujoco.MjData(mj)
         mujoco.mj_kinematics(mj, data)
         hand = data.xmat[self._hand].reshape(3, 3)
-        self._down = hand.T @ -arm_frames(model.arm, np.zeros(model.arm.n))[-1].rotation[:, 2]  # in the hand's body
+        self._down = hand.T @ -arm_frames(self._arm, np.zeros(model.arm.n))[-1].rotation[:, 2]  # in the hand's body
         self._k, self._cubic = (whip.per_node(name)[:, None] for name in ("k", "cubic_stiffness"))
         self._bends = slice(*(mj.body_dofadr[self._nodes[[0, -1]]] + [0, 3]))  # velocities of the balls, in turn
 

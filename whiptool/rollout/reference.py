@@ -20,12 +20,13 @@ from whiptool.models.joint_space import AnyStrike, StrikeSpace
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY
+from whiptool.models.trajectory import Trajectory
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_rods import MujocoRods
 from whiptool.rollout.mujoco_rods import stable_timestep as rods_timestep
-from whiptool.rollout.trajectory import Trajectory, complete_trajectory
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
 TIMESTEP = 1e-4  # [s], largest that is chosen
@@ -154,17 +155,8 @@ class ReferenceRollout(Rollout):
                     diverged = True
                     break
         done = slice(i + 1)
-        return complete_trajectory(
-            self.model,
-            self.controller,
-            path,
-            t=times[done],
-            q=q[done],
-            v=v[done],
-            tau=tau[done],
-            diverged=diverged,
-            tip=(tip[done], velocity[done]),
-        )
+        states = States(times[done], q[done], v[done], tau[done], diverged, (tip[done], velocity[done]))
+        return complete_trajectory(self.model, self.controller, path, states)
 
     @property
     def mj(self) -> mujoco.MjModel:

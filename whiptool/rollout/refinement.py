@@ -10,10 +10,10 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.rollout.trajectory import Trajectory
 
 MISS, PEAK = 3e-4, 0.05  # [m]; of the larger of two peaks: by which finer steps may differ
 SAMPLE = 64  # random strikes

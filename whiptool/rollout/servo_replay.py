@@ -15,9 +15,9 @@ from whiptool.models.joint_space import check_turns
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout, control_callback
-from whiptool.rollout.trajectory import Trajectory
 
 BANDWIDTH = 30.0  # [Hz], of the servos
 ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo Menagerie has it for the UR5e

@@ -14,8 +14,8 @@ from whiptool.goals.goals import Goals
 from whiptool.limits.all_limits import AllLimits, Limits, limits_given
 from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.rollout.trajectory import Approach, Trajectory
 
 
 @dataclass(frozen=True, eq=False)

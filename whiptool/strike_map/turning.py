@@ -11,8 +11,7 @@ from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Zone, sample
 from whiptool.models.mount import turns_as_a_whole
 from whiptool.models.parameters import Model
-from whiptool.models.planar_arm import ArmParameters
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import StrikeBounds, default_bounds
 from whiptool.strike_map.answers import Answers
 
@@ -20,17 +19,17 @@ _LOOKS = 1000  # random points that say in which directions a zone lies
 _DIRECTIONS = 16
 
 
-def bounds_all_around(arm: ArmParameters | SpatialArm) -> StrikeBounds:
+def bounds_all_around(arm: AnyArm) -> StrikeBounds:
     """Return the usual bounds of an arm's strikes, with room for those that are turned to another direction.
 
     A joint that turns the whole arm about the vertical may go as far as it can, a turn to either side at most.
     """
     usual = default_bounds(arm)
-    if not isinstance(arm, SpatialArm) or not turns_as_a_whole(arm):
+    if not turns_as_a_whole(arm):
         return usual
     lower, upper = usual.box
     turned = [0, arm.n]  # the first joint's numbers in a strike
-    lowest, highest = arm.links[0].limits.position
+    lowest, highest = arm.joint_limits[0].position
     lower[turned], upper[turned] = max(lowest, -2 * np.pi), min(highest, 2 * np.pi)
     return StrikeBounds(tuple(lower), tuple(upper))
 

@@ -16,9 +16,10 @@ from itertools import product
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Trajectory
 from whiptool.recording.depth_noise import stereo_depth
-from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.vision.camera_model import CameraSettings, Exposed, expose
 from whiptool.vision.scene import Scene
 from whiptool.vision.source import Frame

@@ -20,7 +20,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 from whiptool.viz.frames import drawn_frames, write_film
 from whiptool.viz.plots_space import box_around, plot_ball, set_up_perspective
 from whiptool.viz.posture import arm_and_whip, at_times

@@ -13,9 +13,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
 from whiptool.goals.target import Target
+from whiptool.models.kinematics import joint_points
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_scene import FLOOR
-from whiptool.rollout.trajectory import joint_points
 from whiptool.viz.film import GRID, HIT, TEXT, Film, film_camera
 from whiptool.viz.frames import drawn_frames
 from whiptool.viz.posture import arm_and_whip

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.goals.target import Target
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.viz.camera import Camera
 from whiptool.viz.posture import as_mujoco_shows, at_times
 

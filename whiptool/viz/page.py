@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from whiptool.goals.target import Target, as_target, missed_words
-from whiptool.models.kinematics import arm_frames
+from whiptool.models.kinematics import arm_frames, joint_points
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
-from whiptool.rollout.trajectory import Approach, Trajectory, joint_points
+from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.viz.plots import COLORS, joint_units, planned_end
 from whiptool.viz.templating import filled
 
@@ -118,16 +117,16 @@ def _gains(gain: np.ndarray) -> np.ndarray:
 
 def _in_space(model: Model, trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Where the joints, the hand and the nodes are, and where the arm is to be: coordinates one after the other."""
-    if not isinstance(model.arm, SpatialArm):
+    if model.dimension == 2:
         return {}  # the page works that out from the angles
-    frames = arm_frames(model.arm, trajectory.q_d)
+    frames = arm_frames(model.arm.in_space(), trajectory.q_d)
     points = {"points": joint_points(model, trajectory.q), "desired": np.stack([f.origin for f in frames], axis=1)}
     return {name: x.reshape(len(trajectory.t), -1) for name, x in points.items()}
 
 
 def _lengths(model: Model) -> list[float]:
     """Of the links of a chain in the plane [m]."""
-    if isinstance(model.arm, SpatialArm):
+    if model.dimension == 3:
         return []
     return [float(x) for x in (*model.arm.per_link("length"), *model.whip.per_node("l"))]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from whiptool.errors import WhiptoolError
 from whiptool.goals.target import Target
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,10 @@ from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import expect
 from whiptool.goals.target import Target, as_target
+from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Trajectory
 from whiptool.objective import Trial, why_lost
-from whiptool.rollout.trajectory import Trajectory, joint_points
 from whiptool.viz.direction import LOOK, asked_of, draw_direction
 from whiptool.viz.plots_space import draw_views, plot_in_space
 from whiptool.viz.posture import at_times

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 
 from whiptool.dynamics.modes import Modes
 from whiptool.errors import InputError
+from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
-from whiptool.rollout.energy import Energies, joint_velocities
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
+from whiptool.rollout.energy import Energies
 from whiptool.viz.plots import COLORS
 
 
@@ -114,7 +115,7 @@ def plot_speed_along_whip(
         color: A key of `whiptool.viz.plots.COLORS`.
         marker: Marker of matplotlib.
     """
-    velocity = joint_velocities(model, trajectory.q, trajectory.v)[:, model.arm.n :]  # (T, N + 1, 2 or 3)
+    velocity = chain_motion(model, trajectory.q, trajectory.v)[1][:, model.arm.n :]  # (T, N + 1, 2 or 3)
     largest = np.linalg.norm(velocity, axis=-1).max(axis=0)
     ax.plot(along_whip(model), largest, marker=marker, markersize=4.5, color=COLORS[color], label=label)
     ax.set(xlabel="distance from the hand [m]", ylabel="largest speed [m/s]")

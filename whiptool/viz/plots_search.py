@@ -14,8 +14,8 @@ from matplotlib.colors import LogNorm
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
+from whiptool.models.trajectory import Approach
 from whiptool.objective import Trial
-from whiptool.rollout.trajectory import Approach
 from whiptool.viz.plots import COLORS
 
 _COLORMAP = "cividis"  # made for readers with and without a colour vision deficiency; dark is near

@@ -22,7 +22,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
 from whiptool.viz.posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, SPEED, legend_above, length_text, ticks

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from whiptool.models.kinematics import universal_angles
+from whiptool.models.kinematics import joint_points, universal_angles
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
-from whiptool.rollout.trajectory import joint_points
 
 
 def arm_and_whip(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +42,6 @@ def as_mujoco_shows(model: Model, q: np.ndarray) -> tuple[Model, np.ndarray]:
 
     A whip of rods becomes one of universal joints, others stay as they are.
     """
-    if model.whip.joints != "rod":
+    if model.whip.kind.hinges:
         return model, q
-    assert isinstance(model.arm, SpatialArm)
-    return replace(model, whip=replace(model.whip, joints="universal")), universal_angles(model.arm, q)
+    return replace(model, whip=replace(model.whip, joints="universal")), universal_angles(model.arm.in_space(), q)

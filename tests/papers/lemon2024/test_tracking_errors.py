@@ -9,7 +9,7 @@ from papers.lemon2024 import tracking_errors as tracking
 from papers.lemon2024.tracking_errors import NAMES, TABLE4_CONSTANT, TABLE4_OIAC, errors_over_time, tracking_errors
 from whiptool.impedance import Controller
 from whiptool.models import preset
-from whiptool.rollout.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory
 
 
 def path(q_error: list, v_error: list, diverged: bool = False) -> Trajectory:

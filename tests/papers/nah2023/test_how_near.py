@@ -10,8 +10,8 @@ import pytest
 from papers.nah2023 import published
 from papers.nah2023.how_near import REACH, link_angles
 from papers.nah2023.report import nearest_strikes
+from whiptool.models.kinematics import joint_points
 from whiptool.models.robots import NAH2023
-from whiptool.rollout.trajectory import joint_points
 
 
 def _bent(q: np.ndarray) -> SimpleNamespace:

@@ -9,9 +9,9 @@ from papers.nah2023 import published
 from papers.nah2023.last_nodes import LastNodes
 from papers.nah2023.units import simulator
 from whiptool.errors import InputError
+from whiptool.models.kinematics import joint_points
 from whiptool.models.robots import NAH2023
 from whiptool.models.strike import default_bounds
-from whiptool.rollout.trajectory import joint_points
 
 STRIKES = default_bounds(NAH2023.arm).sample(np.random.default_rng(0), 3)
 TARGET = np.array([0.9, 0.6, -0.4])  # in reach of nodes in the middle of the whip

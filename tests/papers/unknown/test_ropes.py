@@ -21,8 +21,8 @@ from papers.unknown.ropes import (
 from papers.unknown.ropes_report import _goals, _hits, column
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.goals.target import Target
+from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike
-from whiptool.rollout.trajectory import joint_points
 
 LOOK = Strike((0.0, -1.8, 1.2, -1.0, -1.5, 0.0), (0.3, -1.5, 1.0, -1.0, -1.5, 0.3), 0.6)
 

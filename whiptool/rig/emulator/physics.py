@@ -216,7 +216,7 @@ class Physics:
 
     def trajectory(self) -> dict[str, np.ndarray]:
         """What happened so far: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip (T, 2)."""
-        from whiptool.rollout.trajectory import joint_points
+        from whiptool.models.kinematics import joint_points
 
         t, q, v, current, torque = (np.array(x) for x in zip(*self._rows, strict=True))
         tip = joint_points(self.model, q)[:, -1]

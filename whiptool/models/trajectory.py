@@ -1,4 +1,4 @@
-"""What a rollout leaves: the closest approach to a target, and on request the whole trajectory."""
+"""What a rollout returns: the closest approach to a target, and on request the whole trajectory."""
 
 from __future__ import annotations
 
@@ -14,20 +14,12 @@ from whiptool.errors import InputError, no_attribute
 from whiptool.extras import optional
 from whiptool.given_files import read_arrays
 from whiptool.models.arrays import NoArray
-from whiptool.models.hand_path import HandPath
-from whiptool.models.hand_space import HandSpace
-from whiptool.models.kinematics import chain_motion, joint_points
+from whiptool.models.closest import Points, closest_on_segments, target_points
 from whiptool.models.numbers import number
-from whiptool.models.parameters import Model
-from whiptool.rollout.closest import closest_on_segments
-from whiptool.rollout.points import Points, target_points
 from whiptool.whole_files import write_npz, write_whole
 
 if TYPE_CHECKING:
     import pandas
-
-    from whiptool.impedance.controller import Controller
-    from whiptool.models.joint_space import StrikePath
 
 
 @dataclass(frozen=True)
@@ -299,53 +291,3 @@ def _unit(quantity: str, unit: str, per: str = "") -> str:
     torque = "N" if unit == "m" else "N m"
     of_gains = {"K": f"{torque}/{per}", "B": f"{torque} s/{per}"}
     return {"q": unit, "q_d": unit, "v": f"{unit}/s", "v_d": f"{unit}/s", "tau": torque, **of_gains}[quantity]
-
-
-def complete_trajectory(
-    model: Model,
-    controller: Controller,
-    strike: StrikePath,
-    *,
-    t: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    tau: np.ndarray,
-    diverged: bool,
-    tip: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Trajectory:
-    """A trajectory with what follows from states: references, gains, and, unless given, the tip's path.
-
-    Of a law of the hand's errors the gains are those that joints feel, `J^T K J` and `J^T B J`.
-    """
-    a = model.arm.n
-    q_d, v_d, _ = strike.reference(t)
-    space = controller.strike_space(model.arm)
-    if isinstance(strike, HandPath) and isinstance(space, HandSpace) and not controller.prescribed:
-        K, B = _hand_gains(controller, strike, space, t, q[:, :a], v[:, :a])
-    else:
-        K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
-    if tip is None and model.dimension == 3:
-        points, velocities = chain_motion(model, q, v)
-        tip = points[:, -1], velocities[:, -1]
-    elif tip is None:
-        theta, omega = np.cumsum(q, axis=1), np.cumsum(v, axis=1)
-        l = np.r_[model.arm.per_link("length"), model.whip.per_node("l")]
-        tip = (
-            joint_points(model, q)[:, -1],
-            np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1),
-        )
-    return Trajectory(
-        t=t, q=q, v=v, q_d=q_d, v_d=v_d, tau=tau, K=K, B=B, tip=tip[0], tip_velocity=tip[1], diverged=diverged,
-        names=model.coordinate_names,
-    )  # fmt: skip
-
-
-def _hand_gains(
-    controller: Controller, path: HandPath, space: HandSpace, t: np.ndarray, q: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness and damping (T, a, a) that an arm's joints (T, a) feel of a law of the hand's errors."""
-    hand = space.kinematics.motion(q)
-    J = space.kinematics.rows @ hand.jacobian
-    K, B = controller.law.gains(*path.errors(t, hand, np.einsum("tmj,tj->tm", J, v)))
-    back = np.swapaxes(J, 1, 2)
-    return back @ K @ J, back @ B @ J

@@ -12,8 +12,8 @@ from whiptool.models import Model, preset
 from whiptool.models.robots import rope
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout import CompiledRollout
-from whiptool.rollout.trajectory import Trajectory
 
 TARGET = np.array([1.3, 0.0])
 _BODY = {"mass": 1.0, "com": (0, 0, 0), "inertia": (0.1, 0.1, 0.1, 0, 0, 0), "axis": (0, 1, 0)}
