@@ -10,6 +10,7 @@ import numpy as np
 from whiptool.goals.target import Target
 from whiptool.interception.library import Library
 from whiptool.interception.tracks import TargetTrack
+from whiptool.models.closest import closest_on_segments
 from whiptool.models.parameters import number
 from whiptool.models.strike import Strike, strike_names
 
