@@ -3,9 +3,9 @@
 `python benchmarks/replan.py [--space] [--quick] [--json]`. Unknown whips of each family through emulated servos, the
 tip seen with the error of tracked images, a slow movement first, then three strikes, whether or not they hit; in its
 quick form one whip and two strikes. With `--space` unknown ropes of each family on a UR5e, as in
-`python -m whiptool.reproduce adapt --space`: one wiggle, then a strike at each of three goals; in its quick form one
-rope and one goal, for which hardly any search is needed. Besides seconds it prints how many strikes MuJoCo rolls out
-in that time, measured in the same run with the paper's arm and whip.
+`python -m whiptool.reproduce adapt --space --rows wiggle`: one wiggle, then a strike at each of three goals; in its
+quick form one rope and one goal, for which hardly any search is needed. Besides seconds it prints how many strikes
+MuJoCo rolls out in that time, measured in the same run with the paper's arm and whip.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import platform
 import sys
 import time
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
 import whiptool as wt
-from papers.unknown.rope_swings import IN_SPACE
-from papers.unknown.ropes import MATERIALS, RopeStudy, RopeUnit, WiggleUnit
+from papers.unknown.study import MATERIALS, SPACE, WhipUnit, families
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.commands.adapt import AdaptOptions, prepare
 from whiptool.rollout.reference import ReferenceRollout
@@ -49,20 +49,18 @@ def thoughts(family: str, seed: int, strikes: int) -> Times:
     return [(before, step.plan.wall_time) for before, step in zip(learned[:-1], steps[1:], strict=True)]
 
 
-def thoughts_in_space(family: str, seed: int, strikes: int, study: RopeStudy) -> Times:
-    """Seconds to learn and to plan before each strike with a rope in space, the choice of the wiggle left out."""
-    unit = RopeUnit(study=study, family=family, seed=seed, wiggle=wiggle(study, seed), count=strikes)
-    came = unit.run(None, None)
-    if came["look"] is None:
-        return []
-    return [(came["look"]["seconds"], struck["seconds"]) for struck in came["struck"]]
-
-
-@cache
-def wiggle(study: RopeStudy, seed: int) -> tuple[float, ...]:
-    """The wiggle of a rope's material."""
-    found = WiggleUnit(study=study, material=MATERIALS[seed % len(MATERIALS)]).run(None, None)
-    return tuple(found["strike"])
+def thoughts_in_space(family: str, seed: int, goals: int, *, brief: bool = False) -> Times:
+    """Seconds to learn a wiggle and to plan the first strike at each of some goals with a rope in space."""
+    unit, times = WhipUnit(model=SPACE, family=family, seed=seed, way="wiggle", brief=brief), []
+    for number in unit.within()[:goals]:
+        with TemporaryDirectory() as folder:
+            adaptation = replace(unit.prepared(number), folder=Path(folder))
+            adapter = adaptation.adapter()
+            looked = adapter.tell(adaptation.port.strike(adapter.ask(), 0, None))
+            began = time.perf_counter()
+            adapter.ask()
+            times.append((looked.learned.wall_time, time.perf_counter() - began))
+    return times
 
 
 def mujoco_strike(tries: int) -> float:
@@ -83,20 +81,19 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     if options.space:
-        study = RopeStudy(thorough=not options.quick)
-        families, think = IN_SPACE, partial(thoughts_in_space, study=study)
-        whips, strikes = (1, 1) if options.quick else (len(MATERIALS), 3)
+        tried, think = families(SPACE), partial(thoughts_in_space, brief=options.quick)
+        whips, strikes = (1, 1) if options.quick else (len(MATERIALS[SPACE]), 3)
     else:
-        families, think = FAMILIES, thoughts
+        tried, think = FAMILIES, thoughts
         whips, strikes = (1, 2) if options.quick else (6, 3)
     if options.quick:
-        families = families[:1]
+        tried = tried[:1]
     else:
-        for family in families:
+        for family in tried:
             think(family, whips, strikes)  # what has to be compiled is
     one = mujoco_strike(1 if options.quick else 3)
     result = {"machine": platform.machine(), "whips": whips}
-    for family in families:
+    for family in tried:
         rows = np.array([row for seed in range(whips) for row in think(family, seed, strikes)])
         both = rows.sum(axis=1)
         result[family] = {
@@ -112,7 +109,7 @@ def main() -> None:
         print(json.dumps(result))
         return
     print(f"{'family':10s}{'strikes':>8s}{'learn':>9s}{'plan':>9s}{'both':>9s}{'90 %':>9s}   in MuJoCo strikes")
-    for family in families:
+    for family in tried:
         r = result[family]
         seconds = "".join(f"{r[name]:7.2f} s" for name in ("learn", "plan", "both", "both_90"))
         print(f"{family:10s}{r['number']:8d}{seconds}{r['mujoco_strikes']:10.1f}")

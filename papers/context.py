@@ -22,7 +22,7 @@ class Context:
         whips: Unknown whips of each family, in `adapt`.
         whip_targets: Targets of each of them.
         space: Whether they are ropes on a robot in space.
-        rows: Ways to strike unknown whips that are tried, and `chain` for the whole chain; empty: all.
+        rows: Ways to strike them, see `papers.unknown.study.WAYS`.
         further: Methods and observations that Fig. 6 compares in further zones; None: as `comparison`.
         zones: Those zones (`whiptool.comparison.zones.zone_named`).
     """
@@ -30,16 +30,12 @@ class Context:
     comparison: Comparison
     store: Store
     quick: bool = False
-    whips: int = 100
+    whips: int = 30
     whip_targets: int = 3
     space: bool = False
-    rows: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ("still", "wiggle")
     further: Comparison | None = None
     zones: tuple[str, ...] = ()
-
-    def tries(self, row: str) -> bool:
-        """Whether a way to strike unknown whips is asked for."""
-        return not self.rows or row in self.rows
 
     def results(self, units: Sequence[Unit], desc: str) -> dict[str, dict[str, Any]]:
         """Results of units by key, worked on if they are not there yet."""

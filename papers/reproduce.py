@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 from tyro.conf import arg
@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
-Row = Literal["nominal", "robust", "correction", "sac", "told", "uniform", "adapt", "still", "wiggle", "chain"]
-OTHERS = {"nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}  # parts with their own model, and their home
+Row = Literal["nominal", "unseen", "still", "wiggle", "rig"]
+# parts with their own model, and their home
+OTHERS = {"adapt": "unknown", "nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}
 _RIG = ("dynamixel_sdk", "cv2")  # servos, and a camera's images
 _LEARNED = ("fig6", "fig7", "table4", "hard", "aim", "spaces")  # parts with learners
 _OF_PARTS = {**dict.fromkeys(_LEARNED, ("torch",)), "sim2real": _RIG}  # modules of extras
-_OF_WAYS = {"sac": ("torch",), "chain": _RIG}  # of adapt
 _OF_ANY_PAPER = {"what", "workers", "cluster", "quick", "out", "resume", "json"}  # options
+_OF_ADAPT = ("whips", "whip_targets", "rows", "space")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,17 +47,18 @@ class ReproduceOptions(ComparisonOptions):
 
     what: tyro.conf.Positional[Part] = "all"
     """Part to reproduce. table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9 and 10.
-    Four parts are not included in all: adapt (unknown whips; some hours), nah2023 (another paper, an arm in space;
+    Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023 (another paper, an arm in space;
     minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces (joint space compared with hand
     space; an hour)."""
-    whips: int = 100
+    whips: int = 30
     """Number of unknown whips of each family, in adapt."""
     whip_targets: int = 3
     """Number of targets for each unknown whip."""
     space: bool = False
-    """Run adapt in space: ropes on a UR5e, goals with a point and a direction, one strike after one wiggle."""
-    rows: tuple[Row, ...] = ()
-    """Ways to strike that adapt compares; chain also simulates servos, images and the tracker. Default: all."""
+    """Run adapt in space: ropes on a UR5e, goals with a point and a direction."""
+    rows: tuple[Row, ...] = ("still", "wiggle")
+    """What adapt is run with. still: the whip is filmed as it hangs, before the first strike; wiggle: in one slow
+    movement; unseen: not at all; rig: as it hangs, through emulated servos and images; nominal: nothing is learned."""
     further_episodes: int | None = 100
     """Training episodes for observations other than tip, which learn much faster."""
     further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
@@ -78,7 +80,6 @@ class ReproduceOptions(ComparisonOptions):
         super().check()
         whole("--whips", self.whips, high=MANY_TARGETS)
         whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
-        _check_rows(self.rows)
         for method in self.further_methods:
             find_method(method)
         model = self.build_model()
@@ -92,12 +93,12 @@ class ReproduceOptions(ComparisonOptions):
                 raise error.renamed("--further-zones") from None
         usual = ReproduceOptions(**QUICK) if self.quick else None
         if self.what in OTHERS:
-            idle = {f.name for f in fields(self)} - _OF_ANY_PAPER
+            idle = {f.name for f in fields(self)} - _OF_ANY_PAPER - set(_OF_ADAPT)
             refuse_idle(self, dict.fromkeys(sorted(idle), f"only without {self.what}, which has its own"), usual)
         if self.what != "adapt":
-            refuse_idle(self, dict.fromkeys(("whips", "whip_targets", "rows", "space"), "nothing but with adapt"))
-        if self.space:
-            refuse_idle(self, {"rows": "only without --space, which has one way to strike"})
+            refuse_idle(self, dict.fromkeys(_OF_ADAPT, "nothing but with adapt"))
+        if self.space and "rig" in self.rows:
+            raise InputError("--rows", "rig", "only without --space: the servos are those of a planar arm")
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
             refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
@@ -108,9 +109,8 @@ class ReproduceOptions(ComparisonOptions):
         """Return the modules of extras that the command imports with these options."""
         parts = set(_OF_PARTS) - set(OTHERS) if self.what == "all" else {self.what}
         needed = [module for part, modules in _OF_PARTS.items() if part in parts for module in modules]
-        if self.what == "adapt" and not self.space:
-            ways = self.rows or get_args(Row)
-            needed += [module for way, modules in _OF_WAYS.items() if way in ways for module in modules]
+        if self.what == "adapt" and "rig" in self.rows:
+            needed += _RIG
         return (*super().needs(), *needed)
 
 
@@ -240,10 +240,3 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
         f"{comparison.random_episodes} random; {counted(comparison.seeds, 'seed')}"
         + (f"; observations other than tip {counted(further, 'episode')}" if further is not None else ""),
     }
-
-
-def _check_rows(rows: Sequence[str]) -> None:
-    from papers.unknown.unknown_whips import LEARNING
-
-    if rows and not set(rows) & set(LEARNING):
-        raise InputError("--rows", " ".join(rows), "one of " + ", ".join(LEARNING) + " among them")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+BINS = 5  # of stated probabilities
+
 
 @dataclass(frozen=True)
 class Forecast:
@@ -78,6 +80,13 @@ def log_score(stated: np.ndarray, came: np.ndarray) -> float:
     of_what_came = np.where(came, stated, 1 - stated)
     with np.errstate(divide="ignore"):
         return float(-np.mean(np.log(of_what_came)))
+
+
+def reliability(stated: np.ndarray, came: np.ndarray) -> float:
+    """Return the expected calibration error of stated probabilities, (T,), against what came, (T,), in `BINS` bins."""
+    which = np.minimum((stated * BINS).astype(int), BINS - 1)
+    inside = [which == i for i in range(BINS) if (which == i).any()]
+    return float(sum(abs(stated[x].mean() - came[x].mean()) * x.mean() for x in inside))
 
 
 def _rank(forecast: Forecast) -> float:

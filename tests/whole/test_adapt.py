@@ -7,7 +7,6 @@ import json
 
 import numpy as np
 import pytest
-from whip_study import CONTROLLER, MODEL
 
 from whiptool.adaptation import adapter, plan_search, planar_search, posterior
 from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
@@ -24,14 +23,16 @@ from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
 from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.impedance import ConstantImpedance, Controller
+from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
 from whiptool.impedance.files import controller_to_table
 from whiptool.limits.motor_limits import XM430
 from whiptool.models.kinematics import joint_points
+from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 
+MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
 QUICK = Effort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)

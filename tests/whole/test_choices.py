@@ -14,7 +14,7 @@ from whiptool.commands import cli, optimize
 def names_of_the_library() -> dict[tuple[str, str], tuple]:
     """Options whose values are names, and what the library calls by them; `None` and `all` are the options' own."""
     from papers.parts import PARTS
-    from papers.unknown.unknown_whips import METHODS
+    from papers.unknown.study import WAYS
     from whiptool.adaptation.materials import MATERIALS
     from whiptool.adaptation.prior import WHIPS
     from whiptool.adaptation.twins import FAMILIES
@@ -44,7 +44,7 @@ def names_of_the_library() -> dict[tuple[str, str], tuple]:
         ("train.TrainOptions", "reward"): (*REWARDS,),
         ("compare.CompareOptions", "observation"): OBSERVATIONS,
         ("papers.reproduce.ReproduceOptions", "what"): (*PARTS, "all"),
-        ("papers.reproduce.ReproduceOptions", "rows"): (*METHODS, "chain"),
+        ("papers.reproduce.ReproduceOptions", "rows"): tuple(WAYS),
         ("dynamixel.ServoOptions", "baud"): (*BAUD_RATES.values(),),
         ("emulator.EmulatorOptions", "baud"): (*BAUD_RATES.values(),),
     }

@@ -15,6 +15,7 @@ from whiptool.errors import InputError, expect
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.trajectory import Approach
 from whiptool.recording.filmed_approach import approach_seen
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
@@ -156,17 +157,25 @@ class TipPort:
         self.twin, self.target, self.fps, self.t_stay = twin, at.position, fps, t_stay
         self._rollout = CompiledRollout(twin.model, twin.controller)
 
+    def passes(self, strike: Strike) -> Approach:
+        """Return how the tip truly passes the target in a strike."""
+        return self._rollout.approach(strike.vector[None], np.array(self.target), t_stay=self.t_stay)
+
+    def path(self, strike: Strike) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (T,) [s] and the tip's true path (T, d) [m], a thousand times a second."""
+        t, paths, _ = self._rollout.tip_path(strike.vector[None], t_stay=self.t_stay, rate=1000.0)
+        whole = np.isfinite(paths[0]).all(axis=1)
+        return t[whole], paths[0, whole]
+
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Strike, and return what was seen; see `Port.strike`."""
-        vector = strike.vector[None]
-        near = self._rollout.approach(vector, np.array(self.target), t_stay=self.t_stay)
+        near = self.passes(strike)
         if near.diverged[0]:
             return Seen(None, None, refused="the simulated whip diverged")
-        fine, paths, _ = self._rollout.tip_path(vector, t_stay=self.t_stay, rate=1000.0)
-        whole = np.isfinite(paths[0]).all(axis=1)
-        t = np.arange(int(fine[whole][-1] * self.fps) + 1) / self.fps
+        fine, path = self.path(strike)
+        t = np.arange(int(fine[-1] * self.fps) + 1) / self.fps
         rng = np.random.default_rng([self.twin.seed, number])
-        points = np.stack([np.interp(t, fine[whole], paths[0, whole, i]) for i in range(paths.shape[2])], axis=1)
+        points = np.stack([np.interp(t, fine, x) for x in path.T], axis=1)
         points += self.twin.noise * rng.standard_normal(points.shape)
         recording = StrikeRecording(
             t=t + self.twin.clock_offset,

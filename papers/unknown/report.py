@@ -1,0 +1,159 @@
+"""Unknown whips in the plane or in space: how often the command `adapt` hits them by strike 1, 2, ..."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from papers.context import Context
+from papers.unknown.rods import ROPE
+from papers.unknown.scores import Forecast, Scores, reliability
+from papers.unknown.study import MATERIALS, PLANE, REGIONS, SPACE, WAYS, WhipUnit, families
+from whiptool import Target
+from whiptool.viz.plots import COLORS, STYLE
+from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.words import counted, fixed, rounded
+
+SHOWN = 3  # strikes of which a table tells
+_LINES: dict[str, str] = dict(zip((*families(PLANE), ROPE), ("blue", "orange", "vermilion", "black"), strict=True))
+Strikes = Sequence[Mapping[str, Any]]  # of one trial
+Trials = Sequence[Strikes]
+ByWay = Mapping[tuple[str, str], Trials]  # by way and family
+
+
+def sections(context: Context) -> list[Section]:
+    """What was run, hits by strike, misses, and whether the stated probabilities came true."""
+    model = SPACE if context.space else PLANE
+    ways = [way for way in WAYS if way in context.rows]
+    whips, goals = (1, 1) if context.quick else (context.whips, context.whip_targets)
+    units = [
+        WhipUnit(model=model, family=family, seed=seed, way=way, goals=goals, brief=context.quick)
+        for seed in range(whips)  # a killed run has about as many of each family
+        for family in families(model)
+        for way in ways
+    ]
+    results = context.results(units, "unknown whips")
+    trials = {
+        (way, family): [
+            t["struck"] for u in units if (u.way, u.family) == (way, family) for t in results[u.key]["trials"]
+        ]
+        for way in ways
+        for family in families(model)
+    }
+    found = {of: some for of, some in trials.items() if some}
+    return [
+        Section(
+            "Unknown whips, strike by strike",
+            [
+                Text(_about(model, whips, goals, ways)),
+                Table(hits_table(model, found), "Share of trials with a hit by strike 1, 2, ...; misses of strike 1."),
+                Picture(
+                    _misses(model, found, ways), "Share of first strikes that miss by no more; dashed: the hit radius."
+                ),
+            ],
+        ),
+        Section(
+            "Does the planner know what it does not know?",
+            [
+                Text(_CALIBRATION),
+                Table(_scores(found), "Scores of what was stated of first strikes, and of the best constant forecast."),
+            ],
+        ),
+    ]
+
+
+def _about(model: str, whips: int, goals: int, ways: Sequence[str]) -> str:
+    of_space = (
+        f" {ROPE}: a Cosserat rod in PyElastica that stretches and twists, with a knot and a late clock. Goals are "
+        "those of the robot's map: points in a shell around its base, above the floor, each with an arrival angle; a "
+        "hit is within 5 cm and 10 degrees, at 1 m/s or more."
+    )
+    return (
+        f"{counted(whips, 'whip')} of each family, of {', '.join(MATERIALS[model])} in turn, struck at "
+        f"{counted(goals, 'goal')} each within reach. Each trial is a run of `python -m whiptool.adapt --model "
+        f"{model} --camera tip --material NAME` with its other options as usual: the tip is seen 60 times a second, "
+        "with 5 mm noise. A trial ends at the first true hit, or where the command ends by itself. kin: uniform whips. "
+        "strange: 36 nodes, a cone with random deviations, a bead, a soft joint, springs that stiffen with the bend, "
+        "uneven friction and drag, a late camera, in the plane another arm. stranger: twice these deviations."
+        + (of_space if model == SPACE else f" Hits are within {100 * REGIONS[model].hit_radius:g} cm.")
+        + "".join(f" {way}: {WAYS[way]}." for way in ways)
+    )
+
+
+def hit_by(trials: Trials, strike: int) -> float:
+    """Return the share of trials with a hit by a strike, counted from 1."""
+    return float(np.mean([any(x["hit"] for x in struck[:strike]) for struck in trials]))
+
+
+def hits_table(model: str, found: ByWay) -> list[list[str]]:
+    """Return hits by strike and the misses of first strikes, by way and family."""
+    near = Target(hit_radius=REGIONS[model].hit_radius).goals.hit
+    head = ["way", "family", "trials", *(f"hit by {i + 1}" for i in range(SHOWN))]
+    rows = [[*head, "first strike by distance alone", "its miss: median, 95 % [mm]", "never hit", "plan [s]"]]
+    for (way, family), trials in found.items():
+        first = 1e3 * misses(trials)
+        seconds = [x["seconds"] for struck in trials for x in struck]
+        rows.append(
+            [
+                way,
+                family,
+                str(len(trials)),
+                *(f"{100 * hit_by(trials, i + 1):.0f} %" for i in range(SHOWN)),
+                f"{100 * np.mean(near(1e-3 * first)):.0f} %",
+                ", ".join(fixed(x, 1) for x in (np.median(first), np.percentile(first, 95, method="higher"))),
+                str(sum(not any(x["hit"] for x in struck) for struck in trials)),
+                rounded(float(np.median(seconds)), 2) if seconds else "",
+            ]
+        )
+    return rows
+
+
+def misses(trials: Trials) -> np.ndarray:
+    """Return the true misses of first strikes [m]; infinite where there was none."""
+    return np.array([np.inf if not x or x[0]["miss"] is None else x[0]["miss"] for x in trials])
+
+
+def _misses(model: str, found: ByWay, ways: Sequence[str]) -> Figure:
+    radius = REGIONS[model].hit_radius
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((4.6 * len(ways), 3.8), layout="constrained")
+        axes = figure.subplots(1, len(ways), sharey=True, squeeze=False)[0]
+        for ax, way in zip(axes, ways, strict=True):
+            for family in (f for w, f in found if w == way):
+                miss = np.sort(100 * misses(found[way, family]))
+                share = 100 * np.arange(1, len(miss) + 1) / len(miss)
+                ax.step(np.maximum(miss, 1e-3), share, where="post", color=COLORS[_LINES[family]], label=family)
+            ax.axvline(100 * radius, color="0.4", linestyle="--", linewidth=1.2)
+            ax.set(xscale="log", xlabel="miss [cm]", ylim=(0, 102), title=WAYS[way].split(",")[0])
+            ax.xaxis.set_major_formatter("{x:g}")
+        axes[0].set_ylabel("first strikes [%]")
+        axes[0].legend()
+    return figure
+
+
+_CALIBRATION = (
+    "The planner states the probability of a hit for every strike. The calibration error is the mean distance between "
+    "it and the share that hit, over strikes with about the same probability (Naeini et al. 2015). Where nearly all "
+    "strikes hit it says little; the Brier and the log score say more, next to those of the best constant forecast "
+    "(the share of hits, known afterwards), and so does where the true miss lies in the predictive sample."
+)
+
+
+def _scores(found: ByWay) -> list[list[str]]:
+    head = ["way", "family", "strikes", "stated", "hit", "calibration error", "Brier", "constant", "log", "constant"]
+    rows = [[*head, "miss within 50 %", "within 90 %", "beyond all samples"]]
+    for (way, family), trials in found.items():
+        firsts = [struck[0] for struck in trials if struck]
+        known = [Forecast(x["probability"] or 0.0, x["misses"], x["miss"], x["hit"]) for x in firsts]
+        if not known:
+            continue
+        s = Scores.of(known)
+        stated, hit = (np.array([getattr(f, name) for f in known]) for name in ("probability", "hit"))
+        said = [way, family, str(s.count), *(f"{100 * x:.0f} %" for x in (stated.mean(), s.hits))]
+        said += [f"{x:.3f}" for x in (reliability(stated, hit), s.brier, s.brier_constant, s.log, s.log_constant)]
+        rows.append([*said, *(f"{100 * x:.0f} %" for x in (*s.within, s.beyond))])
+    return rows
