@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from whiptool.strike_map.goal_region import GoalRegion, usual_region
 
 from papers.unknown.rods import ROPE, RodPort, drawn_rope
 from whiptool import Adaptation, Target, draw_twin
@@ -27,6 +26,7 @@ from whiptool.adaptation.ports import Port, Seen, TipPort
 from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.comparison.unit import Unit
 from whiptool.given_files import read_json
+from whiptool.goals.goal_region import GoalRegion, usual_region
 from whiptool.goals.goals import Goals, arrival_angles
 from whiptool.goals.zone import Disc
 from whiptool.models import preset
