@@ -60,7 +60,7 @@ def map_of(task: AimTask, given: Path | None, folder: Path) -> tuple[StrikeMap, 
         place = folder / "map"
         place.mkdir(exist_ok=True)
         return built(task.building(), place), place
-    from whiptool.commands.map import load_map
+    from whiptool import load_map
 
     strike_map = load_map(given)
     check(strike_map, task)

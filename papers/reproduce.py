@@ -15,9 +15,10 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
+from whiptool.commands.options.option_group import MANY_TARGETS, refuse_idle, whole
+from whiptool.commands.options.search_options import Methods, Observation, spell_methods
 from whiptool.errors import InputError
 from whiptool.goals.zone import usual_disc
-from whiptool.options import MANY_TARGETS, Methods, Observation, refuse_idle, spell_methods, whole
 from whiptool.progress import note
 from whiptool.whole_files import write_whole
 from whiptool.words import counted

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
+from whiptool.commands.options.limit_options import LimitOptions
 from whiptool.errors import InputError
 from whiptool.goals.criteria import Effort, PeakTorque, Speed
 from whiptool.goals.goals import probability_within
@@ -21,7 +22,6 @@ from whiptool.models.robots import rope
 from whiptool.models.spatial_arm import without_inertia
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped
-from whiptool.options.limits import LimitOptions
 from whiptool.rollout import CompiledRollout
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 1.0, 0.3, 0.8, 1.0))

@@ -11,11 +11,11 @@ from full_disk import full_disk
 from search_words import SEARCH
 
 from whiptool.commands import cli, optimize
+from whiptool.commands.options.option_group import OutputOptions, ResumableOptions
 from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.objective import Trial
 from whiptool.optimizers.trial_log import TRIALS, TrialLog
-from whiptool.options import OutputOptions, ResumableOptions
 from whiptool.references import CITATIONS
 from whiptool.runs import CONFIG, RESULT, RunFolder
 

@@ -55,9 +55,9 @@ _HOMES = {
     "TipPort": "adaptation",
     "default_prior": "adaptation",
     "draw_twin": "adaptation",
-    "load_map": "commands.map",
-    "load_policy": "commands.train",
-    "train": "commands.train",
+    "load_map": "strike_map.map_runs",
+    "load_policy": "rl.trained",
+    "train": "rl.trained",
     "compare": "comparison.comparing",
     "WhipEnv": "rl.environment",
     "citations": "references",
@@ -66,8 +66,6 @@ __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
-    from whiptool.commands.map import load_map
-    from whiptool.commands.train import load_policy, train
     from whiptool.comparison.comparing import compare
     from whiptool.goals.target import Target
     from whiptool.goals.zone import Disc
@@ -97,7 +95,9 @@ if TYPE_CHECKING:
     from whiptool.recording import StrikeRecording, read_recording
     from whiptool.references import citations
     from whiptool.rl.environment import WhipEnv
+    from whiptool.rl.trained import load_policy, train
     from whiptool.rollout import CompiledRollout, ReferenceRollout
+    from whiptool.strike_map.map_runs import load_map
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
     from whiptool.viz.plots import plot_distance, plot_strike, plot_tip_speed, plot_torque, plot_tracking

@@ -174,6 +174,19 @@ def _refuse_taken(path: Path) -> None:
         raise FolderTaken(path)
 
 
+def config_of(path: Path, command: str) -> dict:
+    """The resolved configuration of a run of a command, see `read_config`.
+
+    Raises:
+        InputError: The folder is of another command, or its configuration is damaged.
+    """
+    config = read_config(path)
+    if config.get("command") != command or not isinstance(config.get("options"), dict):
+        rule = f"a folder that `whiptool {command}` made, with a complete configuration"
+        raise InputError("run_folder", str(path), rule)
+    return config
+
+
 def read_config(path: Path) -> dict:
     """The resolved configuration of a run, whoever writes in its folder.
 

@@ -15,8 +15,8 @@ from papers.context import Context
 from papers.lemon2024.hard import HIT_RADIUS
 from whiptool import Controller, oiac_preset, preset
 from whiptool.comparison import Scene
-from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.zones import SPEED, fast_region
+from whiptool.rl.trained import one_torch_thread
 from whiptool.strike_map.building import built
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.viz.report import Picture, Section, Table, Text

@@ -12,10 +12,10 @@ import numpy as np
 
 from papers.aim.task import AimTask
 from whiptool import Objective, ReferenceRollout, Target, search
-from whiptool.comparison.learner_unit import one_torch_thread
 from whiptool.comparison.unit import Unit
 from whiptool.goals.goals import Goals
 from whiptool.limits.clearance import Clearance
+from whiptool.rl.trained import one_torch_thread
 from whiptool.strike_map.candidates import SHORTLIST
 from whiptool.strike_map.corrections import refine
 from whiptool.strike_map.map_files import opened

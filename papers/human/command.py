@@ -12,8 +12,8 @@ from typing import Annotated, Any, ClassVar
 import tyro
 
 from whiptool.commands import cli
+from whiptool.commands.options.option_group import ResumableOptions, whole
 from whiptool.errors import NOTHING, InputError
-from whiptool.options import ResumableOptions, whole
 from whiptool.whole_files import write_whole
 
 REPORT = "report.html"

@@ -20,10 +20,10 @@ from papers.unknown.rods import ROPE, RodPort, drawn_rope
 from whiptool import Adaptation, Target, draw_twin
 from whiptool.adaptation.adapter import PLAN
 from whiptool.adaptation.materials import USUAL, stock_of_material
-from whiptool.adaptation.options import AdaptOptions, prepare
 from whiptool.adaptation.plan_search import Effort
 from whiptool.adaptation.ports import Port, Seen, TipPort
 from whiptool.adaptation.twins import FAMILIES, Twin
+from whiptool.commands.options.adapt_options import AdaptOptions, prepare
 from whiptool.comparison.unit import Unit
 from whiptool.given_files import read_json
 from whiptool.goals.goal_region import GoalRegion, usual_region

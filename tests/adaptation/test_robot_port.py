@@ -10,12 +10,12 @@ import pytest
 from recordings import write_rows
 
 from whiptool.adaptation import adapter
-from whiptool.adaptation.options import AdaptOptions
 from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import Seen, checked
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import adapt
+from whiptool.commands.options.adapt_options import AdaptOptions
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.models import preset

@@ -73,7 +73,7 @@ def test_errors_of_the_library_name_options_in_commands(name):
 
 
 def test_what_is_positional_keeps_its_name():
-    from whiptool.commands.identify_options import IdentifyOptions
+    from whiptool.commands.options.identify_options import IdentifyOptions
 
     with pytest.raises(InputError, match=r"^recordings: "), cli.options_named(IdentifyOptions()):
         raise InputError("recordings", "none", "one")

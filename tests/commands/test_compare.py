@@ -16,7 +16,7 @@ from command_line import called, whiptool
 from processes import HANG
 
 from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
-from whiptool.comparison.learner_unit import Checkpoint, one_torch_thread
+from whiptool.comparison.learner_unit import Checkpoint
 from whiptool.comparison.plan import deterministic
 from whiptool.comparison.policy_trials import trials_within
 from whiptool.errors import InputError
@@ -28,6 +28,7 @@ from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.trained import one_torch_thread
 
 TIMES = ("wall_time",)
 SMALL = ("--targets", 6, "--seeds", 1, "--max-trials", 12, "--episodes", 12, "--trials", 8, "--random-episodes", 6)

@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.commands.help import SCREEN, help_text
 from whiptool.commands.optimize import OptimizeOptions
-from whiptool.options import flag
+from whiptool.commands.options.option_group import flag
 
 MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "identify", "adapt", "view", "reproduce",
         "human", "doctor", "rig strike", "rig learn"]  # fmt: skip

@@ -15,6 +15,7 @@ from whiptool.commands import cli, simulate, train, view
 from whiptool.commands.policy_runs import is_policy, usual_for
 from whiptool.errors import InputError
 from whiptool.models import preset
+from whiptool.rl.trained import BEST, CHECKPOINT, load_policy
 from whiptool.rollout import CompiledRollout
 
 HOW = ["--preset", "printed", "--zone-radius", "0.3", "--hit-radius", "0.2", "--timestep", "0.0005"]
@@ -31,13 +32,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", ["", train.BEST, train.CHECKPOINT])
+@pytest.mark.parametrize("file", ["", BEST, CHECKPOINT])
 def test_the_strike_of_a_policy_is_simulated(run: Path, file: str, tmp_path: Path, capsys) -> None:
     """With the controller and the steps of its training; what is given counts beside them."""
     words = [str(run / file), "--target", "1.2", "0.1", "--no-video", "--json", "--out", str(tmp_path / "played")]
     assert simulate.main(words) == 0
     told = json.loads(capsys.readouterr().out)
-    strike = train.load_policy(run / file).strike((1.2, 0.1))
+    strike = load_policy(run / file).strike((1.2, 0.1))
     assert list(told["strike"].values()) == strike.vector.tolist()
     controller = train.TrainOptions(preset="printed").build_controller()
     near = CompiledRollout(preset("lemon2024"), controller, timestep=5e-4).approach(strike, (1.2, 0.1))
@@ -62,7 +63,7 @@ def test_what_is_no_strike_of_the_policy_is_refused_in_one_line(run: Path, tmp_p
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", ["", train.CHECKPOINT])
+@pytest.mark.parametrize("file", ["", CHECKPOINT])
 def test_a_policy_is_looked_at_by_a_strike_at_one_of_its_targets(run: Path, file: str, capsys, monkeypatch) -> None:
     """Its files are written anew every time: the policy may have learned since."""
     monkeypatch.setattr(view, "has_display", lambda: False)
@@ -75,7 +76,7 @@ def test_a_policy_is_looked_at_by_a_strike_at_one_of_its_targets(run: Path, file
         assert json.loads(told.out)["page"] == str(run / view.PAGE)
         assert "one of its held-out goals" in told.err
         assert "of an earlier policy" not in (run / view.PAGE).read_text()
-    policy = train.load_policy(run / file)
+    policy = load_policy(run / file)
     for strike in drawn:
         assert policy.task.zone.contains(np.array(strike.target.position))
         expected = policy.task.rollout.trajectory(policy.strike(strike.target), t_stay=policy.task.t_stay)
@@ -110,9 +111,9 @@ def test_a_policys_target_is_asked_for_as_it_was_trained(given, angle, cone, tmp
 
 def test_only_a_training_with_a_checkpoint_is_a_policy(tmp_path: Path) -> None:
     assert not is_policy(trained(tmp_path))
-    (tmp_path / train.CHECKPOINT).write_bytes(b"")
+    (tmp_path / CHECKPOINT).write_bytes(b"")
     assert is_policy(tmp_path)
-    assert is_policy(tmp_path / train.CHECKPOINT)
+    assert is_policy(tmp_path / CHECKPOINT)
     (tmp_path / "config.toml").write_text('command = "optimize"\n')
     assert not is_policy(tmp_path)
     with pytest.raises(InputError, match="run_folder"):

@@ -20,15 +20,15 @@ from full_disk import full_disk
 
 from whiptool import whole_files
 from whiptool.commands import train
-from whiptool.commands.train import load_policy
 from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import sample_goals
 from whiptool.goals.target import Target
 from whiptool.goals.zone import sample
 from whiptool.models import preset
 from whiptool.objective import Objective
-from whiptool.rl import episode_table, event_log
+from whiptool.rl import episode_table, event_log, trained
 from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.trained import load_policy
 from whiptool.rl.training import load_checkpoint
 from whiptool.rollout import CompiledRollout
 
@@ -64,9 +64,9 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert summary["best"] == told
     assert all(row["held_out_hit"] == "" for row in table if int(row["number"]) not in scored)
     policy = load_policy(tmp_path / "run")
-    assert same(policy.learner.actor.state_dict(), load_checkpoint(tmp_path / "run" / train.BEST)["actor"])
-    last = load_policy(tmp_path / "run" / train.CHECKPOINT)
-    assert same(last.learner.state_dict(), load_checkpoint(tmp_path / "run" / train.CHECKPOINT)["learner"])
+    assert same(policy.learner.actor.state_dict(), load_checkpoint(tmp_path / "run" / trained.BEST)["actor"])
+    last = load_policy(tmp_path / "run" / trained.CHECKPOINT)
+    assert same(last.learner.state_dict(), load_checkpoint(tmp_path / "run" / trained.CHECKPOINT)["learner"])
     options = train.TrainOptions()
     targets = sample(policy.task.zone, 40, np.random.default_rng(0))
     strikes = np.array([policy.strike(target).vector for target in targets])
@@ -134,7 +134,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     process.wait()
     assert len(rows(killed)) < 12
     assert train.main(["--resume", str(killed)]) == 0
-    assert same(load_checkpoint(whole / train.CHECKPOINT), load_checkpoint(killed / train.CHECKPOINT))
+    assert same(load_checkpoint(whole / trained.CHECKPOINT), load_checkpoint(killed / trained.CHECKPOINT))
     assert (whole / train.EPISODES).read_text() == (killed / train.EPISODES).read_text()
     results = [json.loads((folder / "result.json").read_text()) for folder in (whole, killed)]
     assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
@@ -152,7 +152,7 @@ def test_a_run_that_is_trained_longer_is_a_run_of_that_length(
     assert train.main(["--resume", str(longer), "--episodes", "5"]) == 2
     assert "--episodes: got 5; allowed: 6 or more, as many as the run has made" in capsys.readouterr().err
     assert train.main(["--resume", str(longer), "--episodes", "11"]) == 0
-    for file in (train.CHECKPOINT, train.BEST):
+    for file in (trained.CHECKPOINT, trained.BEST):
         assert same(load_checkpoint(whole / file), load_checkpoint(longer / file))
     for file in (train.EPISODES, train.CURVE, "config.toml"):
         assert (whole / file).read_bytes() == (longer / file).read_bytes()
@@ -170,7 +170,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(
 
     def on_a_full_disk(self):
         if self.done == 5:
-            (run / f".tmp-{train.CHECKPOINT}").symlink_to("/dev/full")
+            (run / f".tmp-{trained.CHECKPOINT}").symlink_to("/dev/full")
         return episode(self)
 
     with monkeypatch.context() as patch:
@@ -179,9 +179,9 @@ def test_a_full_disk_leaves_the_last_checkpoint(
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith("whiptool: ")
     assert "No space left" in error
-    assert str(run / train.CHECKPOINT) in error
+    assert str(run / trained.CHECKPOINT) in error
     assert not list(run.glob(".*"))
-    assert load_checkpoint(run / train.CHECKPOINT)["done"] <= 5
+    assert load_checkpoint(run / trained.CHECKPOINT)["done"] <= 5
 
 
 @pytest.mark.parametrize("file", [train.EPISODES, "tensorboard/events*"])
@@ -233,5 +233,5 @@ def test_nan_ends_with_the_last_good_checkpoint(
     assert train.main([*SHORT, "--out", str(tmp_path / "run")]) == 1
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert "nan" in error
-    assert train.CHECKPOINT in error
-    assert load_checkpoint(tmp_path / "run" / train.CHECKPOINT)["done"] == 4
+    assert trained.CHECKPOINT in error
+    assert load_checkpoint(tmp_path / "run" / trained.CHECKPOINT)["done"] == 4

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from whiptool.commands.options.controller_options import ControllerOptions
+from whiptool.commands.options.rig_options import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, PositionControl
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.files import controller_from_table, controller_to_table
 from whiptool.models import preset
 from whiptool.models.strike import Strike
-from whiptool.options.controller import ControllerOptions
-from whiptool.rig.arm_options import ArmOptions
 
 CONTROLLER = Controller(PositionControl())
 

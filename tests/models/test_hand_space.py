@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
+from whiptool.commands.options.search_options import SearchOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models import ArmLink, ArmParameters, preset
@@ -15,7 +16,6 @@ from whiptool.models.joint_space import JointSpace
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.objective import Objective
-from whiptool.options import SearchOptions
 from whiptool.rollout import ReferenceRollout
 
 LEMON, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))

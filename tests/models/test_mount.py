@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from whiptool.commands.options.target_options import ModelOptions
 from whiptool.errors import InputError
 from whiptool.models import JointLimits, Model, SpatialArm, in_space, preset
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mount import default_floor, level_links, mount_rotation, mounted
 from whiptool.models.robots import PANDA_ARM, UR5E_ARM, rope
 from whiptool.models.scene import Scene
-from whiptool.options import ModelOptions
 
 Q = (0.3, -0.8, 0.5, -1.2, 0.4, 0.9, 0.1)
 

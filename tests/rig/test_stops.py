@@ -21,6 +21,7 @@ from repository import ROOT
 
 import whiptool as wt
 from whiptool.commands import rig as command
+from whiptool.commands.options.rig_options import mark_of_port
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
@@ -29,7 +30,6 @@ from whiptool.optimizers import METHODS, search
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig import session as sessions
 from whiptool.rig import stop_signals
-from whiptool.rig.arm_options import mark_of_port
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.emulator import Emulator
 from whiptool.rig.filming import Filming

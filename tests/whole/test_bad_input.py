@@ -24,11 +24,11 @@ import tomli_w
 from processes import HANG
 
 from whiptool.commands import cli
+from whiptool.commands.options.option_group import OptionGroup
 from whiptool.errors import InputError
 from whiptool.models import preset, write_model
 from whiptool.models.files import model_to_table
 from whiptool.models.strike import Strike
-from whiptool.options import OptionGroup
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
-from whiptool.adaptation.options import ROBOT, AdaptOptions, prepare
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import cli
 from whiptool.commands.interruptions import tell_when_interrupted
+from whiptool.commands.options.adapt_options import ROBOT, AdaptOptions, prepare
+from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.options.rig_options import ask_to_release
 from whiptool.errors import InputError
-from whiptool.options import OptionGroup
 from whiptool.progress import note
-from whiptool.rig.arm_options import ask_to_release
 from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:

@@ -15,11 +15,17 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_h
 
 from whiptool.commands.help import HELP, HELP_ALL, help_text
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
+from whiptool.commands.options.option_group import (
+    OptionGroup,
+    OutputOptions,
+    ResumableOptions,
+    flag,
+    options_named,
+    renaming,
+)
 from whiptool.commands.spelling import choices, usual_words
 from whiptool.errors import NOTHING, InputError, WhiptoolError, alike
 from whiptool.extras import require
-from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, flag, flags
-from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.progress import Progress, note
 from whiptool.version import __version__
 
@@ -144,32 +150,6 @@ def _missing(argument: Any) -> InputError:
     return InputError(name, NOTHING, (meaning or "a value").rstrip("."), "--help tells more")
 
 
-@contextmanager
-def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
-    """Name options in the errors that come from within, where the library names arguments.
-
-    Args:
-        options: Those of the command: the library's `t_stay` or `t stay` is its `--t-stay`.
-        others: Options by names of the library that are not their own.
-
-    Raises:
-        InputError: One that came from within; the option is named.
-    """
-    with _named({**dict(flags(options)), **others}):
-        yield
-
-
-@contextmanager
-def _named(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        name = names.get(error.name.replace(" ", "_"))
-        if name is None:
-            raise
-        raise error.renamed(name, fix) from None
-
-
 def given_flags(words: Sequence[str]) -> list[str]:
     """Return the options on a command line, `--no-video` as `--video`.
 
@@ -217,7 +197,7 @@ def parse_resumable(
             mine = {f.name for f in dataclasses.fields(parsed)}
             small = options(**{name: value for name, value in quick.items() if name in mine})
         return parse(options, prog=prog, description=description, args=words, default=small)
-    with _named({"run_folder": "--resume"}):
+    with renaming({"run_folder": "--resume"}):
         stored: Any = options_of_run(options, parsed.resume, command=command)
     again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     if again.out is not None:
@@ -260,15 +240,9 @@ def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
     Raises:
         InputError: The folder is of another command, or its configuration is damaged.
     """
-    from whiptool.runs import read_config
+    from whiptool.runs import config_of
 
-    config = read_config(run_folder)
-    table = config.get("options")
-    if config.get("command") != command or not isinstance(table, dict):
-        raise InputError(
-            "run_folder", str(run_folder), f"a folder that `whiptool {command}` made, with a complete configuration"
-        )
-    return stored_options(options, table, run_folder)
+    return stored_options(options, config_of(run_folder, command)["options"], run_folder)
 
 
 def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
@@ -292,6 +266,8 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
 
 def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:
     """Return one or several observations of a stored run under the names that they have now."""
+    from whiptool.rl.task import OLD_OBSERVATIONS
+
     if isinstance(observation, tuple):
         return tuple(OLD_OBSERVATIONS.get(name, name) for name in observation)
     return OLD_OBSERVATIONS.get(observation, observation)
@@ -334,7 +310,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
 
     check_matplotlib()
     resumable = hasattr(options, "resume")
-    with _named({"run_folder": "run folder"}, fix="give --out"):
+    with renaming({"run_folder": "run folder"}, fix="give --out"):
         path = options.out or default_folder(name)
     with _out_named(resumable):
         note = _go_on(path) if resumable else ""
@@ -358,7 +334,7 @@ def check_out(options: OutputOptions) -> None:
 def _out_named(resumable: bool) -> Iterator[None]:
     from whiptool.runs import FolderTaken
 
-    with _named({"run_folder": "--out"}):
+    with renaming({"run_folder": "--out"}):
         try:
             yield
         except FolderTaken as error:
@@ -384,7 +360,7 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
 
     if options.resume is None:
         return new_folder(options, name, config)
-    with _named({"run_folder": "--resume"}):
+    with renaming({"run_folder": "--resume"}):
         folder = RunFolder.open(options.resume, on_interrupt=_go_on(options.resume))
     check_same_run(folder, config)
     return folder

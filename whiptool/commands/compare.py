@@ -12,24 +12,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from whiptool.commands import cli
-from whiptool.errors import InputError
-from whiptool.options import (
-    MANY_TARGETS,
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.option_group import MANY_TARGETS, ResumableOptions, refuse_idle, whole
+from whiptool.commands.options.search_options import (
     Learner,
     Methods,
-    ModelOptions,
     Observation,
-    ResumableOptions,
-    SimulatedControllerOptions,
-    StepOptions,
     TrainingOptions,
-    ZoneGoalOptions,
-    ZoneOptions,
     learned_with,
-    refuse_idle,
     spell_methods,
-    whole,
 )
+from whiptool.commands.options.simulator_options import StepOptions
+from whiptool.commands.options.target_options import ModelOptions, ZoneOptions
+from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
+from whiptool.errors import InputError
 from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -137,7 +133,7 @@ class ComparisonOptions(
         scene = Scene(
             model=model,
             controller=controller,
-            zone=self.build_disc(model),
+            zone=self.build_zone(model),
             arrival=self.build_arrival(),
             targets=self.targets,
             target_seed=self.target_seed,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from whiptool.commands import cli
+from whiptool.commands.options.option_group import JsonOptions
 from whiptool.extras import EXTRAS
-from whiptool.options import JsonOptions
 from whiptool.version import __version__
 
 CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from whiptool.commands.cli import options_named, parse, run
+from whiptool.commands.options.option_group import OptionGroup, refuse_idle, whole
 from whiptool.errors import InputError
-from whiptool.options import OptionGroup, refuse_idle, whole
 
 if TYPE_CHECKING:
     from whiptool.rig.dynamixel.bus import DynamixelBus

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from whiptool.commands.cli import options_named, parse, run
 from whiptool.commands.dynamixel import Baud
-from whiptool.options import ModelOptions, refuse_idle
+from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.target_options import ModelOptions
 
 
 @dataclass(frozen=True, kw_only=True)

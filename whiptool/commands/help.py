@@ -12,7 +12,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from whiptool.options import OptionGroup, flag
+from whiptool.commands.options.option_group import OptionGroup, flag
 
 HELP, HELP_ALL = ("-h", "--help"), "--help-all"
 SCREEN = 40  # [lines]; a command with more in all has its most used options on the first screen

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
 from whiptool.commands.fit_status import convergence_status
-from whiptool.commands.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.identify_pendulum import identify_pendulum
+from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
+from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
-from whiptool.options import refuse_idle
 from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
 from whiptool.commands.fit_status import convergence_status
-from whiptool.commands.identify_options import IDENTIFIED, REPORT, IdentifyOptions
+from whiptool.commands.options.identify_options import IDENTIFIED, REPORT, IdentifyOptions
 from whiptool.errors import InputError
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.progress import note

@@ -8,7 +8,6 @@ import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -16,31 +15,29 @@ import numpy as np
 from tyro.conf import Positional
 
 from whiptool.commands import cli
-from whiptool.commands.pictures import StrikePictures
-from whiptool.errors import InputError, expect
-from whiptool.extras import optional
-from whiptool.options import (
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.option_group import (
     MANY_TARGETS,
-    GoalOptions,
-    LimitOptions,
-    ModelOptions,
     OutputOptions,
-    RegionOptions,
     ResumableOptions,
     SeedOptions,
-    SimulatedControllerOptions,
-    StepOptions,
-    TrajectoryOptions,
     flag,
     refuse_idle,
     whole,
 )
+from whiptool.commands.options.region_options import RegionOptions
+from whiptool.commands.options.simulator_options import StepOptions
+from whiptool.commands.options.target_options import GoalOptions, ModelOptions
+from whiptool.commands.options.trajectory_options import TrajectoryOptions
+from whiptool.commands.pictures import StrikePictures
+from whiptool.errors import InputError
+from whiptool.extras import optional
 
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
-    from whiptool.models.parameters import Model
     from whiptool.models.strike import Strike
-    from whiptool.strike_map import Building, GoalRegion, MapPlan, StrikeMap
+    from whiptool.strike_map import StrikeMap
 
 WORDS = {"build": "build the map of a region of goals", "strike": "look up the strike for a goal in a map"}
 
@@ -93,38 +90,6 @@ class BuildOptions(
         """Return the modules of extras that the command imports with these options."""
         return ("torch",) if self.gate_strikes else ()
 
-    def build_plan(self) -> MapPlan:
-        """Return how much is rolled out."""
-        from whiptool.strike_map import MapPlan
-
-        return MapPlan(self.random_strikes, self.room, self.rounds, self.goals, self.gate_strikes)
-
-    def build_building(self) -> Building:
-        """Return the building, not begun."""
-        from whiptool.strike_map import Building, Striker
-        from whiptool.strike_map.turning import bounds_all_around
-
-        model, controller = self.build_model(), self.build_controller()
-        controller.check_fits(model.arm)
-        rollout = self.build_compiled(model, controller)
-        limits, bounds = self.build_limits(model, controller), bounds_all_around(model.arm)
-        striker = Striker(rollout, bounds=bounds, limits=limits, t_stay=self.t_stay)
-        return Building(striker, self.build_region(model), self.build_plan(), seed=self.seed)
-
-    def build_region(self, model: Model) -> GoalRegion:
-        """Return the region of goals that the options name, or the usual one.
-
-        Raises:
-            InputError: It is out of the model's reach, or of another dimension.
-        """
-        from whiptool.goals.goal_region import GoalRegion, usual_region
-
-        if self.names_zone:
-            return GoalRegion(self.build_zone(model), self.build_arrival(), self.hit_radius)
-        usual, asked = usual_region(model, self.hit_radius), self.build_arrival()
-        asked.check_dimension(model)
-        return usual if asked.only_points else replace(usual, rule=asked)
-
 
 @dataclass(frozen=True, kw_only=True)
 class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
@@ -173,43 +138,17 @@ def main(args: Sequence[str] | None = None) -> int:
     return cli.run(command)
 
 
-def load_map(run_folder: str | Path) -> StrikeMap:
-    """Return a strike map.
-
-    Args:
-        run_folder: Run folder of `python -m whiptool.map build`, or, if there is no such folder, the name of a preset
-            whose map comes with the package.
-
-    Raises:
-        InputError: There is no preset of that name, the folder is of another command, or its map is not whole.
-    """
-    expect(str, PathLike, run_folder=run_folder)
-    from whiptool.strike_map import Answers, StrikeMap
-    from whiptool.strike_map.map_files import load_gate, load_parts, shipped_map
-
-    folder = Path(run_folder)
-    if not folder.exists() and folder.name == str(run_folder):
-        return shipped_map(str(run_folder))
-    options = cli.options_of_run(BuildOptions, folder, command="map")
-    building = options.build_building()
-    parts, gate = load_parts(folder, building.plan.parts), load_gate(folder)
-    if len(parts) < building.plan.parts or (gate is None and options.gate_strikes > 0):
-        rule = f"a finished map; continue with whiptool map build --resume {folder}"
-        raise InputError("run_folder", str(folder), rule)
-    return StrikeMap(building.striker, building.region, Answers.joined(parts), gate)
-
-
 def _build(args: Sequence[str]) -> int:
     options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args, prog="whiptool map build")
     with cli.options_named(options):
         from whiptool.strike_map.building import built
+        from whiptool.strike_map.map_runs import building_of
 
         if options.gate_strikes:
             optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
 
-        building = options.build_building()
-        rollout = building.striker.rollout
-        config = cli.configuration(options, "map", rollout.model, rollout.controller)
+        config = cli.configuration(options, "map", options.build_model(), options.build_controller())
+        building = building_of(config)
         with cli.open_folder(options, "map", config) as folder:
             start = time.monotonic()
             strike_map = built(building, folder.path)
@@ -262,6 +201,8 @@ def _text(summary: dict[str, Any], path: Path) -> str:
 def _strike(args: Sequence[str]) -> int:
     options = cli.parse(StrikeOptions, prog="whiptool map strike", description=_STRIKE, args=args)
     with cli.options_named(options, run_folder="run folder"):
+        from whiptool.strike_map.map_runs import load_map
+
         cli.check_out(options)
         strike_map = load_map(options.run)
         model = strike_map.striker.rollout.model

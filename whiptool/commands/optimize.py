@@ -14,25 +14,22 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
-from whiptool.commands.pictures import StrikePictures, drawing_process
-from whiptool.errors import InputError
-from whiptool.options import (
+from whiptool.commands.options.criteria_options import CriteriaOptions
+from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.option_group import ResumableOptions, SeedOptions, refuse_idle
+from whiptool.commands.options.search_options import (
     METHODS,
     WITH_DERIVATIVES,
-    CriteriaOptions,
-    GoalOptions,
-    LimitOptions,
-    ModelOptions,
-    ResumableOptions,
     SearchOptions,
-    SeedOptions,
-    SimulatorOptions,
-    SpaceOptions,
-    TrajectoryOptions,
     learned_with,
-    refuse_idle,
     spell_methods,
 )
+from whiptool.commands.options.simulator_options import SimulatorOptions
+from whiptool.commands.options.space_options import SpaceOptions
+from whiptool.commands.options.target_options import GoalOptions, ModelOptions
+from whiptool.commands.options.trajectory_options import TrajectoryOptions
+from whiptool.commands.pictures import StrikePictures, drawing_process
+from whiptool.errors import InputError
 from whiptool.progress import Progress, note
 from whiptool.references import CITATIONS
 from whiptool.words import counted

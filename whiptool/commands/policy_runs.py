@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from whiptool.commands import cli
-from whiptool.commands.train import BEST, CHECKPOINT, TrainOptions, load_policy
-from whiptool.options import OptionGroup
+from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.train import TrainOptions
+from whiptool.rl.trained import BEST, CHECKPOINT, load_policy
 from whiptool.runs import CONFIG, read_config
 
 if TYPE_CHECKING:

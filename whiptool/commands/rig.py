@@ -14,20 +14,18 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.interruptions import INTERRUPTED, tell_when_interrupted, with_state
-from whiptool.errors import InputError
-from whiptool.options import (
-    LONGEST_STAY,
-    MODELS,
+from whiptool.commands.options.option_group import ResumableOptions, refuse_idle
+from whiptool.commands.options.rig_options import ArmOptions, ask_to_release, hardware_rig, loop_options
+from whiptool.commands.options.search_options import (
     WITH_DERIVATIVES,
     WITHOUT_DERIVATIVES,
-    ResumableOptions,
     SearchOptions,
     learned_with,
-    refuse_idle,
     spell_methods,
 )
+from whiptool.commands.options.target_options import LONGEST_STAY, MODELS
+from whiptool.errors import InputError
 from whiptool.progress import note
-from whiptool.rig.arm_options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.words import counted
 
 if TYPE_CHECKING:

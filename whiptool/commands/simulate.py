@@ -13,19 +13,14 @@ import numpy as np
 import tyro
 
 from whiptool.commands import cli
+from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.option_group import OutputOptions, check_place, refuse_idle
+from whiptool.commands.options.simulator_options import SimulatorOptions
+from whiptool.commands.options.space_options import SpaceOptions
+from whiptool.commands.options.target_options import GoalOptions, ModelOptions
+from whiptool.commands.options.trajectory_options import TrajectoryOptions
 from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import NOTHING, InputError
-from whiptool.options import (
-    GoalOptions,
-    LimitOptions,
-    ModelOptions,
-    OutputOptions,
-    SimulatorOptions,
-    SpaceOptions,
-    TrajectoryOptions,
-    check_place,
-    refuse_idle,
-)
 from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 
@@ -181,7 +176,7 @@ def _check_same(options: SimulateOptions, model) -> None:
 def _strike(options: SimulateOptions, model):
     """Return the strike that is asked for; None: none is."""
     if options.of_policy():
-        from whiptool.commands.train import load_policy
+        from whiptool.rl.trained import load_policy
 
         assert options.run is not None
         return load_policy(options.run).strike(options.build_target(model))

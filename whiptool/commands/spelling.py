@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from whiptool.options import OptionGroup, flag
+from whiptool.commands.options.option_group import OptionGroup, flag
 from whiptool.words import as_named
 
 SHORT = {"-o": "--out"}

@@ -5,45 +5,28 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
-from whiptool.errors import InputError, WhiptoolError, expect
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.option_group import MANY_TARGETS, ResumableOptions, SeedOptions, flag, refuse_idle, whole
+from whiptool.commands.options.search_options import Learner, Observation, TrainingOptions
+from whiptool.commands.options.simulator_options import StepOptions
+from whiptool.commands.options.target_options import ModelOptions
+from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
-from whiptool.models import numbers
-from whiptool.options import (
-    MANY_TARGETS,
-    Learner,
-    ModelOptions,
-    Observation,
-    ResumableOptions,
-    SeedOptions,
-    SimulatedControllerOptions,
-    StepOptions,
-    TrainingOptions,
-    ZoneGoalOptions,
-    flag,
-    refuse_idle,
-    whole,
-)
 from whiptool.progress import Progress, note
 from whiptool.references import CITATIONS
-from whiptool.rollout.interface import Rollout
-from whiptool.words import counted, method_name
+from whiptool.words import counted
 
 if TYPE_CHECKING:
-    from whiptool.goals.zone import Zone
-    from whiptool.rl.policy import Policy
-    from whiptool.rl.settings import Settings
-    from whiptool.rl.task import StrikeTask
-    from whiptool.rl.training import Training, TrainingEpisode
-    from whiptool.rollout import CompiledRollout
+    pass
 
-CHECKPOINT, BEST, EPISODES, CURVE = "checkpoint.pt", "best.pt", "episodes.csv", "learning.png"
+EPISODES, CURVE = "episodes.csv", "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
 _HYPERPARAMETERS = (
     "learning_rate",
@@ -175,144 +158,24 @@ def _main(args: Sequence[str] | None) -> int:
             return run.train()
 
 
-def load_policy(run_folder: str | Path) -> Policy:
-    """Return the policy that `python -m whiptool.train` left in its run folder.
-
-    Args:
-        run_folder: The folder, for the best policy, the last one of a training that kept none; or one of the files in
-            it: `best.pt`, or `checkpoint.pt` for the policy of its last checkpoint.
-
-    Raises:
-        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole file of a policy.
-    """
-    expect(str, PathLike, run_folder=run_folder)
-    optional("torch", "a policy")
-    from whiptool.rl.policy import Policy
-
-    given = Path(run_folder)
-    folder = given.parent if given.is_file() else given
-    kept = folder / BEST if (folder / BEST).is_file() else folder / CHECKPOINT
-    training = build_training(cli.options_of_run(TrainOptions, folder, command="train"))
-    training.load(given if given.is_file() else kept)
-    return Policy(training.learner, training.task)
-
-
-def train(
-    rollout: CompiledRollout,
-    zone: Zone | None = None,
-    method: str = "sac",
-    *,
-    episodes: int = 500,
-    trials: int = 100,
-    random_episodes: int | None = None,
-    hindsight: int = 0,
-    seed: int = 0,
-    progress: bool = True,
-    settings: Mapping[str, Any] | None = None,
-    **task: Any,
-) -> Policy:
-    """Train a policy that strikes at any target of a zone (Algorithm 1), in memory: without a run folder.
-
-    Args:
-        rollout: Simulator of the model and controller.
-        zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
-        method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
-        episodes: Number of episodes.
-        trials: Strikes per episode, all in one batch.
-        random_episodes: Episodes at the start with random strikes; None: a tenth of them.
-        hindsight: Relabelled copies of every strike, see `whiptool.rl.settings.TrainingPlan`.
-        seed: Seed of everything random.
-        progress: Show a bar.
-        settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
-        task: Further arguments of `whiptool.rl.task.StrikeTask` by name, such as `hit_radius` and `arrival`.
-
-    Returns:
-        The policy that hit most held-out goals, or the last policy if the training was too short to evaluate any:
-        `policy.strike(target)`, or `policy.predict(observation)`.
-
-    Raises:
-        InputError: PyTorch is not installed, there is no such learner, or a number is out of range.
-        Diverged: A loss is not finite.
-    """
-    expect(Rollout, rollout=rollout)
-    torch = optional("torch", "training")
-
-    from whiptool.comparison.learner_unit import one_torch_thread
-    from whiptool.rl.held_out import held_out_goals
-    from whiptool.rl.settings import TrainingPlan, settings_for
-    from whiptool.rl.task import StrikeTask
-    from whiptool.rl.training import Training, make_learner
-
-    expect(str, method=method)
-    method = method_name(method)
-    seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
-    plan = TrainingPlan(episodes, trials, episodes // 10 if random_episodes is None else random_episodes, hindsight)
-    struck, generator = StrikeTask(rollout, zone, **task), torch.Generator().manual_seed(seed)
-    learner = make_learner(method, settings_for(method, **settings or {}), struck, generator)
-    training = Training(learner, struck, plan, held_out_goals(struck, seed))
-    with one_torch_thread(), Progress(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
-
-        def on_episode(episode: TrainingEpisode) -> None:
-            bar.update()
-
-        training.run(on_episode)
-    return training.policy()
-
-
-def build_training(options: TrainOptions) -> Training:
-    """Return the training that options ask for, not begun."""
-    torch = optional("torch", "whiptool train")
-    from whiptool.rl.held_out import held_out_goals
-    from whiptool.rl.training import Training, TrainingPlan, make_learner
-
-    task, generator = build_task(options), torch.Generator().manual_seed(options.seed)
-    learner = make_learner(options.method, settings_of(options), task, generator)
-    plan = TrainingPlan(options.episodes, options.trials, options.random_episodes, options.hindsight)
-    return Training(learner, task, plan, held_out_goals(task, options.seed))
-
-
-def build_task(options: TrainOptions) -> StrikeTask:
-    """Return the task that options ask for."""
-    from whiptool.goals.zone import Region
-    from whiptool.rl.task import StrikeTask
-
-    model, controller = options.build_model(), options.build_controller()
-    zone = options.build_disc(model) if options.region is None else Region.load(options.region)
-    return StrikeTask(
-        options.build_compiled(model, controller),
-        zone,
-        arrival=options.build_arrival(),
-        observation=options.observation,
-        reward=options.reward,
-        hit_radius=options.hit_radius,
-        strikes=options.strikes,
-        t_stay=options.t_stay,
-    )
-
-
-def settings_of(options: TrainOptions) -> Settings:
-    """Return the learner's settings that options ask for."""
-    from whiptool.rl.settings import settings_for
-
-    return settings_for(options.method, **options.hyperparameters())
-
-
 class _Run:
     """One training: everything is checked before anything is written."""
 
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")
         from whiptool.rl.episode_table import EpisodeTable
+        from whiptool.rl.settings import settings_for
+        from whiptool.rl.trained import BEST, CHECKPOINT, task_of, training_of
         from whiptool.rl.training import LOSSES
 
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
         self.options = options
         model, controller = options.build_model(), options.build_controller()
-        self.training, self.tests = build_training(options), build_task(options)
+        settings = cli.as_plain(settings_for(options.method, **options.hyperparameters()))
+        self.config = cli.configuration(options, "train", model, controller, settings=settings)
+        self.training, self.tests = training_of(self.config), task_of(self.config)
         options.warn_if_coarse(model, controller, options.build_target(model).position, options.t_stay)
-        settings = settings_of(options)
-        self.config = cli.configuration(options, "train", model, controller, settings=cli.as_plain(settings))
         self.folder = cli.open_folder(options, options.method, self.config)
         self.checkpoint, self.best = self.folder.path / CHECKPOINT, self.folder.path / BEST
         self.table = EpisodeTable(self.folder.path / EPISODES, LOSSES[options.method])
@@ -383,6 +246,7 @@ class _Run:
         from whiptool.goals.arrival_rule import sample_goals
         from whiptool.rl.held_out import GOALS
         from whiptool.rl.policy import CONVENTIONS, trials_to_hit
+        from whiptool.rl.trained import BEST, CHECKPOINT
         from whiptool.runs import code_version
         from whiptool.viz.plots_learning import save_learning
 

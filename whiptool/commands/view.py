@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 import tyro
 
 from whiptool.commands import cli
+from whiptool.commands.options.controller_options import ControllerOptions
+from whiptool.commands.options.option_group import JsonOptions, OptionGroup
+from whiptool.commands.options.target_options import GoalOptions, ModelOptions
 from whiptool.errors import InputError
-from whiptool.options import ControllerOptions, GoalOptions, JsonOptions, ModelOptions, OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.goals.target import Target

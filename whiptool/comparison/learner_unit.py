@@ -15,6 +15,7 @@ from whiptool.comparison.scene import Scene
 from whiptool.comparison.unit import Unit
 from whiptool.extras import optional
 from whiptool.given_files import read_json
+from whiptool.rl.trained import one_torch_thread
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -180,16 +181,3 @@ class Checkpoint:
         """Remove the checkpoint and its record."""
         self.path.unlink(missing_ok=True)
         self.history.unlink(missing_ok=True)
-
-
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Sums come out differently in their last digits with another number of threads."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

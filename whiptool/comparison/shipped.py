@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.comparison.series import Series
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
-from whiptool.options.budget import OLD_OBSERVATIONS
+from whiptool.rl.task import OLD_OBSERVATIONS
 from whiptool.whole_files import write_whole
 
 FORMAT = 1  # raised when a key changes its meaning

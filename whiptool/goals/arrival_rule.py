@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import NOTHING, InputError
 from whiptool.goals.goals import CONE, Goals, arrival_angles, arrival_directions
-from whiptool.goals.target import Target
-from whiptool.goals.zone import Zone, sample
+from whiptool.goals.target import HIT_RADIUS, Target, usual_target
+from whiptool.goals.zone import RADIUS, Disc, Region, Sector, Zone, check_fits, disc_within_reach, sample
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 
@@ -199,3 +200,49 @@ def sample_goals(zone: Zone, rule: ArrivalRule, hit_radius: float, count: int, r
     """Return uniformly random goals: the targets that `sample` draws, and after them their directions."""
     positions = sample(zone, count, rng)
     return rule.goals(positions, hit_radius, rng.random((count, rule.drawn)))
+
+
+def named_rule(named: Mapping[str, Any]) -> ArrivalRule:
+    """Return the rule that options name: `direction`, or `arrival_angle` and `cone` in degrees, and `least_speed`.
+
+    Raises:
+        InputError: The direction is zero, or the speed is not positive.
+    """
+    direction, angles = named.get("direction"), [math.radians(x) for x in named.get("arrival_angle") or ()]
+    angle = None if not angles else angles[0] if len(angles) == 1 else (angles[0], angles[1])
+    cone = math.radians(named["cone"]) if "cone" in named else CONE
+    return ArrivalRule(None if direction is None else tuple(direction), angle, cone, named.get("least_speed"))
+
+
+def named_zone(named: Mapping[str, Any], model: Model) -> Zone:
+    """Return the zone that options name: the file of a `region`, a `sector`, or a disc or ball around `target`.
+
+    Raises:
+        InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read; or no
+            tip moves along the direction of `named_rule` at the target.
+    """
+    rule, hit_radius = named_rule(named), named.get("hit_radius", HIT_RADIUS)
+    if named.get("region") is None and named.get("sector") is None:
+        return _named_disc(named, model, rule, hit_radius)
+    zone = named_sector(named["sector"]) if named.get("region") is None else Region.load(named["region"])
+    check_fits(zone, model, hit_radius)
+    rule.check_dimension(model)
+    return zone
+
+
+def _named_disc(named: Mapping[str, Any], model: Model, rule: ArrivalRule, hit_radius: float) -> Zone:
+    """Return what the model can reach of the disc or ball around `target`."""
+    place = named.get("target")
+    target = Target(usual_target(model).position if place is None else tuple(place), hit_radius)
+    target.check_reach(model)
+    disc = disc_within_reach(Disc(target.position, named.get("zone_radius", RADIUS)), model.reach)
+    rule.check_dimension(model)
+    if rule.direction is not None:
+        replace(target, direction=rule.direction, cone=rule.cone).check_reach(model)
+    return disc
+
+
+def named_sector(numbers: Sequence[float]) -> Sector:
+    """Return the sector of five numbers: distances and heights [m], and the angle to either side [degrees]."""
+    near, far, low, high, aside = numbers
+    return Sector(near, far, low, high, math.radians(aside))

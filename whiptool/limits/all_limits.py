@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar, Literal, Protocol, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias
 
 import numpy as np
 
@@ -11,9 +11,10 @@ from whiptool.errors import InputError
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.command_limits import CommandLimits
-from whiptool.limits.motor_limits import LIMITS
+from whiptool.limits.motor_limits import LIMITS, limits_preset
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.mount import default_floor
+from whiptool.models.numbers import LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
@@ -97,13 +98,61 @@ def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
         model: Arm and whip.
         prescribed: Whether joints move exactly as commanded, as under position control.
     """
-    found: list[Limits] = []
-    if ArmLimits.are_in(model.arm):
-        found.append(ArmLimits.of(model.arm, prescribed=prescribed))
-    floor = default_floor(model.arm)
-    if floor is not None or Clearance.is_of(model):
-        found.append(Clearance(model, floor))
+    return named_limits({}, model, prescribed=prescribed)
+
+
+def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) -> list[Limits]:
+    """Return the limits that options name.
+
+    Args:
+        named: `limits`: those of the joints (`arm`), a motor, or `none`; default: those of the joints, if they have
+            any. `keep_free`: fraction of them that is kept free. `floor`: its height [m], or `none`; default:
+            `default_floor`. `clearance`: least distance between arm, whip and floor [m]. `ignore_collisions`: whether
+            these may touch.
+        model, prescribed: As for `default_limits`.
+
+    Raises:
+        InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
+            could be kept.
+    """
+    name, found = named.get("limits"), []
+    if name == "none":
+        return found
+    keep_free, clearance = named.get("keep_free", 0.0), named.get("clearance", 0.0)
+    if name == "arm" or (name is None and ArmLimits.are_in(model.arm)):
+        found.append(ArmLimits.of(model.arm, keep_free=keep_free, prescribed=prescribed))
+    elif name is not None:
+        if model.arm.weightless:
+            rule = "arm or none, as the inertia of the arm is not known, nor are its torques"
+            raise InputError("limits", name, rule, "write an <inertial> of each link into the file")
+        if model.arm.slides:
+            rule = f"arm or none, as no such motor turns what slides: {', '.join(model.arm.slides)}"
+            raise InputError("limits", name, rule)
+        found.append(limits_preset(name).keeping_free(keep_free))
+    elif keep_free:
+        raise InputError("keep_free", keep_free, "0 for an arm without limits", "name the limits")
+    given = named.get("floor")
+    floor = default_floor(model.arm) if given is None else floor_height(given)
+    if not named.get("ignore_collisions") and (floor is not None or Clearance.is_of(model)):
+        found.append(Clearance(model, floor, clearance))
+    elif clearance:
+        raise InputError("clearance", clearance, "0 for an arm without capsules, above no floor")
     return found
+
+
+def floor_height(given: str | float) -> float | None:
+    """Return the height of a floor [m] as it is written, such as `-0.5`; None for `none`.
+
+    Raises:
+        InputError: It is neither, or out of range.
+    """
+    if given == "none":
+        return None
+    try:
+        height = float(given)
+    except ValueError:
+        raise InputError("floor", given, "a number [m], or none") from None
+    return metres("floor", height, low=-LONGEST, strict=False)
 
 
 def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:

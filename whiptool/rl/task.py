@@ -25,10 +25,10 @@ from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model, number, whole
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.options.budget import OLD_OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
 
 OBSERVATIONS = ("tip", "relative", "goal")
+OLD_OBSERVATIONS = {"paper": "tip"}  # names that older runs hold, and what they are called now
 SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for networks
 
 

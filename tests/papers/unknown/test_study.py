@@ -11,7 +11,7 @@ from papers.unknown.report import hit_by, hits_table
 from papers.unknown.rods import CLOCK, KNOT, ROPE, RodPort, drawn_profile, drawn_rope
 from papers.unknown.study import MATERIALS, PLANE, SPACE, WhipUnit, came_of, pool
 from whiptool.adaptation import TipPort
-from whiptool.adaptation.options import AdaptOptions, prepare
+from whiptool.commands.options.adapt_options import AdaptOptions, prepare
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models.presets import preset

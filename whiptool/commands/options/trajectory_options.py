@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
+from whiptool.commands.options.option_group import OptionGroup, check_place, refuse_idle
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup, check_place, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.limits.all_limits import Limits

@@ -7,10 +7,12 @@ from typing import ClassVar
 
 import pytest
 
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.target_options import ModelOptions
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
-from whiptool.options import LimitOptions, ModelOptions, SimulatedControllerOptions
 
 
 @dataclass(frozen=True, kw_only=True)

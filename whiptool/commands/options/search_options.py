@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import MANY_TARGETS, OptionGroup, whole
 from whiptool.errors import InputError
-from whiptool.options.base import MANY_TARGETS, OptionGroup, whole
 from whiptool.words import method_name
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
 Learner = Literal["sac", "td3", "ddpg", "ppo"]
 Observation = Literal["tip", "relative", "goal"]
-OLD_OBSERVATIONS = {"paper": "tip"}  # names that older runs hold, and what they are called now
 WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
 WITH_DERIVATIVES = ("gradient", "map")
 LEARNERS = get_args(Learner)

@@ -6,8 +6,8 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from whiptool.commands.options.option_group import OptionGroup
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller

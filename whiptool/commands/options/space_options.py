@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, ClassVar, Literal, cast
 
 import numpy as np
 
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
-from whiptool.options.base import refuse_idle
-from whiptool.options.controller import SimulatedControllerOptions
 
 if TYPE_CHECKING:
+    from whiptool.commands.options.target_options import ModelOptions
     from whiptool.impedance import Controller
     from whiptool.impedance.hand import HandControl
-    from whiptool.options.scene import ModelOptions
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 Matrix = tuple[tuple[float, ...], ...]

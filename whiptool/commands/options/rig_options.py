@@ -9,16 +9,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
+from whiptool.commands.options.controller_options import ControllerOptions, Preset
+from whiptool.commands.options.option_group import OutputOptions, SeedOptions, refuse_idle
+from whiptool.commands.options.target_options import ModelOptions, TargetOptions
 from whiptool.errors import InputError
-from whiptool.options import (
-    ControllerOptions,
-    ModelOptions,
-    OutputOptions,
-    Preset,
-    SeedOptions,
-    TargetOptions,
-    refuse_idle,
-)
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller

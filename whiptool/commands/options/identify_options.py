@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from whiptool.commands.options.controller_options import CONTROLLERS, LawOptions, Preset
+from whiptool.commands.options.option_group import ResumableOptions, SeedOptions, refuse_idle, whole
+from whiptool.commands.options.target_options import MODELS, ModelOptions
 from whiptool.errors import InputError
-from whiptool.options import LawOptions, ModelOptions, Preset, ResumableOptions, SeedOptions, refuse_idle, whole
-from whiptool.options.controller import CONTROLLERS
-from whiptool.options.scene import MODELS
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model

@@ -10,8 +10,17 @@ import pytest
 from tyro.conf import Positional
 
 from whiptool.commands import cli
+from whiptool.commands.options.option_group import (
+    OptionGroup,
+    OutputOptions,
+    ResumableOptions,
+    SeedOptions,
+    flag,
+    flags,
+    refuse_idle,
+    whole,
+)
 from whiptool.errors import InputError
-from whiptool.options import OptionGroup, OutputOptions, ResumableOptions, SeedOptions, flag, flags, refuse_idle, whole
 
 
 @dataclass(frozen=True, kw_only=True)

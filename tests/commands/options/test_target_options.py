@@ -9,11 +9,18 @@ import numpy as np
 import pytest
 from robot_files import URDF
 
+from whiptool.commands.options.target_options import (
+    LONGEST_STAY,
+    MODELS,
+    GoalOptions,
+    ModelOptions,
+    TargetOptions,
+    ZoneOptions,
+)
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.goals.zone import sample
 from whiptool.models import PRESETS, preset, write_model
-from whiptool.options import LONGEST_STAY, MODELS, GoalOptions, ModelOptions, TargetOptions, ZoneOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +60,7 @@ def test_what_cannot_is_named(given, name):
 def test_targets_are_drawn_within_the_zone_and_within_reach(model, centre):
     """Of a zone at the edge of what is within reach, of which not all is."""
     model = preset(model)
-    zone = ZoneOptions(target=centre, zone_radius=0.2).build_disc(model)
+    zone = ZoneOptions(target=centre, zone_radius=0.2).build_zone(model)
     drawn = sample(zone, 2000, np.random.default_rng(0))
     assert np.linalg.norm(drawn - centre, axis=1).max() <= 0.2
     assert np.linalg.norm(drawn, axis=1).max() <= model.reach
@@ -71,7 +78,7 @@ def test_targets_are_drawn_within_the_zone_and_within_reach(model, centre):
 )
 def test_zones_without_a_target_that_could_be_missed_or_hit_are_refused(given, said):
     with pytest.raises(InputError, match=said):
-        ZoneOptions(**given).build_disc(preset("lemon2024"))
+        ZoneOptions(**given).build_zone(preset("lemon2024"))
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -138,7 +145,7 @@ def test_models_that_there_are_none_of_are_named(given, name):
 def test_options_without_a_target_have_the_usual_one_of_their_model(name, place):
     model = preset(name)
     assert ZoneOptions().build_target(model).position == GoalOptions().build_target(model).position == place
-    assert ZoneOptions().build_disc(model).box[0] == pytest.approx(np.array(place) - 0.1)
+    assert ZoneOptions().build_zone(model).box[0] == pytest.approx(np.array(place) - 0.1)
     assert ZoneOptions(target=(1.3, 0.0)).build_target(model).position == (1.3, 0.0)  # that of the plane was said
     assert ZoneOptions(target=(1.2, 0.0)).build_target(model).position == (
         1.2,

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.target_options import ZoneOptions
 from whiptool.errors import InputError
-from whiptool.options.base import refuse_idle
-from whiptool.options.scene import ZoneOptions
 
 if TYPE_CHECKING:
-    from whiptool.goals.arrival_rule import ArrivalRule
-    from whiptool.goals.zone import Disc, ReachableDisc
-    from whiptool.models.parameters import Model
+    pass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,29 +56,3 @@ class ZoneGoalOptions(ZoneOptions):
         if not (ordered and all(map(math.isfinite, angles))):
             allowed = "an angle, or from which to which it is drawn, one turn at most"
             raise InputError("--arrival-angle", angles, allowed)
-
-    def build_arrival(self) -> ArrivalRule:
-        """Return the required arrival of the tip.
-
-        Raises:
-            InputError: The direction is zero, or the speed is not positive.
-        """
-        from whiptool.goals.arrival_rule import ArrivalRule
-
-        angle: float | tuple[float, float] | None = None
-        if self.arrival_angle is not None:
-            first, *last = map(math.radians, self.arrival_angle)
-            angle = (first, last[0]) if last else first
-        return ArrivalRule(self.direction, angle, math.radians(self.cone), self.least_speed)
-
-    def build_disc(self, model: Model) -> Disc | ReachableDisc:
-        """As of any zone.
-
-        Raises:
-            InputError: See there; or no tip moves along the direction at the zone's centre, or it is of another space.
-        """
-        disc, rule = super().build_disc(model), self.build_arrival()
-        rule.check_dimension(model)
-        if rule.direction is not None:
-            replace(self.build_target(model), direction=rule.direction, cone=rule.cone).check_reach(model)
-        return disc

@@ -8,11 +8,12 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from whiptool.adaptation.options import AdaptOptions, prepare
+from whiptool.commands.options.adapt_options import AdaptOptions, prepare
+from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.options.simulator_options import StepOptions
+from whiptool.commands.options.target_options import ModelOptions
 from whiptool.errors import InputError
 from whiptool.models import preset
-from whiptool.options import ModelOptions, OptionGroup
-from whiptool.options.simulator import StepOptions
 
 
 class Space(ModelOptions):
@@ -60,7 +61,7 @@ def test_mistakes_name_the_option(given, name, said):
     assert said in str(caught.value)
 
 
-COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify_options", "adapt", "rig", "emulator")
+COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify", "adapt", "rig", "emulator")
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "papers.reproduce"])

@@ -8,10 +8,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from whiptool.commands.options.space_options import SpaceOptions
+from whiptool.commands.options.target_options import ModelOptions
 from whiptool.impedance import HandControl, PositionControl, hand_impedance
 from whiptool.models import preset
-from whiptool.options import ModelOptions
-from whiptool.options.space import SpaceOptions
 
 
 @dataclass(frozen=True, kw_only=True)

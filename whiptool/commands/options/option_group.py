@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -161,3 +162,30 @@ def flags(options: OptionGroup) -> Iterator[tuple[str, str]]:
     for f in fields(options):
         if "Positional" not in str(f.type):
             yield f.name, flag(f.name)
+
+
+@contextmanager
+def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
+    """Name options in the errors that come from within, where the library names arguments.
+
+    Args:
+        options: Those of the command: the library's `t_stay` or `t stay` is its `--t-stay`.
+        others: Options by names of the library that are not their own.
+
+    Raises:
+        InputError: One that came from within; the option is named.
+    """
+    with renaming({**dict(flags(options)), **others}):
+        yield
+
+
+@contextmanager
+def renaming(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
+    """Name values in the errors that come from within by other names, and add a fix to them."""
+    try:
+        yield
+    except InputError as error:
+        name = names.get(error.name.replace(" ", "_"))
+        if name is None:
+            raise
+        raise error.renamed(name, fix) from None

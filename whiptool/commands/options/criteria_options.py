@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from whiptool.commands.options.option_group import OptionGroup, refuse_idle
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.goals.criteria import Criterion

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import OptionGroup
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup
 from whiptool.words import as_named
 
 if TYPE_CHECKING:

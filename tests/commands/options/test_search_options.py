@@ -7,9 +7,9 @@ from importlib import import_module
 import numpy as np
 import pytest
 
+from whiptool.commands.options.search_options import SearchOptions, TrainingOptions
 from whiptool.errors import InputError
 from whiptool.models import ArmLink, ArmParameters, Model, StrikeBounds, default_bounds, preset
-from whiptool.options import SearchOptions, TrainingOptions
 
 LEMON = preset("lemon2024")
 FOUR = Model(LEMON.whip, ArmParameters((ArmLink(1.0, 0.3),) * 4))

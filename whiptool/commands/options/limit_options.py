@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import OptionGroup, options_named, refuse_idle
 from whiptool.errors import InputError
-from whiptool.options.base import OptionGroup, refuse_idle
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -41,6 +41,7 @@ class LimitOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.limits.all_limits import floor_height
         from whiptool.models.numbers import LARGEST_GAP, metres
         from whiptool.models.spatial_arm import kept_free
 
@@ -50,8 +51,9 @@ class LimitOptions(OptionGroup):
         except InputError as error:
             raise error.renamed("--keep-free") from None
         metres("--clearance", self.clearance, longest=LARGEST_GAP, strict=False)
-        if self.floor is not None and self.floor != "none":
-            self._height(self.floor)
+        if self.floor is not None:
+            with options_named(self):
+                floor_height(self.floor)
         if self.limits == "none":
             idle = ("keep_free", "floor", "clearance", "ignore_collisions")
             refuse_idle(self, dict.fromkeys(idle, "only without --limits none"))
@@ -65,45 +67,7 @@ class LimitOptions(OptionGroup):
             InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
                 could be kept.
         """
-        from whiptool.limits.arm_limits import ArmLimits
-        from whiptool.limits.clearance import Clearance
-        from whiptool.limits.motor_limits import limits_preset
+        from whiptool.limits.all_limits import named_limits
 
-        found: list[Limits] = []
-        if self.limits == "none":
-            return found
-        if self.limits == "arm" or (self.limits is None and ArmLimits.are_in(model.arm)):
-            found.append(ArmLimits.of(model.arm, keep_free=self.keep_free, prescribed=controller.prescribed))
-        elif self.limits is not None:
-            if model.arm.weightless:
-                rule = "arm or none, as the inertia of the arm is not known, nor are its torques"
-                raise InputError("--limits", self.limits, rule, "write an <inertial> of each link into the file")
-            if model.arm.slides:
-                rule = f"arm or none, as no such motor turns what slides: {', '.join(model.arm.slides)}"
-                raise InputError("--limits", self.limits, rule)
-            found.append(limits_preset(self.limits).keeping_free(self.keep_free))
-        elif self.keep_free:
-            raise InputError("--keep-free", self.keep_free, "0 for an arm without limits", "give --limits")
-        floor = self._floor(model)
-        if not self.ignore_collisions and (floor is not None or Clearance.is_of(model)):
-            found.append(Clearance(model, floor, self.clearance))
-        elif self.clearance:
-            raise InputError("--clearance", self.clearance, "0 for an arm without capsules, above no floor")
-        return found
-
-    def _floor(self, model: Model) -> float | None:
-        from whiptool.models.mount import default_floor
-
-        if self.floor is None:
-            return default_floor(model.arm)
-        return None if self.floor == "none" else self._height(self.floor)
-
-    @staticmethod
-    def _height(given: str) -> float:
-        from whiptool.models.numbers import LONGEST, metres
-
-        try:
-            height = float(given)
-        except ValueError:
-            raise InputError("--floor", given, "a number [m], or none") from None
-        return metres("--floor", height, low=-LONGEST, strict=False)
+        with options_named(self):
+            return named_limits(vars(self), model, prescribed=controller.prescribed)

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
+from whiptool.commands.options.trajectory_options import TrajectoryOptions
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
-from whiptool.options import TrajectoryOptions
 
 LEMON = preset("lemon2024")
 OF_HAND = HandSpace(LEMON.arm).path(np.array([0.45, -0.1, 0.4, 0.0, 0.5]))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+from whiptool.commands.options.option_group import OptionGroup, flag
 from whiptool.errors import NOTHING, InputError
-from whiptool.options.base import OptionGroup, flag
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model

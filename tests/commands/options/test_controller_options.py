@@ -9,6 +9,8 @@ from typing import ClassVar
 import pytest
 
 from whiptool.commands import cli, optimize, simulate
+from whiptool.commands.options.controller_options import ControllerOptions, LawOptions, SimulatedControllerOptions
+from whiptool.commands.options.target_options import ModelOptions
 from whiptool.commands.rig import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl, constant_preset, default_controller
@@ -16,7 +18,6 @@ from whiptool.impedance.files import write_controller
 from whiptool.models.files import write_model
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.models.presets import PRESETS, preset
-from whiptool.options import ControllerOptions, LawOptions, ModelOptions, SimulatedControllerOptions
 
 OWN = Controller(OIAC(a=0.05), feedforward=True, torque_limit=7.0)
 

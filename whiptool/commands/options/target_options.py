@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import OptionGroup, refuse_idle
+from whiptool.commands.options.whip_options import WhipOptions
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
-from whiptool.options.base import OptionGroup, refuse_idle
-from whiptool.options.whip import WhipOptions
 
 if TYPE_CHECKING:
     from whiptool.goals.arrival_rule import ArrivalRule
     from whiptool.goals.target import Target
-    from whiptool.goals.zone import Disc, ReachableDisc
+    from whiptool.goals.zone import Zone
     from whiptool.models.parameters import Model
 
 LONGEST_STAY = 60.0  # [s]
@@ -129,23 +129,25 @@ class ZoneOptions(TargetOptions):
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_arrival(self) -> ArrivalRule:
-        """Return the required arrival of the tip: any."""
-        from whiptool.goals.arrival_rule import ArrivalRule
-
-        return ArrivalRule()
-
-    def build_disc(self, model: Model) -> Disc | ReachableDisc:
-        """Return what the model can reach of the disc, or in space of the ball.
+        """Return the required arrival of the tip.
 
         Raises:
-            InputError: The model reaches nothing of it, or not the target.
+            InputError: The direction is zero, or the speed is not positive.
         """
-        from whiptool.goals.zone import Disc, disc_within_reach
+        from whiptool.goals.arrival_rule import named_rule
 
-        target = self.build_target(model)
-        target.check_reach(model)
-        disc = Disc(target.position, self.zone_radius)
-        return disc_within_reach(disc, model.reach)
+        return named_rule(vars(self))
+
+    def build_zone(self, model: Model) -> Zone:
+        """Return where targets are drawn.
+
+        Raises:
+            InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read; or
+                no tip moves along the direction at the target.
+        """
+        from whiptool.goals.arrival_rule import named_zone
+
+        return named_zone(vars(self), model)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,10 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from whiptool.commands.options.criteria_options import CriteriaOptions, CriterionName
 from whiptool.errors import InputError
 from whiptool.goals.criteria import CRITERIA, Robustness
 from whiptool.models import default_bounds, preset
-from whiptool.options import CriteriaOptions
-from whiptool.options.criteria import CriterionName
 
 BOUNDS = default_bounds(preset("lemon2024").arm)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from whiptool.commands.options.simulator_options import SimulatorOptions, StepOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models import Strike, preset
-from whiptool.options import SimulatorOptions, StepOptions
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
 

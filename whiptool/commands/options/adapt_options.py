@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import arg
 
+from whiptool.commands.options.option_group import ResumableOptions, refuse_idle, whole
+from whiptool.commands.options.rig_options import ArmOptions, hardware_rig, loop_options
+from whiptool.commands.options.target_options import GoalOptions
 from whiptool.errors import InputError
-from whiptool.options import GoalOptions, ResumableOptions, refuse_idle, whole
-from whiptool.rig.arm_options import ArmOptions, hardware_rig, loop_options
 
 if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
+from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
 from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.models import preset
-from whiptool.options import ZoneGoalOptions
 
 
 @pytest.mark.parametrize(
@@ -46,10 +46,10 @@ def test_what_contradicts_itself_is_refused(options, said):
 def test_a_direction_fits_the_model_and_the_middle_of_the_zone():
     """Where arm and whip are stretched no tip moves outward."""
     lemon = preset("lemon2024")
-    assert ZoneGoalOptions(direction=(0.0, 1.0)).build_disc(lemon) == ZoneGoalOptions().build_disc(lemon)
+    assert ZoneGoalOptions(direction=(0.0, 1.0)).build_zone(lemon) == ZoneGoalOptions().build_zone(lemon)
     with pytest.raises(InputError, match="2 coordinates"):
-        ZoneGoalOptions(direction=(0.0, 1.0, 0.0)).build_disc(lemon)
+        ZoneGoalOptions(direction=(0.0, 1.0, 0.0)).build_zone(lemon)
     at_reach = {"target": (lemon.reach, 0.0), "zone_radius": 0.01}
     with pytest.raises(InputError, match="stretched to their reach"):
-        ZoneGoalOptions(direction=(1.0, 0.0), **at_reach).build_disc(lemon)
-    ZoneGoalOptions(direction=(0.0, 1.0), **at_reach).build_disc(lemon)
+        ZoneGoalOptions(direction=(1.0, 0.0), **at_reach).build_zone(lemon)
+    ZoneGoalOptions(direction=(0.0, 1.0), **at_reach).build_zone(lemon)

@@ -1,0 +1,1 @@
+"""Groups of options, of which every command is composed: it has those groups whose options it uses, and no others."""

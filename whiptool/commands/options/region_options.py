@@ -1,0 +1,44 @@
+"""Options of the region of goals that a strike map answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
+from whiptool.errors import InputError
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions(ZoneGoalOptions):
+    """Where goals are drawn; a disc or ball around --target, or one of these."""
+
+    first: ClassVar[tuple[str, ...]] = (
+        "region",
+        "sector",
+    )
+
+    region: Path | None = None
+    """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
+    sector: tuple[float, ...] | None = None
+    """Draw the targets in space from part of a shell around the base. The five numbers are the least and the largest
+    distance from the base, the least and the largest height above it [m], and the angle from forward to either side
+    [degrees]."""
+
+    def check(self) -> None:
+        """Refuse values that are out of range, and options that contradict each other."""
+        from whiptool.goals.arrival_rule import named_sector
+
+        super().check()
+        if self.region is not None:
+            refuse_idle(self, dict.fromkeys((*self.of_disc, "sector"), "only without --region"))
+        if self.sector is not None:
+            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --sector"))
+            if len(self.sector) != 5:
+                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
+            named_sector(self.sector)

@@ -1,0 +1,153 @@
+"""Trainings by the configuration of their runs, the policies that they left, and a training without a run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from whiptool.errors import expect
+from whiptool.extras import optional
+from whiptool.goals.arrival_rule import named_rule, named_zone
+from whiptool.goals.target import HIT_RADIUS
+from whiptool.goals.zone import Zone
+from whiptool.impedance.files import controller_from_table
+from whiptool.models import numbers
+from whiptool.models.files import model_from_table
+from whiptool.models.strike import T_STAY
+from whiptool.progress import Progress
+from whiptool.rl.settings import TrainingPlan, settings_for
+from whiptool.rl.task import OLD_OBSERVATIONS, StrikeTask
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.interface import Rollout
+from whiptool.runs import config_of
+from whiptool.words import method_name
+
+if TYPE_CHECKING:
+    from whiptool.rl.policy import Policy
+    from whiptool.rl.training import Training, TrainingEpisode
+
+CHECKPOINT, BEST = "checkpoint.pt", "best.pt"  # files of a run folder
+
+
+def task_of(config: Mapping[str, Any]) -> StrikeTask:
+    """Return the task of a run of `whiptool train`, from its configuration."""
+    options, model = config["options"], model_from_table(config["model"])
+    controller, observation = controller_from_table(config["controller"]), options.get("observation", "goal")
+    accuracy = {"tolerance": options.get("tolerance"), "timestep": options.get("timestep")}
+    return StrikeTask(
+        CompiledRollout(model, controller, **accuracy),
+        named_zone(options, model),
+        arrival=named_rule(options),
+        observation=OLD_OBSERVATIONS.get(observation, observation),
+        reward=options.get("reward", "paper"),
+        hit_radius=options.get("hit_radius", HIT_RADIUS),
+        strikes=options.get("strikes", 100),
+        t_stay=options.get("t_stay", T_STAY),
+    )
+
+
+def training_of(config: Mapping[str, Any]) -> Training:
+    """Return the training of a run of `whiptool train`, from its configuration, not begun."""
+    options = config["options"]
+    settings = {name: tuple(x) if isinstance(x, list) else x for name, x in config["settings"].items()}
+    plan = TrainingPlan(**{name: options[name] for name in ("episodes", "trials", "random_episodes", "hindsight")})
+    return _training(options["method"], settings, task_of(config), plan, options["seed"])
+
+
+def _training(method: str, settings: Mapping[str, Any], task: StrikeTask, plan: TrainingPlan, seed: int) -> Training:
+    torch = optional("torch", "whiptool train")
+    from whiptool.rl.held_out import held_out_goals
+    from whiptool.rl.training import Training, make_learner
+
+    learner = make_learner(method, settings_for(method, **settings), task, torch.Generator().manual_seed(seed))
+    return Training(learner, task, plan, held_out_goals(task, seed))
+
+
+def load_policy(run_folder: str | Path) -> Policy:
+    """Return the policy that `python -m whiptool.train` left in its run folder.
+
+    Args:
+        run_folder: The folder, for the best policy, the last one of a training that kept none; or one of the files in
+            it: `best.pt`, or `checkpoint.pt` for the policy of its last checkpoint.
+
+    Raises:
+        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole file of a policy.
+    """
+    expect(str, PathLike, run_folder=run_folder)
+    optional("torch", "a policy")
+    from whiptool.rl.policy import Policy
+
+    given = Path(run_folder)
+    folder = given.parent if given.is_file() else given
+    kept = folder / BEST if (folder / BEST).is_file() else folder / CHECKPOINT
+    training = training_of(config_of(folder, "train"))
+    training.load(given if given.is_file() else kept)
+    return Policy(training.learner, training.task)
+
+
+def train(
+    rollout: CompiledRollout,
+    zone: Zone | None = None,
+    method: str = "sac",
+    *,
+    episodes: int = 500,
+    seed: int = 0,
+    progress: bool = True,
+    settings: Mapping[str, Any] | None = None,
+    **others: Any,
+) -> Policy:
+    """Train a policy that strikes at any target of a zone (Algorithm 1), in memory: without a run folder.
+
+    Args:
+        rollout: Simulator of the model and controller.
+        zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
+        method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
+        episodes: Number of episodes.
+        seed: Seed of everything random.
+        progress: Show a bar.
+        settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
+        others: Further arguments of `whiptool.rl.settings.TrainingPlan` by name, such as `trials` (strikes per episode, all in
+            one batch), `random_episodes` (default: a tenth of all) and `hindsight`; and of
+            `whiptool.rl.task.StrikeTask`, such as `hit_radius` and `arrival`.
+
+    Returns:
+        The policy that hit most held-out goals, or the last policy if the training was too short to evaluate any:
+        `policy.strike(target)`, or `policy.predict(observation)`.
+
+    Raises:
+        InputError: PyTorch is not installed, there is no such learner, or a number is out of range.
+        Diverged: A loss is not finite.
+    """
+    expect(Rollout, rollout=rollout)
+    optional("torch", "training")
+    expect(str, method=method)
+    method = method_name(method)
+    seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
+    length = {name: others.pop(name) for name in ("trials", "random_episodes", "hindsight") if name in others}
+    if length.get("random_episodes") is None:
+        length["random_episodes"] = episodes // 10
+    plan = TrainingPlan(episodes, **length)
+    training = _training(method, settings or {}, StrikeTask(rollout, zone, **others), plan, seed)
+    with one_torch_thread(), Progress(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
+
+        def on_episode(episode: TrainingEpisode) -> None:
+            bar.update()
+
+        training.run(on_episode)
+    return training.policy()
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Let PyTorch compute in one thread: with another number of threads sums differ in their last digits."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
