@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+import re
+from dataclasses import fields, replace
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
 from whiptool.commands.help import SCREEN, help_text
 from whiptool.commands.optimize import OptimizeOptions
+from whiptool.commands.options.adapt_options import AdaptOptions
+from whiptool.commands.options.identify_options import IdentifyOptions
 from whiptool.commands.options.option_group import flag
+from whiptool.commands.simulate import SimulateOptions
+from whiptool.commands.train import TrainOptions
+from whiptool.errors import InputError
 
 MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "identify", "adapt", "view", "reproduce",
         "human", "doctor", "rig strike", "rig learn"]  # fmt: skip
@@ -47,7 +54,8 @@ def test_what_is_used_most_comes_first_in_groups(capsys):
 
 
 def test_types_and_defaults_are_told_as_people_read_them():
-    said = " ".join(help_text(OptimizeOptions, prog="x", description="", whole=True).split())
+    every = OptimizeOptions(direction=(1.0, 0.0), space="pose")
+    said = " ".join(help_text(every, prog="x", description="", whole=True).split())
     for part in (
         "--target X ... Target position x y, in space x y z [m].",
         "Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda.",
@@ -59,3 +67,27 @@ def test_types_and_defaults_are_told_as_people_read_them():
         assert part in said
     assert "None" not in said
     assert all(flag(f.name) in said for f in fields(OptimizeOptions))
+
+
+def test_options_without_effect_are_left_out_and_named_with_what_they_need(capsys):
+    planar = said_by("optimize --help-all", capsys)
+    assert "\n  --turn-stiffness X" not in planar
+    assert "--turn-stiffness, --turn-damping (only with --space pose)" in " ".join(planar.split())
+    assert "\n  --turn-stiffness X" in said_by("optimize --space pose --controller constant --help-all", capsys)
+    assert "\n  --alpha X" in said_by("train --help-all", capsys)
+    assert "--alpha (only with --method sac)" in " ".join(said_by("train --method ppo --help-all", capsys).split())
+
+
+OTHER = {bool: True, int: 7, float: 0.5, str: "other", Path: Path("other")}
+
+
+@pytest.mark.parametrize("options", [OptimizeOptions, SimulateOptions, TrainOptions, AdaptOptions, IdentifyOptions])
+def test_an_option_without_effect_is_refused_with_the_words_of_help(options):
+    usual = options()
+    for f in fields(options):
+        if (broken := usual.broken_condition(f.name)) is not None:
+            kind = next((x for x in OTHER if x.__name__ in str(f.type)), None)
+            other = (not f.default) if isinstance(f.default, bool) else OTHER.get(kind, ("x",))
+            with pytest.raises(InputError, match=re.escape(f"{flag(f.name)}: ")) as caught:
+                replace(usual, **{f.name: other}).check()
+            assert broken.words in str(caught.value)

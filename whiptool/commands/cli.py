@@ -66,39 +66,65 @@ def _parsed(
     words = usual_words(sys.argv[1:] if args is None else args, options)
     _check_words(words)
     if {*HELP, HELP_ALL} & set(words):
-        print(help_text(options, prog=prog, description=description, whole=HELP_ALL in words))
+        known = _known(options, [word for word in words if word not in (*HELP, HELP_ALL)])
+        print(help_text(known, prog=prog, description=description, whole=HELP_ALL in words))
         raise SystemExit(0)
+    return _typed(options, words, default)
+
+
+def _known(options: type[T], words: list[str]) -> T:
+    """Return options as far as words give them; where these are wrong, as if none were given."""
+    if words:
+        try:
+            return _typed(options, words)
+        except (InputError, SystemExit):
+            pass
+    found = object.__new__(options)
+    for f in dataclasses.fields(options):
+        object.__setattr__(found, f.name, None if f.default is dataclasses.MISSING else f.default)
+    return found
+
+
+def _typed(options: type[T], words: list[str], default: T | None = None) -> T:
+    """Return the options that words give, or the error of the first that is wrong."""
     import tyro
     from tyro import _errors as tyro_errors
 
     def refuse(event: Any) -> None:
-        argument: Any = getattr(event, "argument", None)
-        name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
-        if isinstance(event, tyro_errors.UnrecognizedArgs):
-            unknown = next((x for x in event.tokens if x.startswith("-")), "command line")
-            raise InputError(unknown, " ".join(event.tokens), "the options that --help lists", _meant(unknown, options))
-        if isinstance(event, tyro_errors.MissingArgs):
-            raise _missing(event.missing_arguments[0].arg)
-        if isinstance(event, tyro_errors.InvalidChoice):
-            allowed = choices(get_type_hints(options)[event.argument.field.intern_name])
-            raise InputError(name, event.value, ", ".join(map(str, allowed)))
-        if isinstance(event, tyro_errors.BadValue):
-            given = NOTHING if event.offending_value is None else event.offending_value
-            raise InputError(name, given, "a value (see --help)")
-        if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
-            kind = get_type_hints(options).get(argument.field.intern_name)
-            raise InputError(name, _given(name, words), _kind_in_words(kind))
-        raise InputError("command line", " ".join(words), "what --help shows")
+        raise _refusal(event, options, words)
 
     given = given_flags(words)
     with tyro_errors.on_parse_error(refuse):
         extra: dict[str, Any] = {} if default is None else {"default": default}
-        parsed = tyro.cli(options, prog=prog, description=description, args=words, **extra)
+        parsed = tyro.cli(options, args=words, add_help=False, **extra)
     for f in dataclasses.fields(parsed):
         needs = f.name not in options.named("may_be_empty")
         if needs and flag(f.name) in given and getattr(parsed, f.name) == ():
             raise InputError(flag(f.name), NOTHING, "one value or more")
     return parsed
+
+
+def _refusal(event: Any, options: type[OptionGroup], words: list[str]) -> InputError:
+    """Return the error that says what tyro found wrong."""
+    from tyro import _errors as tyro_errors
+
+    argument: Any = getattr(event, "argument", None)
+    name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
+    if isinstance(event, tyro_errors.UnrecognizedArgs):
+        unknown = next((x for x in event.tokens if x.startswith("-")), "command line")
+        return InputError(unknown, " ".join(event.tokens), "the options that --help lists", _meant(unknown, options))
+    if isinstance(event, tyro_errors.MissingArgs):
+        return _missing(event.missing_arguments[0].arg)
+    if isinstance(event, tyro_errors.InvalidChoice):
+        allowed = choices(get_type_hints(options)[event.argument.field.intern_name])
+        return InputError(name, event.value, ", ".join(map(str, allowed)))
+    if isinstance(event, tyro_errors.BadValue):
+        given = NOTHING if event.offending_value is None else event.offending_value
+        return InputError(name, given, "a value (see --help)")
+    if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
+        kind = get_type_hints(options).get(argument.field.intern_name)
+        return InputError(name, _given(name, words), _kind_in_words(kind))
+    return InputError("command line", " ".join(words), "what --help shows")
 
 
 def _check_words(words: Sequence[str]) -> None:

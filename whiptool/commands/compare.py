@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
-from whiptool.commands.options.option_group import MANY_TARGETS, ResumableOptions, refuse_idle, whole
+from whiptool.commands.options.option_group import MANY_TARGETS, Condition, Conditions, ResumableOptions, unless, whole
 from whiptool.commands.options.search_options import (
     Learner,
     Methods,
@@ -46,7 +46,12 @@ QUICK: dict[str, Any] = {
     "further_methods": ("directl", "sac"),
 }
 
-LEARNING = ("observation", "episodes", "trials", "random_episodes", "further_episodes", "hindsight")
+LEARNING = ("observation", "episodes", "trials", "random_episodes", "hindsight")
+_LEARNED = Condition("only with a learner among --methods", lambda o: bool(set(get_args(Learner)) & set(o.methods)))
+
+
+def _sees_more_than_the_tip(options: CompareOptions) -> bool:
+    return set(options.observation) != {"tip"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +68,7 @@ class ComparisonOptions(
     may_be_empty: ClassVar[tuple[str, ...]] = ("tighter",)
     changeable: ClassVar[tuple[str, ...]] = ("workers", "cluster")
     heading: ClassVar[str] = "comparison"
+    only_with: ClassVar[Conditions] = {"workers": unless("cluster", why=", which has its own")}
     first: ClassVar[tuple[str, ...]] = (
         "targets",
         "seeds",
@@ -106,12 +112,14 @@ class ComparisonOptions(
             whole("--further-episodes", self.further_episodes)
         if self.workers is not None:
             whole("--workers", self.workers)
-        if self.cluster is not None:
-            refuse_idle(self, {"workers": "only without --cluster, which has its own"})
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""
         return () if self.cluster is None else ("ray",)
+
+    def usual(self, name: str) -> object:
+        """Return what an option is where it is not given; with `--quick` some are smaller."""
+        return QUICK[name] if self.quick and name in QUICK else super().usual(name)
 
     def processes(self) -> int:
         """How many to work in on this machine; more than there are cores would only wait for each other."""
@@ -162,6 +170,11 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
     first: ClassVar[tuple[str, ...]] = ("methods", "observation", "zone")
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(LEARNING, _LEARNED),
+        "further_episodes": (_LEARNED, Condition("only with an observation other than tip", _sees_more_than_the_tip)),
+        **dict.fromkeys(ZoneOptions.of_disc, unless("zone", "fast")),
+    }
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
     """Methods to compare. They are those of whiptool.optimize; random is always added. sac, td3, ddpg and ppo are
@@ -182,13 +195,6 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
         super().check()
         for method in self.methods:
             find_method(method)
-        usual = CompareOptions(**{k: v for k, v in QUICK.items() if hasattr(self, k)}) if self.quick else None
-        if not set(get_args(Learner)) & set(self.methods):
-            refuse_idle(self, dict.fromkeys(LEARNING, "only with a learner among --methods"), usual)
-        if set(self.observation) == {"tip"}:
-            refuse_idle(self, {"further_episodes": "only with an observation other than tip"}, usual)
-        if self.zone == "fast":
-            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --zone fast"))
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

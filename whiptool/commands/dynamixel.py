@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.commands.cli import options_named, parse, run
-from whiptool.commands.options.option_group import OptionGroup, refuse_idle, whole
+from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, whole
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,6 +22,10 @@ PATIENCE = 1.0  # [s] that a reply may take
 @dataclass(frozen=True, kw_only=True)
 class ServoOptions(OptionGroup):
     """See which servos are there, and set them up."""
+
+    only_with: ClassVar[Conditions] = dict.fromkeys(
+        ("ids", "set_baud", "set_return_delay", "set_id", "for_strikes"), unless("reboot")
+    )
 
     port: str
     """Serial device, such as /dev/ttyUSB0."""
@@ -55,9 +59,6 @@ class ServoOptions(OptionGroup):
                 whole(name, value, low=0, high=most)
         if self.set_id is not None and len(self.ids) != 1:
             raise InputError("--set-id", self.set_id, "together with one id in --ids")
-        if self.reboot is not None:
-            others = ("ids", "set_baud", "set_return_delay", "set_id", "for_strikes")
-            refuse_idle(self, dict.fromkeys(others, "only without --reboot"))
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from whiptool.commands.cli import options_named, parse, run
 from whiptool.commands.dynamixel import Baud
-from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.option_group import Conditions, when
 from whiptool.commands.options.target_options import ModelOptions
 
 
 @dataclass(frozen=True, kw_only=True)
 class EmulatorOptions(ModelOptions):
     """Emulated servos on a pseudo-terminal."""
+
+    only_with: ClassVar[Conditions] = {"period": when("lockstep")}
 
     baud: Baud = 1_000_000
     """Baud rate of the emulated servos."""
@@ -26,12 +29,6 @@ class EmulatorOptions(ModelOptions):
     """Control period in lock-step [s]."""
     link: str | None = None
     """Make a symbolic link with this name to the device."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        if not self.lockstep:
-            refuse_idle(self, {"period": "only with --lockstep"})
 
 
 def main(args: Sequence[str] | None = None) -> int:

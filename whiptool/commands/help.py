@@ -1,4 +1,7 @@
-"""What `--help` prints: the options used most, in groups, on one screen; `--help-all` prints all, with all they say."""
+"""What `--help` prints: the options used most, in groups, on one screen; `--help-all` prints all, with all they say.
+
+Options that have no effect with the others on the command line are left out of both, and named at the end.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,15 @@ import ast
 import inspect
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from whiptool.commands.options.option_group import OptionGroup, flag
+from whiptool.errors import WhiptoolError
+from whiptool.words import counted
 
 HELP, HELP_ALL = ("-h", "--help"), "--help-all"
 SCREEN = 40  # [lines]; a command with more in all has its most used options on the first screen
@@ -30,24 +35,53 @@ class _Shown:
     meaning: str  # its documentation in one line, with its default
 
 
-def help_text(options: type[OptionGroup], *, prog: str, description: str, whole: bool) -> str:
+def help_text(given: OptionGroup, *, prog: str, description: str, whole: bool) -> str:
     """Return what is printed for `--help` or, as a whole, for `--help-all`.
 
     Args:
-        options: Options of the command; those that its groups name in `first` stand on the first screen.
+        given: Options of the command, as far as they are given; those that its groups name in `first` stand on the
+            first screen.
         prog: The command, such as `whiptool optimize`.
         description: Description of the command.
         whole: Whether all options are shown.
     """
-    shown, first = list(_shown(options)), options.named("first")
+    options, idle = type(given), _without_effect(given)
+    shown, first = [one for one in _shown(options) if one.name not in idle], options.named("first")
     positional = [one.left for one in shown if not one.left.startswith("-")]
     head = [" ".join(["usage:", prog, *positional, "[options]"]), *textwrap.wrap(description, _WIDTH)]
-    every = [*head, *_in_groups(shown, short=False)]
+    every = [*head, *_in_groups(shown, short=False), *_left_out(idle)]
     if whole or len(every) <= SCREEN or not first:
         return "\n".join(every)
     some = [one for one in shown if one.name in first]
     more = f"{len(shown) - len(some)} more options: {prog} {HELP_ALL}"
     return "\n".join([*head, *_in_groups(some, short=True), more])
+
+
+def _without_effect(given: OptionGroup) -> dict[str, str]:
+    """Return the options that have no effect with those that are given, by name, and when they have one."""
+    found = {}
+    for f in fields(given):
+        try:
+            broken = given.broken_condition(f.name)
+        except (WhiptoolError, OSError, TypeError):  # what is given is wrong, or not all of it
+            continue
+        if broken is not None and getattr(given, f.name) == given.usual(f.name):
+            found[f.name] = broken.words
+    return found
+
+
+def _left_out(idle: Mapping[str, str]) -> Iterator[str]:
+    """Yield the lines that say which options are left out, and with which others they are shown."""
+    if not idle:
+        return
+    by: dict[str, list[str]] = {}
+    for name, words in idle.items():
+        by.setdefault(words, []).append(flag(name))
+    said = "; ".join(f"{', '.join(names)} ({words})" for words, names in by.items())
+    yield ""
+    yield from textwrap.wrap(
+        f"{counted(len(idle), 'option')} without effect here: {said}", _WIDTH, break_on_hyphens=False
+    )
 
 
 def _in_groups(shown: list[_Shown], *, short: bool) -> Iterator[str]:

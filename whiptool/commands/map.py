@@ -19,11 +19,12 @@ from whiptool.commands.options.controller_options import SimulatedControllerOpti
 from whiptool.commands.options.limit_options import LimitOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
+    Condition,
+    Conditions,
     OutputOptions,
     ResumableOptions,
     SeedOptions,
     flag,
-    refuse_idle,
     whole,
 )
 from whiptool.commands.options.region_options import RegionOptions
@@ -96,6 +97,7 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     """Strike at a goal from a map; without --hit-radius at the map's."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
+    only_with: ClassVar[Conditions] = {"t_stay": Condition("only without a map, which has its own", lambda o: False)}
     first: ClassVar[tuple[str, ...]] = (
         "run",
         "refine",
@@ -108,11 +110,6 @@ class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     """Refine the strike of the map by rollouts. Without refinement the first guess is the answer."""
     video: bool = True
     """Render the strike as a video."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        refuse_idle(self, {"t_stay": "only without a map, which has its own"})
 
 
 _BUILD = (

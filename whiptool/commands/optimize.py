@@ -16,7 +16,7 @@ from whiptool.commands import cli
 from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
 from whiptool.commands.options.criteria_options import CriteriaOptions
 from whiptool.commands.options.limit_options import LimitOptions
-from whiptool.commands.options.option_group import ResumableOptions, SeedOptions, refuse_idle
+from whiptool.commands.options.option_group import Conditions, ResumableOptions, SeedOptions, unless
 from whiptool.commands.options.search_options import (
     METHODS,
     WITH_DERIVATIVES,
@@ -60,6 +60,10 @@ class OptimizeOptions(
         "video",
     )
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        "method": unless("pareto", why=", which has its own search method"),
+        "pareto": unless("simulator", "reference", why=", which has no derivatives"),
+    }
 
     method: Annotated[str | None, arg(metavar=METHODS)] = None
     """Search method; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms, such as
@@ -87,12 +91,6 @@ class OptimizeOptions(
             find_method(self.method)
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
             raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
-        if self.pareto is not None:
-            refuse_idle(self, {"method": "only without --pareto, which has its own search method"})
-            if self.simulator == "reference":
-                raise InputError(
-                    "--pareto", self.pareto, "only without --simulator reference, which has no derivatives"
-                )
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
 

@@ -14,7 +14,7 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.interruptions import INTERRUPTED, tell_when_interrupted, with_state
-from whiptool.commands.options.option_group import ResumableOptions, refuse_idle
+from whiptool.commands.options.option_group import Conditions, ResumableOptions, when
 from whiptool.commands.options.rig_options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.commands.options.search_options import (
     WITH_DERIVATIVES,
@@ -47,6 +47,8 @@ TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
 class RigOptions(ArmOptions):
     """What is struck with, and how, where strikes are given or searched as they are."""
 
+    only_with: ClassVar[Conditions] = {"true_model": when("port", "twin")}
+
     cap: bool = False
     """Reduce stiffness and damping to what is stable at the sampling rate, instead of refusing an unstable
     controller."""
@@ -57,7 +59,6 @@ class RigOptions(ArmOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.port != "twin":
-            refuse_idle(self, {"true_model": "only with --port twin"})
             _check_camera(self.camera)
         elif self.camera not in TWIN_CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
@@ -68,6 +69,7 @@ class RigStrikeOptions(RigOptions):
     """Run one strike on a rig."""
 
     first: ClassVar[tuple[str, ...]] = ("strike",)
+    only_with: ClassVar[Conditions] = {"seed": when("port", "twin")}
 
     strike: tuple[float, ...]
     """q_si q_ei q_sf q_ef [rad] and D [s], the joint angles and the duration."""
@@ -82,8 +84,6 @@ class RigStrikeOptions(RigOptions):
         number("--strike: D", strike.D, low=0, high=LONGEST_STAY)
         for angle in (*strike.q_i, *strike.q_f):
             number("--strike: angle", angle, low=-2 * math.pi, high=2 * math.pi)
-        if self.port != "twin":
-            refuse_idle(self, {"seed": "only with --port twin"})
 
 
 @dataclass(frozen=True, kw_only=True)

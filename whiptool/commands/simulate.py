@@ -14,7 +14,7 @@ import tyro
 
 from whiptool.commands import cli
 from whiptool.commands.options.limit_options import LimitOptions
-from whiptool.commands.options.option_group import OutputOptions, check_place, refuse_idle
+from whiptool.commands.options.option_group import Condition, Conditions, OutputOptions, check_place, unless
 from whiptool.commands.options.simulator_options import SimulatorOptions
 from whiptool.commands.options.space_options import SpaceOptions
 from whiptool.commands.options.target_options import GoalOptions, ModelOptions
@@ -26,6 +26,12 @@ from whiptool.whole_files import write_whole
 
 # commands whose runs hold a strike, and that go on
 PLAYED, RESUMED = ("optimize", "simulate", "map strike"), ("optimize", "train")
+
+
+_NO_POLICY = Condition("only without a policy", lambda o: not o.of_policy())
+_PLAYS = Condition("only with --strike", lambda o: o.plays() or o.export is None)
+_OF_SIMULATIONS = [f.name for of in (LimitOptions, SimulatorOptions, SpaceOptions) for f in fields(of)] + ["t_stay"]
+_OF_STRIKES = [f.name for of in (OutputOptions, TrajectoryOptions, GoalOptions) for f in fields(of)] + ["video"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +49,13 @@ class SimulateOptions(
     of_this_call: ClassVar[tuple[str, ...]] = ("run", "trajectory", "export", "video")
     first: ClassVar[tuple[str, ...]] = ("run", "strike", "export", "video")
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(_OF_STRIKES, (_PLAYS,)),
+        **dict.fromkeys(_OF_SIMULATIONS, (_PLAYS, unless("trajectory"))),
+        "strike": (_NO_POLICY,),
+        "space": (_NO_POLICY, _PLAYS, unless("trajectory")),
+        "trajectory": (_NO_POLICY, unless("strike")),
+    }
 
     run: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="[RUN]")]] = None
     """Run folder of optimize or simulate, whose strike is played again; or of train, or a policy file in it, whose
@@ -66,19 +79,16 @@ class SimulateOptions(
         if self.export is not None:
             check_place("--export", self.export)
         if self.of_policy():
-            refuse_idle(self, dict.fromkeys(("strike", "trajectory", "space"), "only without a policy"))
-        elif self.strike is not None:
+            return
+        if self.strike is not None:
             Strike.from_vector(self.strike)
-            refuse_idle(self, {"trajectory": "only without --strike"})
-        elif self.trajectory is not None:
-            not_used = {f.name for of in (LimitOptions, SimulatorOptions, SpaceOptions) for f in fields(of)}
-            refuse_idle(self, dict.fromkeys(sorted(not_used | {"t_stay"}), "only without --trajectory"))
-        elif self.export is None:
+        elif self.trajectory is None and self.export is None:
             rule = "numbers q_si q_ei q_sf q_ef D, the folder of a run, --trajectory or --export FILE.xml"
             raise InputError("--strike", NOTHING, rule)
-        else:
-            used = {f.name for f in fields(ModelOptions)} | {"target", "export"}
-            refuse_idle(self, {f.name: "only with --strike" for f in fields(self) if f.name not in used})
+
+    def plays(self) -> bool:
+        """Whether a strike is played, and not the model exported alone."""
+        return self.strike is not None or self.trajectory is not None or self.of_policy()
 
     def of_policy(self) -> bool:
         """Whether the strike is that of a policy."""

@@ -6,13 +6,22 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
-from whiptool.commands.options.option_group import MANY_TARGETS, ResumableOptions, SeedOptions, flag, refuse_idle, whole
+from whiptool.commands.options.option_group import (
+    MANY_TARGETS,
+    Conditions,
+    ResumableOptions,
+    SeedOptions,
+    flag,
+    unless,
+    when,
+    whole,
+)
 from whiptool.commands.options.search_options import Learner, Observation, TrainingOptions
 from whiptool.commands.options.simulator_options import StepOptions
 from whiptool.commands.options.target_options import ModelOptions
@@ -21,6 +30,7 @@ from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
 from whiptool.progress import Progress, note
 from whiptool.references import CITATIONS
+from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.words import counted
 
 if TYPE_CHECKING:
@@ -28,23 +38,11 @@ if TYPE_CHECKING:
 
 EPISODES, CURVE = "episodes.csv", "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
-_HYPERPARAMETERS = (
-    "learning_rate",
-    "discount",
-    "alpha",
-    "tau",
-    "batch_size",
-    "updates",
-    "noise",
-    "target_noise",
-    "noise_clip",
-    "delay",
-    "kl_target",
-    "beta",
-    "epochs",
-    "minibatch",
-    "spread",
-)
+HYPERPARAMETERS = {  # the learners that have each of them
+    f.name: [learner for learner, of in SETTINGS.items() if hasattr(of, f.name)]
+    for kind in SETTINGS.values()
+    for f in fields(kind)
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +63,10 @@ class TrainOptions(
         "region",
     )
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(ZoneGoalOptions.of_disc, unless("region")),
+        **{name: when("method", *learners) for name, learners in HYPERPARAMETERS.items()},
+    }
 
     method: Learner = "sac"
     """Learning algorithm."""
@@ -116,12 +118,8 @@ class TrainOptions(
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.rl.settings import settings_for
-
         super().check()
         settings_for(self.method, **self.hyperparameters())
-        if self.region is not None:
-            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --region"))
         whole("--tests", self.tests, high=MANY_TARGETS)
         for name in ("checkpoint_every", "strikes"):
             whole(flag(name), getattr(self, name))
@@ -135,7 +133,7 @@ class TrainOptions(
 
     def hyperparameters(self) -> dict[str, Any]:
         """Those that are given."""
-        given = {name: getattr(self, name) for name in ("hidden", *_HYPERPARAMETERS)}
+        given = {name: getattr(self, name) for name in HYPERPARAMETERS}
         return {name: value for name, value in given.items() if value is not None}
 
 
@@ -164,7 +162,6 @@ class _Run:
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")
         from whiptool.rl.episode_table import EpisodeTable
-        from whiptool.rl.settings import settings_for
         from whiptool.rl.trained import BEST, CHECKPOINT, task_of, training_of
         from whiptool.rl.training import LOSSES
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import ResumableOptions, refuse_idle, whole
+from whiptool.commands.options.option_group import Condition, Conditions, ResumableOptions, unless, when, whole
 from whiptool.commands.options.rig_options import ArmOptions, hardware_rig, loop_options
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.errors import InputError
@@ -25,7 +25,12 @@ SLOW = 0.9  # [s], shortest movement within a motor's limits
 UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
 FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
 ROBOT = "robot"  # a port
-OF_RIGS = ("camera", "rate", "friction", "latency", "approach_speed", "settle", "yes", "limits")
+_OF_RIGS = unless("port", ROBOT, why=", where your own program commands and records")
+_NOT_AT_REST = Condition(
+    "only with a real arm: the twin is already at the start of its strike", lambda o: o.port != "twin"
+)
+_SERVOS = Condition("only without --camera tip, which has no servos", lambda o: o.port != "twin" or o.camera != "tip")
+_IN_SPACE = Condition("only for a model in space", lambda o: o.find_model().dimension == 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,13 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(("camera", "yes", "limits"), (_OF_RIGS,)),
+        **dict.fromkeys(("approach_speed", "settle"), (_OF_RIGS, _NOT_AT_REST)),
+        **dict.fromkeys(("rate", "friction", "latency"), (_OF_RIGS, _SERVOS)),
+        "family": (when("port", "twin"),),
+        **dict.fromkeys(("direction", "arrival_angle"), (_IN_SPACE,)),
+    }
 
     port: str = "twin"
     """Serial device, twin, or robot. The device is such as /dev/ttyUSB0; twin is the emulated servos behind the same
@@ -90,7 +102,6 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
             raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
         if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
             raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
-        self._refuse_idle()
         if self.wiggle and not self.still:
             raise InputError(
                 "--no-still", "together with --wiggle", "one of them", "--wiggle is a look before the first strike, too"
@@ -109,29 +120,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         """Refuse servos and images of an arm in space, and directions in the plane."""
         if model.dimension == 3 and self.port != ROBOT and (self.port, self.camera) != ("twin", "tip"):
             raise InputError("--model", self.model, "a model in the plane, but with --port robot or --camera tip")
-        asked = {"--direction": self.direction, "--arrival-angle": self.arrival_angle}
-        for flag, given in asked.items():
-            if model.dimension == 2 and given is not None:
-                raise InputError(flag, given, "only for a model in space")
 
     def build_target(self, model: Model | None = None) -> Target:
         """Target with direction and speed of arrival; a least speed of 0 requires no speed."""
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
-
-    def _refuse_idle(self) -> None:
-        """Options that would change nothing are not taken for ones that did."""
-        idle: dict[str, str] = {}
-        if self.port == "twin":
-            idle |= dict.fromkeys(
-                ("approach_speed", "settle"), "only with a real arm: the twin is already at the start of its strike"
-            )
-            if self.camera == "tip":
-                idle |= dict.fromkeys(("rate", "friction", "latency"), "only without --camera tip, which has no servos")
-        else:
-            idle["family"] = "only with --port twin"
-        if self.port == ROBOT:
-            idle |= dict.fromkeys(OF_RIGS, "only without --port robot, where your own program commands and records")
-        refuse_idle(self, idle)
 
     def build_controller(self) -> Controller:
         """The controller that the options describe; of an arm in space it is position control, as robots have it."""

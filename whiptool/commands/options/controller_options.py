@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
 from whiptool.errors import InputError
 from whiptool.words import as_named
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
 LAWS = ("oiac", "constant", "position")
 CONTROLLERS = "{oiac,constant,position}|FILE.toml"
+_NOT_IN_FILE = Condition("only without a file as --controller: write it into the file", lambda o: not o.in_file)
+_NOT_POSITION = unless("controller", "position", of="law_or_file")
 LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not controlled
 
 
@@ -31,6 +33,7 @@ class LawOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("controller",)
     usual_preset: ClassVar[Preset] = "table4"
     takes_hand: ClassVar[bool] = False  # whether the command takes controllers of the hand
+    only_with: ClassVar[Conditions] = {"preset": (_NOT_IN_FILE, _NOT_POSITION)}
 
     controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
     """Control law, or a TOML file with one. The file has a table [controller], as config.toml of a run has. With
@@ -81,7 +84,6 @@ class LawOptions(OptionGroup):
 
         if not self.in_file:
             return Controller(law=self._named_law())
-        self.refuse_beside_file("--preset", self.preset)
         path = Path(self.law_or_file)
         if not path.is_file():
             raise InputError(
@@ -93,32 +95,12 @@ class LawOptions(OptionGroup):
             raise InputError("--controller", str(path), rule)
         return found
 
-    def refuse_beside_file(self, option: str, value: object) -> None:
-        """Refuse an option whose value belongs in the controller's file.
-
-        Raises:
-            InputError: It has a value, and the controller stands in a file.
-        """
-        if self.in_file and value not in (None, False):
-            raise InputError(option, value, f"only without --controller {self.law_or_file}", "write it into the file")
-
-    def refuse_beside_position(self, option: str, value: object) -> None:
-        """Refuse an option that position control has no use for.
-
-        Raises:
-            InputError: It has a value, and the joints are exactly on their path.
-        """
-        if self.law_or_file == "position" and value not in (None, False):
-            raise InputError(option, value, "only without position control", "give --controller constant")
-
     def _named_law(self) -> Law:
         from whiptool.impedance import PositionControl, constant_preset, oiac_preset
 
         if self.law_or_file not in LAWS:
             raise InputError("--controller", self.law_or_file, ", ".join(LAWS) + ", or a .toml file")
         if self.law_or_file == "position":
-            if self.preset is not None:
-                raise InputError("--preset", self.preset, "only without --controller position, which has no numbers")
             return PositionControl()
         constant = self._constant  # before errors are named after the preset: the model may be none
         try:
@@ -151,6 +133,8 @@ class LawOptions(OptionGroup):
 class ControllerOptions(LawOptions):
     """The law, and what a real motor adds."""
 
+    only_with: ClassVar[Conditions] = dict.fromkeys(("feedforward", "torque_limit"), (_NOT_IN_FILE, _NOT_POSITION))
+
     feedforward: bool = False
     """Add the torque that the arm without the whip needs to follow the reference."""
     torque_limit: float | None = None
@@ -159,12 +143,8 @@ class ControllerOptions(LawOptions):
     def build_controller(self) -> Controller:
         """The controller that the options describe, or that of the file."""
         controller = super().build_controller()
-        self.refuse_beside_file("--feedforward", self.feedforward)
-        self.refuse_beside_file("--torque-limit", self.torque_limit)
         if self.in_file:
             return controller
-        self.refuse_beside_position("--feedforward", self.feedforward)
-        self.refuse_beside_position("--torque-limit", self.torque_limit)
         return replace(controller, feedforward=self.feedforward, torque_limit=self.torque_limit)
 
     def controller_label(self) -> str:
@@ -175,6 +155,8 @@ class ControllerOptions(LawOptions):
 @dataclass(frozen=True, kw_only=True)
 class SimulatedControllerOptions(ControllerOptions):
     """The controller of a simulated arm; a rig's holds its torque for a cycle in any case."""
+
+    only_with: ClassVar[Conditions] = {"control_period": (_NOT_IN_FILE, _NOT_POSITION)}
 
     control_period: float | None = None
     """Hold the torque constant for this long [s], as a sampled controller does."""
@@ -190,8 +172,6 @@ class SimulatedControllerOptions(ControllerOptions):
     def build_controller(self) -> Controller:
         """The controller that the options describe, or that of the file."""
         controller = super().build_controller()
-        self.refuse_beside_file("--control-period", self.control_period)
         if self.in_file:
             return controller
-        self.refuse_beside_position("--control-period", self.control_period)
         return replace(controller, control_period=self.control_period)

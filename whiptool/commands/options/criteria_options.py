@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from whiptool.commands.options.option_group import OptionGroup, refuse_idle
+from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +21,13 @@ class CriteriaOptions(OptionGroup):
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("minimise",)
+    only_with: ClassVar[Conditions] = {
+        "minimise": unless("pareto"),
+        "noise": Condition(
+            "only with --minimise robustness or robustness in --pareto",
+            lambda o: "robustness" in (o.minimise, *(o.pareto or ())),
+        ),
+    }
 
     minimise: CriterionName = "miss"
     """Criterion to minimise among hits. The criteria are the miss distance; the effort, which is the integral of the
@@ -38,12 +45,8 @@ class CriteriaOptions(OptionGroup):
         from whiptool.models.numbers import number
 
         super().check()
-        if self.pareto is not None:
-            refuse_idle(self, {"minimise": "only without --pareto"})
-            if self.pareto[0] == self.pareto[1]:
-                raise InputError("--pareto", self.pareto, "two different criteria")
-        if "robustness" not in (self.minimise, *(self.pareto or ())):
-            refuse_idle(self, {"noise": "only with --minimise robustness or robustness in --pareto"})
+        if self.pareto is not None and self.pareto[0] == self.pareto[1]:
+            raise InputError("--pareto", self.pareto, "two different criteria")
         for deviation in self.noise:
             number("--noise", deviation)
         Robustness(self.noise)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from whiptool.commands.options.controller_options import CONTROLLERS, LawOptions, Preset
-from whiptool.commands.options.option_group import ResumableOptions, SeedOptions, refuse_idle, whole
+from whiptool.commands.options.option_group import Conditions, ResumableOptions, SeedOptions, unless, when, whole
 from whiptool.commands.options.target_options import MODELS, ModelOptions
 from whiptool.errors import InputError
 
@@ -52,6 +52,14 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         "cameras",
     )
     in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(OF_WHIPS, unless("drive", "free")),
+        "pieces": when("drive", "free"),
+        "clamp": when("drive", "passive", why=": the model's k includes the hinge"),
+        "controller": when("drive", "command"),
+        "preset": when("drive", "command"),
+        "knots": when("drive", "joints", "hand", "handle", why=", whose motion was measured"),
+    }
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
     """Recordings: tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), in which the
@@ -116,15 +124,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         super().check()
         if not self.recordings:
             raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
-        if self.drive != "free":
-            refuse_idle(self, {"pieces": "nothing but with --drive free"})
-        if self.drive != "passive":
-            refuse_idle(self, {"clamp": "nothing but with --drive passive: the model's k includes the hinge"})
-        if self.drive != "command":
-            refuse_idle(self, dict.fromkeys(("controller", "preset"), "nothing but with --drive command"))
-        if self.drive not in ("joints", "hand", "handle"):
-            refuse_idle(self, {"knots": "nothing but with --drive joints, hand or handle, whose motion was measured"})
-        elif self.knots is not None:
+        if self.knots is not None:
             number("--knots", self.knots, low=0.002, high=1.0)
         whole("--starts", self.starts, high=1000)
         if self.clamp is not None:
@@ -133,8 +133,6 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
             number("--pieces", piece, low=0, strict=True)
         if len(set(self.nodes)) < len(self.nodes) or not all(1 <= n <= 200 for n in self.nodes):
             raise InputError("--nodes", self.nodes, "different whole numbers from 1 to 200")
-        if self.drive == "free":
-            refuse_idle(self, dict.fromkeys(OF_WHIPS, "only without --drive free"))
         read_marker(self.tip)
 
     def _model(self) -> Model | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import OptionGroup, options_named, refuse_idle
+from whiptool.commands.options.option_group import Conditions, OptionGroup, options_named, unless
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +25,12 @@ class LimitOptions(OptionGroup):
         "limits",
         "floor",
     )
+    only_with: ClassVar[Conditions] = {
+        "keep_free": (unless("limits", "none"),),
+        "floor": (unless("limits", "none"), unless("ignore_collisions")),
+        "clearance": (unless("limits", "none"), unless("ignore_collisions")),
+        "ignore_collisions": (unless("limits", "none"),),
+    }
 
     limits: Literal["xm430", "arm", "none"] | None = None
     """Limits that strikes have to keep. arm: those of the joints; xm430: the speed-torque line of that motor. optimize
@@ -54,11 +60,6 @@ class LimitOptions(OptionGroup):
         if self.floor is not None:
             with options_named(self):
                 floor_height(self.floor)
-        if self.limits == "none":
-            idle = ("keep_free", "floor", "clearance", "ignore_collisions")
-            refuse_idle(self, dict.fromkeys(idle, "only without --limits none"))
-        if self.ignore_collisions:
-            refuse_idle(self, dict.fromkeys(("floor", "clearance"), "only without --ignore-collisions"))
 
     def build_limits(self, model: Model, controller: Controller) -> list[Limits]:
         """Return the limits that strikes have to keep.

@@ -3,15 +3,55 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeAlias
 
 from whiptool.errors import InputError
 
 MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
+
+
+@dataclass(frozen=True)
+class Condition:
+    """When an option has an effect.
+
+    Args:
+        words: The condition for people, such as `only with --space hand`.
+        holds: Whether the options of a command meet it.
+    """
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+Conditions: TypeAlias = Mapping[str, Condition | tuple[Condition, ...]]  # of options, by the names of their fields
+
+
+def when(option: str, *values: object, why: str = "", of: str = "") -> Condition:
+    """Return the condition that an option has one of some values, or without values that it is given.
+
+    Args:
+        option: Name of its field.
+        values: Values.
+        why: What the words say after them.
+        of: Attribute that has the value; default: the field.
+    """
+    words = f"only with {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
+    return Condition(words, lambda options: _is(options, option, values, of))
+
+
+def unless(option: str, *values: object, why: str = "", of: str = "") -> Condition:
+    """Return the condition that an option has none of some values, or without values that it is not given."""
+    words = f"only without {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
+    return Condition(words, lambda options: not _is(options, option, values, of))
+
+
+def _is(options: OptionGroup, option: str, values: tuple, of: str) -> bool:
+    value = getattr(options, of or option)
+    return value in values if values else value != options.usual(option)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +61,8 @@ class OptionGroup:
     A group may name some of its fields in class variables, and a command has what all its groups name:
     `of_this_call`, what is not kept with a run; `changeable`, what may be given again where a run is resumed;
     `may_be_empty`, options of several values that may be given without one; `first`, what `--help` tells of a command
-    that has more options than fit on a screen. `heading` is that of the group in help.
+    that has more options than fit on a screen. `heading` is that of the group in help. `only_with` says of options
+    when they have an effect: help leaves out those that have none, and giving one is refused.
     """
 
     of_this_call: ClassVar[tuple[str, ...]] = ()
@@ -29,13 +70,31 @@ class OptionGroup:
     may_be_empty: ClassVar[tuple[str, ...]] = ()
     first: ClassVar[tuple[str, ...]] = ()
     heading: ClassVar[str] = "options"
+    only_with: ClassVar[Conditions] = {}
 
     def check(self) -> None:
-        """Refuse values that are out of range.
+        """Refuse values that are out of range, and options that have no effect with the others.
 
         Raises:
-            InputError: One does; it is named.
+            InputError: There is such an option; it is named.
         """
+        for f in fields(self):
+            given = getattr(self, f.name)
+            if given != self.usual(f.name) and (broken := self.broken_condition(f.name)):
+                raise InputError(flag(f.name), str(given) if isinstance(given, Path) else given, broken.words)
+
+    def usual(self, name: str) -> object:
+        """Return what an option is where it is not given."""
+        return next(f.default for f in fields(self) if f.name == name)
+
+    def broken_condition(self, name: str) -> Condition | None:
+        """Return why an option has no effect with the others; None: it has one."""
+        for group in type(self).__mro__:
+            found = group.__dict__.get("only_with", {}).get(name, ())
+            for condition in (found,) if isinstance(found, Condition) else found:
+                if not condition.holds(self):
+                    return condition
+        return None
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options, so that it asks before any work."""

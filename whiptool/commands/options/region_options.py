@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.option_group import Conditions, unless
+from whiptool.commands.options.target_options import ZoneOptions
 from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
 from whiptool.errors import InputError
 
@@ -18,10 +19,11 @@ if TYPE_CHECKING:
 class RegionOptions(ZoneGoalOptions):
     """Where goals are drawn; a disc or ball around --target, or one of these."""
 
-    first: ClassVar[tuple[str, ...]] = (
-        "region",
-        "sector",
-    )
+    first: ClassVar[tuple[str, ...]] = ("region", "sector")
+    only_with: ClassVar[Conditions] = {
+        "sector": (unless("region"),),
+        **dict.fromkeys(ZoneOptions.of_disc, (unless("region"), unless("sector"))),
+    }
 
     region: Path | None = None
     """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
@@ -35,10 +37,7 @@ class RegionOptions(ZoneGoalOptions):
         from whiptool.goals.arrival_rule import named_sector
 
         super().check()
-        if self.region is not None:
-            refuse_idle(self, dict.fromkeys((*self.of_disc, "sector"), "only without --region"))
         if self.sector is not None:
-            refuse_idle(self, dict.fromkeys(self.of_disc, "only without --sector"))
             if len(self.sector) != 5:
                 raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
             named_sector(self.sector)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from tyro.conf import arg
 
 from whiptool.commands.options.controller_options import ControllerOptions, Preset
-from whiptool.commands.options.option_group import OutputOptions, SeedOptions, refuse_idle
+from whiptool.commands.options.option_group import Conditions, OutputOptions, SeedOptions, when
 from whiptool.commands.options.target_options import ModelOptions, TargetOptions
 from whiptool.errors import InputError
 
@@ -28,6 +28,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     heading: ClassVar[str] = "rig"
     first: ClassVar[tuple[str, ...]] = ("port", "camera")
     usual_preset: ClassVar[Preset] = "printed"
+    only_with: ClassVar[Conditions] = {"friction": when("port", "twin")}
 
     preset: Preset | None = None
     """Parameters of the law. OIAC: printed, or table4, which is stable only at rates far above 500; default: printed.
@@ -60,8 +61,6 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         super().check()
         number("--latency", self.latency, low=0, high=LONGEST_DELAY)
         loop_options(self)
-        if self.port != "twin":
-            refuse_idle(self, {"friction": "only with --port twin"})
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

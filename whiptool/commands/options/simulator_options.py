@@ -6,8 +6,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from whiptool.commands.options.option_group import OptionGroup
-from whiptool.errors import InputError
+from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, when
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -26,6 +25,7 @@ class StepOptions(OptionGroup):
 
     heading: ClassVar[str] = "simulation"
     first: ClassVar[tuple[str, ...]] = ("tolerance",)
+    only_with: ClassVar[Conditions] = {"tolerance": unless("timestep")}
 
     tolerance: float | None = None
     """Largest integration error of the miss distance [m]; default: 0.0001. The steps are chosen accordingly."""
@@ -42,8 +42,6 @@ class StepOptions(OptionGroup):
             number("--timestep", self.timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         if self.tolerance is not None:
             number("--tolerance", self.tolerance, low=FINEST, high=COARSEST)
-            if self.timestep is not None:
-                raise InputError("--tolerance", self.tolerance, "only without --timestep")
 
     def warn_if_coarse(self, model: Model, controller: Controller, target: tuple[float, ...], t_stay: float) -> None:
         """Say so on stderr where random strikes miss by other distances at the step that was asked for."""
@@ -77,6 +75,11 @@ class StepOptions(OptionGroup):
 class SimulatorOptions(StepOptions):
     """Which simulator, and how finely it steps."""
 
+    only_with: ClassVar[Conditions] = {
+        "tolerance": unless("simulator", "reference"),
+        "integrator": when("simulator", "reference"),
+    }
+
     simulator: Simulator = "compiled"
     """Simulator: compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
@@ -84,14 +87,6 @@ class SimulatorOptions(StepOptions):
     at most 0.0001, with rods 0.0004."""
     integrator: Integrator | None = None
     """Integrator of the reference simulator; default: RK4 unless the whip is too stiff for it."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        if self.tolerance is not None and self.simulator == "reference":
-            raise InputError("--tolerance", self.tolerance, "only without --simulator reference")
-        if self.integrator is not None and self.simulator != "reference":
-            raise InputError("--integrator", self.integrator, "only with --simulator reference")
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:
         """The simulator that `--simulator` names."""

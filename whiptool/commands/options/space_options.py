@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, cast
 import numpy as np
 
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
-from whiptool.commands.options.option_group import refuse_idle
+from whiptool.commands.options.option_group import Conditions, when
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from whiptool.impedance.hand import HandControl
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
+_OF_CONSTANT = when("controller", "constant", of="law_or_file")
 Matrix = tuple[tuple[float, ...], ...]
 Space = Literal["joint", "hand", "pose"]
 
@@ -27,6 +28,12 @@ class SpaceOptions(SimulatedControllerOptions):
 
     first: ClassVar[tuple[str, ...]] = ("space",)
     takes_hand: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(("home", "null_damping"), when("space", "hand", "pose")),
+        **dict.fromkeys(_GAINS[:2], (when("space", "hand", "pose"), _OF_CONSTANT)),
+        **dict.fromkeys(_GAINS[2:], (when("space", "pose"), _OF_CONSTANT)),
+        "feedforward": when("space", "joint"),
+    }
 
     space: Space = "joint"
     """Coordinates of a strike. They are the joints, the position of the hand, or the pose of the hand, which includes
@@ -51,10 +58,6 @@ class SpaceOptions(SimulatedControllerOptions):
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.parameters import number
 
-        if self.space == "joint":
-            refuse_idle(self, dict.fromkeys(("home", "null_damping", *_GAINS), "only with --space hand"))
-        if self.space == "hand":
-            refuse_idle(self, dict.fromkeys(_GAINS[2:], "only with --space pose"))
         for name in ("null_damping", *_GAINS):
             if getattr(self, name) is not None:
                 number("--" + name.replace("_", "-"), getattr(self, name), low=0)
@@ -72,8 +75,6 @@ class SpaceOptions(SimulatedControllerOptions):
         if self.in_file:
             raise InputError("--space", self.space, f"only without --controller {self.law_or_file}",
                              "write a table [controller.hand] into the file")  # fmt: skip
-        if self.feedforward:
-            raise InputError("--feedforward", True, "only in joint space")
         return replace(controller, hand=self._hand())
 
     def law_label(self) -> str:
@@ -93,10 +94,6 @@ class SpaceOptions(SimulatedControllerOptions):
 
     def _named_law(self):
         if self.space == "joint" or self.law_or_file != "constant":
-            for name in _GAINS:
-                if getattr(self, name) is not None:
-                    rule = "only with --controller constant"
-                    raise InputError("--" + name.replace("_", "-"), getattr(self, name), rule)
             return super()._named_law()
         if self.preset is not None:
             raise InputError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import OptionGroup, refuse_idle
+from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
 from whiptool.commands.options.whip_options import WhipOptions
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
@@ -62,11 +62,21 @@ class TargetOptions(OptionGroup):
         return Target(TARGET if model is None else usual_target(model).position, self.hit_radius)
 
 
+DIRECTED = {
+    "cone": Condition(
+        "only with --direction or --arrival-angle",
+        lambda o: o.direction is not None or o.arrival_angle is not None,
+    ),
+    "arrival_angle": unless("direction"),
+}
+
+
 @dataclass(frozen=True, kw_only=True)
 class GoalOptions(TargetOptions):
     """What is struck at, and how the tip has to arrive there."""
 
     first: ClassVar[tuple[str, ...]] = ("direction",)
+    only_with: ClassVar[Conditions] = DIRECTED
 
     direction: tuple[float, ...] | None = None
     """Direction in which the tip has to arrive. A vector x y, in space x y z, of any length. Default: any direction."""
@@ -85,10 +95,6 @@ class GoalOptions(TargetOptions):
         number("--cone", self.cone, low=0, high=180, strict=True)
         if self.arrival_angle is not None:
             number("--arrival-angle", self.arrival_angle, low=-360, high=360)
-        if self.direction is not None and self.arrival_angle is not None:
-            raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
-        if self.direction is None and self.arrival_angle is None:
-            refuse_idle(self, {"cone": "only with --direction or --arrival-angle"})
         super().check()
 
     def build_target(self, model: Model | None = None) -> Target:

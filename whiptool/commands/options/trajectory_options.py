@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from whiptool.commands.options.option_group import OptionGroup, check_place, refuse_idle
+from whiptool.commands.options.option_group import Conditions, OptionGroup, check_place, when
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
 
-_IDLE = "only with --export-trajectory"
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
 
 
@@ -26,6 +25,7 @@ class TrajectoryOptions(OptionGroup):
 
     heading: ClassVar[str] = "trajectory for a robot"
     first: ClassVar[tuple[str, ...]] = ("export_trajectory",)
+    only_with: ClassVar[Conditions] = dict.fromkeys(("trajectory_rate", "posture", "rest"), when("export_trajectory"))
     of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", "trajectory_rate", "posture", "rest")
 
     export_trajectory: Path | None = None
@@ -50,11 +50,10 @@ class TrajectoryOptions(OptionGroup):
         number("--trajectory-rate", self.trajectory_rate, low=1, high=100_000)
         number("--rest", self.rest, low=0, high=600)
         if self.export_trajectory is None:
-            refuse_idle(self, dict.fromkeys(("trajectory_rate", "posture", "rest"), _IDLE))
-        elif self.export_trajectory.suffix not in _WRITERS:
+            return
+        if self.export_trajectory.suffix not in _WRITERS:
             raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
-        else:
-            check_place("--export-trajectory", self.export_trajectory)
+        check_place("--export-trajectory", self.export_trajectory)
 
     def check_posture(self, model: Model) -> None:
         """Refuse a posture of another number of joints than the model's arm has.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import refuse_idle
-from whiptool.commands.options.target_options import ZoneOptions
+from whiptool.commands.options.option_group import Conditions
+from whiptool.commands.options.target_options import DIRECTED, ZoneOptions
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class ZoneGoalOptions(ZoneOptions):
     """Where targets are drawn, and how the tip has to arrive there."""
+
+    only_with: ClassVar[Conditions] = DIRECTED
 
     direction: tuple[float, ...] | None = None
     """Direction in which the tip has to arrive at every target: a vector x y, in space x y z, of any length. Default:
@@ -38,10 +40,6 @@ class ZoneGoalOptions(ZoneOptions):
 
         super().check()
         number("--cone", self.cone, low=0, high=180, strict=True)
-        if self.direction is not None and self.arrival_angle is not None:
-            raise InputError("--arrival-angle", self.arrival_angle, "--direction or --arrival-angle, not both")
-        if self.direction is None and self.arrival_angle is None:
-            refuse_idle(self, {"cone": "only with --direction or --arrival-angle"})
         if self.arrival_angle is not None:
             self._check_angles(self.arrival_angle)
         self.build_arrival()
