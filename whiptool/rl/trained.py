@@ -109,7 +109,7 @@ def train(
         seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
-        others: Further arguments by name: of `whiptool.rl.settings.TrainingPlan`, such as `trials` (strikes per episode,
+        others: Further arguments: of `whiptool.rl.settings.TrainingPlan`, such as `trials` (strikes per episode,
             all in one batch), `random_episodes` (default: a tenth of all) and `hindsight`; and of
             `whiptool.rl.task.StrikeTask`, such as `hit_radius` and `arrival`.
 
