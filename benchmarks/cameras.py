@@ -31,12 +31,12 @@ from whiptool.impedance import Controller, constant_preset
 from whiptool.models import Model, WhipProfile, preset
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.models.trajectory import Trajectory
-from whiptool.recording.space_camera import SpaceCamera, looking_at
+from whiptool.recording.camera import Camera, looking_at
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.vision.camera_model import expose
-from whiptool.vision.space_view import SpaceView, track_view
+from whiptool.vision.exposure import expose
+from whiptool.vision.tracking import track_view
 
 ARM, CONTROLLER = preset("nah2023"), Controller(constant_preset("nah2023"))
 PROFILE = WhipProfile(length=1.0, linear_density=0.12, bending_stiffness=0.02, bending_damping=0.002)
@@ -51,11 +51,11 @@ STRIKES = default_bounds(ARM.arm).sample(np.random.default_rng(1), 4)
 LATE = {"left": 0.006, "right": -0.004}  # [s] of each camera's clock
 
 
-def placed(name: str, position: tuple[float, float, float], start: float) -> tuple[SpaceCamera, float]:
+def placed(name: str, position: tuple[float, float, float], start: float) -> tuple[Camera, float]:
     """A camera like a D435's infrared one, but with a rolling shutter, and when its first frame starts [s]."""
     K = np.array([[426.0, 0, 423.5], [0, 426.0, 239.5], [0, 0, 1]])
     turned = looking_at(position, (0.3, 0.0, -0.1))
-    return SpaceCamera(name, 848, 480, K, turned, np.array(position), fps=60.0, exposure=4e-3, readout=12e-3), start
+    return Camera(name, 848, 480, K, turned, np.array(position), fps=60.0, exposure=4e-3, readout=12e-3), start
 
 
 CAMERAS = (placed("left", (2.6, 3.0, 0.5), 0.002), placed("right", (1.4, -3.7, 0.1), 0.009))
@@ -126,10 +126,9 @@ def seen(path: Trajectory, vector: np.ndarray, rng: np.random.Generator) -> list
     """A strike's tip as both cameras see it, with white errors."""
     films = []
     for camera, start in CAMERAS:
-        view = SpaceView.of(camera)
         starts = np.arange(start, path.t[-1] - camera.readout - camera.exposure, 1 / camera.fps)
-        told = expose(view, path.t, path.tip, starts)
-        sigma = NOISE * np.array([view.scale(place) for place in told.points])
+        told = expose(camera, path.t, path.tip, starts)
+        sigma = NOISE * np.array([camera.scale(place) for place in told.points])
         pixels = told.pixels + sigma[:, None] * rng.standard_normal(told.pixels.shape)
         inside = camera.sees(told.points)
         late = LATE[camera.name]
@@ -154,8 +153,8 @@ def filmed(model: Model, path: Trajectory, vector: np.ndarray, seed: int) -> tup
     films, errors = [], []
     for camera, start in CAMERAS:
         rng = np.random.default_rng([seed, len(films)])
-        virtual = VirtualCamera(SpaceView.of(camera, distance=4.0), model, path, rng, start=start - 0.05)
-        film = track_view(virtual, strike=Strike.from_vector(vector))
+        virtual = VirtualCamera(camera, model, path, rng, start=start - 0.05)
+        film = track_view(virtual, distance=4.0, strike=Strike.from_vector(vector))
         truth = np.array([x.pixel for x in virtual.truths])
         errors += np.abs(film.points[:, 0] - truth)[film.seen[:, 0]].ravel().tolist()
         late = LATE[camera.name]

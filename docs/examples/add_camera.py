@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from whiptool.vision.camera_model import CameraSettings, camera_preset
+from whiptool.recording.camera import Camera, camera_preset
 from whiptool.vision.source import Frame, FrameSource
 from whiptool.vision.tracking import track
 
@@ -20,7 +20,7 @@ class DrawnCamera:
         frames: How many there are.
     """
 
-    def __init__(self, settings: CameraSettings, frames: int) -> None:
+    def __init__(self, settings: Camera, frames: int) -> None:
         self.settings, self.frames, self._next = settings, frames, 0
 
     def open(self) -> None:

@@ -18,7 +18,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance import Controller, constant_preset, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
-from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.camera import Camera
 from whiptool.recording.strike_recording import StrikeRecording
 
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
@@ -79,7 +79,7 @@ def test_a_port_is_told_what_it_should_return(returned, said):
 
 
 def test_what_one_camera_saw_in_pixels_is_refused():
-    camera = SpaceCamera("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(3), np.zeros(3))
+    camera = Camera("left", 640, 480, np.diag([500.0, 500.0, 1.0]), np.eye(3), np.zeros(3))
     pixels = dataclasses.replace(circle(), view=camera)
     with pytest.raises(InputError, match=r"pixels.*in m"):
         seen_of(pixels, (0.2, 1.0, 0.0))

@@ -21,7 +21,7 @@ from whiptool.goals.target import Target
 from whiptool.models import preset
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import write_cameras
 from whiptool.recording.readers import write_csv
 from whiptool.recording.strike_recording import StrikeRecording
 

@@ -21,16 +21,18 @@ from whiptool.impedance.files import controller_to_table
 from whiptool.models import preset, read_model, write_model
 from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike, default_bounds
+from whiptool.recording.camera import camera_preset, pinhole
 from whiptool.recording.readers import open_video, read_recording
 from whiptool.recording.readers.tracks import write_csv
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
-from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
+from whiptool.vision.exposure import expose, measurement_sigma
 
 LEMON, TARGET = preset("lemon2024"), (1.3, 0.0)
 CONTROLLER = Controller()
-CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that the tip can reach
+SEEN = {"width": 424, "camera_matrix": pinhole(426, 426, 211.5, 239.5)}  # all that the tip can reach
+CAMERA = camera_preset("d435-infrared").replace(**SEEN)
 TRUE = {"whip.k": 0.242, "whip.b": 0.092, "whip.m": 0.012}
 START, T_STAY = -0.03, 0.1  # [s], of the films
 KEYS = {
@@ -546,7 +548,7 @@ def test_a_recorded_camera_gives_the_frames_that_were_filmed(films):
     assert frames[0].image.shape == (CAMERA.height, CAMERA.width)
     s = camera.settings
     assert (s.exposure, s.readout, s.kind) == (CAMERA.exposure, CAMERA.readout, CAMERA.kind)
-    assert s.fx / s.position[2] == pytest.approx(CAMERA.fx / CAMERA.position[2], rel=1e-6)
+    assert s.scale(np.zeros(2)) == pytest.approx(CAMERA.scale(np.zeros(2)), rel=1e-6)
     pixels = np.array([[10.0, 20.0], [800.0, 400.0]])
     np.testing.assert_allclose(camera.calibration.to_plane(pixels), CAMERA.to_plane(pixels), atol=1e-9)
     color = RecordedCamera(dataclasses.replace(video, kind="color", readout=0.479 * 0.03))

@@ -18,7 +18,7 @@ from whiptool.impedance import Controller, PositionControl
 from whiptool.impedance.files import controller_to_table
 from whiptool.models import write_model
 from whiptool.models.strike import Strike
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import write_cameras
 from whiptool.recording.readers import open_video, write_csv
 from whiptool.recording.readers.video import video_frames
 from whiptool.rollout import CompiledRollout
@@ -96,7 +96,6 @@ def films(tmp_path_factory):
     render = pytest.importorskip("whiptool.vision.render")
     from whiptool.vision.film_files import write_video
     from whiptool.vision.source import frames_of
-    from whiptool.vision.space_view import SpaceView
 
     folder, controller = tmp_path_factory.mktemp("films"), Controller(PositionControl())
     path = CompiledRollout(ROBOT, controller, timestep=5e-4).trajectory(FAST, t_stay=0.3)
@@ -106,13 +105,14 @@ def films(tmp_path_factory):
     write_cameras(folder / "cameras.toml", cameras)
     write_model(dataclasses.replace(ROBOT, whip=dataclasses.replace(WHIP, k=0.07, b=0.006)), folder / "guess.toml")
     for seed, (name, camera) in enumerate(cameras.items()):
-        virtual = render.VirtualCamera(SpaceView.of(camera), ROBOT, path, np.random.default_rng(seed), start=-0.03)
+        virtual = render.VirtualCamera(camera, ROBOT, path, np.random.default_rng(seed), start=-0.03)
         try:
             virtual.open()
         except Exception as error:  # a machine without OpenGL
             pytest.skip(f"no OpenGL: {error}")
-        side = write_video(folder / f"{name}.mkv", frames_of(virtual), synthetic=True, strike=FAST, t_stay=0.3)
-        view = open_video(folder / f"{name}.mkv").view
+        film = folder / f"{name}.mkv"
+        side = write_video(film, frames_of(virtual), synthetic=True, in_space=True, strike=FAST, t_stay=0.3)
+        view = open_video(film).view
         assert (view.exposure, view.readout) == (camera.exposure, pytest.approx(camera.readout))
         np.testing.assert_array_equal(view.rotation, camera.rotation)
         table = tomllib.loads(side.read_text()) | {"start": -LATE[name], "controller": controller_to_table(controller)}

@@ -27,11 +27,10 @@ from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.models.trajectory import Trajectory
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import camera_preset, write_cameras
 from whiptool.recording.readers import write_csv
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.servo_replay import replay_trajectory
-from whiptool.vision.camera_model import camera_preset
 
 MODEL, TARGET = preset("lemon2024"), (1.2, 0.1)
 STRIKES = (
@@ -200,14 +199,13 @@ def films_in_space(folder: Path) -> None:
 
 def film_in_space(folder: Path, model: Model, told: JointTrajectory) -> None:
     """Write `left.mkv` and `right.mkv` of a robot's trajectory, and the robot's log; all count from its beginning."""
-    from whiptool.vision.space_view import SpaceView
 
     path, clocks = replay_trajectory(model, told), {"start": told.strike_begins, "joints_start": told.strike_begins}
     every = slice(None, None, 80)
     rows = np.column_stack([path.t, path.q[:, : model.arm.n]])[every]
     robot_lab.write(folder / "robot-joints.txt", ["t", *model.arm.joints], rows)
     for seed, (name, camera) in enumerate(two_cameras(folder).items()):
-        side = _filmed(folder / f"{name}.mkv", SpaceView.of(camera), model, path, seed, start=0.01)
+        side = _filmed(folder / f"{name}.mkv", camera, model, path, seed, start=0.01, in_space=True)
         _say(side, camera=name, joints="robot-joints.txt", **clocks)
 
 

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from whiptool.models import Model, WhipParameters, preset
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
-from whiptool.recording.space_camera import SpaceCamera, looking_at
+from whiptool.recording.camera import Camera, looking_at
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.servo_replay import replay_trajectory
 
@@ -32,16 +32,16 @@ K = np.array([[430.0, 0, 424], [0, 432.0, 238], [0, 0, 1]])
 LENS = (-0.11, 0.03, 1e-3, -5e-4, 0.01)
 
 
-def camera(name: str, position: tuple[float, float, float], at=(0.5, 0.0, 0.5), **timing: float) -> SpaceCamera:
+def camera(name: str, position: tuple[float, float, float], at=(0.5, 0.0, 0.5), **timing: float) -> Camera:
     """Return a camera with a lens that distorts, which looks at a point [m]."""
     timing = {"fps": 90.0, "exposure": 2e-3, "readout": 8e-3} | timing
-    return SpaceCamera(name, 848, 480, K, looking_at(position, at), np.array(position), LENS, **timing)
+    return Camera(name, 848, 480, K, looking_at(position, at), np.array(position), LENS, **timing)
 
 
 LEFT, RIGHT = camera("left", (1.6, 2.9, 1.1)), camera("right", (2.4, -2.4, 0.7), fps=60.0, exposure=3e-3)
 
 
-def by_opencv(camera: SpaceCamera, places: np.ndarray) -> np.ndarray:
+def by_opencv(camera: Camera, places: np.ndarray) -> np.ndarray:
     """Return the pixels (..., 2) of places (..., 3) [m]."""
     turned, _ = cv2.Rodrigues(camera.rotation)
     shift = -camera.rotation @ camera.position
@@ -51,7 +51,7 @@ def by_opencv(camera: SpaceCamera, places: np.ndarray) -> np.ndarray:
 
 
 def film_in_space(
-    camera: SpaceCamera,
+    camera: Camera,
     t: np.ndarray,
     places: np.ndarray,
     *,
@@ -90,7 +90,7 @@ def film_in_space(
     return StrikeRecording(t=frames + late, points=pixels, markers=markers, sigma=sigma, view=camera, **about)
 
 
-def mean_depths(camera: SpaceCamera, path: CubicSpline, frames: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def mean_depths(camera: Camera, path: CubicSpline, frames: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Return the markers' mean depths while the rows of their pixels are exposed [m], (T, M)."""
     shares = (np.arange(12) + 0.5) / 12 - 0.5
     at = frames[:, None, None] + (pixels[..., 1] * camera.readout / camera.height)[..., None] + shares * camera.exposure

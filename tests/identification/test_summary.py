@@ -21,7 +21,7 @@ from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import unit_of
 from whiptool.identification.variables import Variable, variable
 from whiptool.models.parameters import ArmLink
-from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.camera import Camera
 from whiptool.recording.strike_recording import StrikeRecording
 
 K, M, B = (variable(f"whip.{name}", 1.0) for name in "kmb")
@@ -141,7 +141,7 @@ def test_the_tips_paths_or_the_last_markers(markers, which):
 
 def test_depth_is_told_in_metres_beside_pixels():
     """It is read as its inverse [1/m], whose size is the squared depth; a frame without it has none in its path."""
-    view = SpaceCamera("left", 640, 480, np.diag([400.0, 400.0, 1.0]), np.eye(3), np.zeros(3))
+    view = Camera("left", 640, 480, np.diag([400.0, 400.0, 1.0]), np.eye(3), np.zeros(3))
     seen, depth = np.full((12, 1, 2), 100.0), np.full((12, 1), 2.0)
     depth[3] = np.nan
     recording = StrikeRecording(T, seen, ("tip",), view=view, depth=depth)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from whiptool.recording import StrikeRecording
+from whiptool.recording.camera import Camera
 from whiptool.recording.labels import check_labels, put_back
-from whiptool.recording.space_camera import SpaceCamera
 
 NAMES = ("tip", "node8", "node4", "handle")
 T = np.arange(0, 0.8, 1 / 120)
@@ -54,7 +54,7 @@ def test_two_labels_are_exchanged_for_good():
 def test_depth_goes_with_its_label():
     """As a camera on the axis sees them, a metre of the rod being 200 pixels."""
     whole = swung()
-    view = SpaceCamera("left", 640, 480, np.diag([200.0, 200.0, 1.0]), np.eye(3), np.zeros(3))
+    view = Camera("left", 640, 480, np.diag([200.0, 200.0, 1.0]), np.eye(3), np.zeros(3))
     depth = np.tile([1.0, 2.0, 3.0, 4.0], (len(T), 1))
     pixels = 250 + 200 * whole.points[..., :2]
     seen = dataclasses.replace(whole, points=pixels, view=view, sigma=0.2, t_points=None, depth=depth)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from processes import HANG
 
+from whiptool.recording.camera import camera_preset
 from whiptool.rig.filming import Filming
-from whiptool.vision.camera_model import camera_preset
 from whiptool.vision.source import Frame
 
 pytest.importorskip("dynamixel_sdk")

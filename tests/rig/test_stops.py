@@ -27,6 +27,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.objective import Objective
 from whiptool.optimizers import METHODS, search
+from whiptool.recording.camera import camera_preset
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig import session as sessions
 from whiptool.rig import stop_signals
@@ -44,7 +45,6 @@ from whiptool.rig.stops import (
     StrikeStopped,
     torque_in_words,
 )
-from whiptool.vision.camera_model import camera_preset
 from whiptool.vision.source import Frame
 
 pytest.importorskip("dynamixel_sdk")

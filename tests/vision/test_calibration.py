@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.vision.calibration import (
-    PlaneCalibration,
-    calibrate_checkerboard,
-    calibrate_points,
-    find_checkerboard,
-    undistort,
-)
-from whiptool.vision.camera_model import camera_preset
+from whiptool.recording.camera import before_plane, camera_preset
+from whiptool.recording.lens import undistort
+from whiptool.vision.boards import Checkerboard, find_checkerboard
+from whiptool.vision.calibration import PlaneCalibration, calibrate_board, calibrate_points
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
 
-CAMERA = camera_preset("d435-color").replace(position=(0.4, 0.1, 2.9), rotation=(0.15, -0.25, 0.1))
+TURN = Rotation.from_rotvec((0.15, -0.25, 0.1)).as_matrix()
+CAMERA = camera_preset("d435-color").replace(**before_plane((0.4, 0.1, 2.9), TURN))
 POINTS = np.random.default_rng(0).uniform(-1, 1, (30, 2))
 
 
@@ -45,12 +43,12 @@ def test_the_residual_is_the_root_mean_square_distance_in_the_image():
 def distort(pixels: np.ndarray, lens: tuple[float, ...]) -> np.ndarray:
     """Brown and Conrady's model, as OpenCV documents it: k1, k2, p1, p2, k3."""
     k1, k2, p1, p2, k3 = lens
-    x, y = ((pixels - [CAMERA.cx, CAMERA.cy]) / [CAMERA.fx, CAMERA.fy]).T
+    x, y = ((pixels - CAMERA.principal_point) / CAMERA.focal_lengths).T
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
     v = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
-    return np.stack([CAMERA.fx * u + CAMERA.cx, CAMERA.fy * v + CAMERA.cy], axis=1)
+    return np.stack([u, v], axis=1) * CAMERA.focal_lengths + CAMERA.principal_point
 
 
 def test_a_lens_is_taken_out_before_anything_else():
@@ -82,9 +80,9 @@ def test_a_lens_is_taken_out_before_anything_else():
 )
 def test_points_that_fix_no_plane_are_refused(metres):
     square = np.array([[0.0, 0], [100, 0], [100, 100], [0, 100]])
-    with pytest.raises(InputError, match=r"metres.*no three lie on a line"):
+    with pytest.raises(InputError, match=r"metres.*no three lie on one line"):
         calibrate_points(square, metres)
-    with pytest.raises(InputError, match=r"pixels.*no three lie on a line"):
+    with pytest.raises(InputError, match=r"pixels.*no three lie on one line"):
         calibrate_points(metres, square)
 
 
@@ -122,12 +120,11 @@ def board() -> np.ndarray:
 
 
 def test_a_checkerboard_gives_the_plane(board):
-    found = calibrate_checkerboard(board, corners=(COLUMNS, ROWS), square=SQUARE, origin=ORIGIN, angle=ANGLE)
+    found = calibrate_board(board, Checkerboard((COLUMNS, ROWS), SQUARE), origin=ORIGIN, angle=ANGLE)
     np.testing.assert_allclose(found.to_plane(CAMERA.project(POINTS / 2)), POINTS / 2, atol=2e-3)
     assert found.residual < 0.1
-    for bad in (0.0, -0.1, np.inf, np.nan):
-        with pytest.raises(InputError, match="square"):
-            calibrate_checkerboard(board, corners=(COLUMNS, ROWS), square=bad, origin=ORIGIN)
+    with pytest.raises(InputError, match=r"image: got '120 x 90'.*shows the board"):
+        calibrate_board(board[:90, :120], Checkerboard((COLUMNS, ROWS), SQUARE), origin=ORIGIN)
 
 
 def test_corners_come_row_by_row_from_the_upper_left(board):

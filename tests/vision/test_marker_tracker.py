@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.vision.camera_model import camera_preset, measurement_sigma
+from whiptool.recording.camera import before_plane, camera_preset, pinhole
+from whiptool.vision.exposure import measurement_sigma
 from whiptool.vision.marker_tracker import SURE, MarkerTracker, Sighting
 from whiptool.vision.markers import Marker
 from whiptool.vision.source import Frame
-from whiptool.vision.tracking import Detection, StrikeTrack, Track, Tracker, median_image, track
+from whiptool.vision.tracking import MarkerTrack, StrikeTrack, median_image, track
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
 
-SIZE = {"width": 160, "height": 120, "cx": 79.5, "cy": 59.5, "fx": 200.0, "fy": 200.0, "position": (0.0, 0.0, 2.0)}
+LENS = pinhole(200, 200, 79.5, 59.5)
+SIZE = {"width": 160, "height": 120, "camera_matrix": LENS, **before_plane((0.0, 0.0, 2.0))}
 COLOR = camera_preset("d435-color").replace(**SIZE)  # 100 pixels per metre, a rolling shutter
 STEADY = COLOR.replace(readout=0.0)
 INFRARED = camera_preset("d435-infrared").replace(**SIZE)
@@ -237,16 +239,13 @@ def scene(i: int, tip, target) -> Frame:
 
 def test_the_distance_of_tip_and_target_outlasts_the_target():
     """Fig. 3: from the target's last sure place, while it is covered; NaN where the tip is not seen."""
-    tracker = Tracker(STEADY, tip=GREEN, target=ORANGE)
     target = (110.0, 30.0)
     frames = [scene(i, at, None if i == 3 else target) for i, at in enumerate(LINE[:5])] + [scene(5, None, target)]
-    seen: list[Detection] = [tracker.update(x) for x in frames]
+    seen = track(frames, tip=GREEN, target=ORANGE)
     expected = np.hypot(*((LINE[:5] - target) / 100).T)
-    np.testing.assert_allclose([x.distance for x in seen[:5]], expected, atol=1e-3)
-    assert np.isnan(seen[3].target.sigma)
-    assert np.isnan(seen[5].distance)
-    assert [x.sequence for x in seen] == list(range(6))
-    assert Tracker(STEADY)._tip.marker.hue == (95, 140)
+    np.testing.assert_allclose(seen.distance[:5], expected, atol=1e-3)
+    assert np.isnan(seen.target.sigma[3])
+    assert np.isnan(seen.distance[5])
 
 
 def test_a_track_holds_columns_of_sightings_and_becomes_a_recording():
@@ -268,10 +267,10 @@ def test_a_track_holds_columns_of_sightings_and_becomes_a_recording():
 def test_the_targets_place_is_the_median_of_the_sure_ones():
     points = np.array([[1.0, 5.0], [np.nan, np.nan], [3.0, 1.0], [2.0, 9.0]])
     columns = [np.zeros(4), np.zeros(4), points, points, np.zeros(4), np.zeros(4)]
-    tip, settings = Track(*columns), STEADY
-    assert StrikeTrack(tip, Track(*columns), np.zeros(4), settings).target_position.tolist() == [2.0, 5.0]
+    tip, settings = MarkerTrack(*columns), STEADY
+    assert StrikeTrack(tip, MarkerTrack(*columns), np.zeros(4), settings).target_position.tolist() == [2.0, 5.0]
     columns[3] = points * np.nan
-    assert StrikeTrack(tip, Track(*columns), np.zeros(4), settings).target_position is None
+    assert StrikeTrack(tip, MarkerTrack(*columns), np.zeros(4), settings).target_position is None
 
 
 def test_frames_come_in_the_order_of_time():

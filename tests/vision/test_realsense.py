@@ -12,8 +12,8 @@ import pytest
 from whiptool import extras
 from whiptool.commands import doctor
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.recording.camera import Camera, camera_preset, pinhole
 from whiptool.vision import realsense
-from whiptool.vision.camera_model import CameraSettings, camera_preset
 from whiptool.vision.realsense import RealSenseCamera
 from whiptool.vision.source import frames_of
 
@@ -29,7 +29,7 @@ def images() -> np.ndarray:
     return some
 
 
-def record(rs, path: Path, settings: CameraSettings) -> None:
+def record(rs, path: Path, settings: Camera) -> None:
     """Write the images as a camera of the SDK would, into a .db3 file."""
     device = rs.software_device()
     sensor = device.add_sensor("Stereo Module")
@@ -79,8 +79,7 @@ def test_a_recording_of_the_sdk_is_played_back(tmp_path: Path, monkeypatch: pyte
         middles = np.array([frame.t for frame in frames]) + SETTINGS.exposure / 2
         np.testing.assert_allclose(middles, 1 + 0.01 * np.arange(FRAMES), atol=1e-6)
         lens = frames[0].settings
-        assert (lens.fx, lens.fy, lens.cx, lens.cy) == (430.0, 431.0, 420.0, 241.0)
-        assert lens.position == SETTINGS.position
+        assert lens == SETTINGS.replace(camera_matrix=pinhole(430, 431, 420, 241))
 
 
 def test_doctor_says_what_the_camera_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,7 +97,8 @@ def test_doctor_says_what_the_camera_lacks(monkeypatch: pytest.MonkeyPatch) -> N
     assert doctor._camera() == []
 
 
-CAMERA = camera_preset("d435-infrared").replace(width=424, cx=211.5)  # all that the tip can reach
+SEEN = {"width": 424, "camera_matrix": pinhole(426, 426, 211.5, 239.5)}  # all that the tip can reach
+CAMERA = camera_preset("d435-infrared").replace(**SEEN)
 
 
 class FakeSdk:
@@ -166,7 +166,7 @@ def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
     assert [frame.sequence for frame in frames] == [4, 5]
     np.testing.assert_allclose([frame.t for frame in frames], [0.989, 0.999])
     assert frames[0].settings.camera_matrix.tolist() == [[430, 0, 210], [0, 431, 241], [0, 0, 1]]
-    assert frames[0].settings.position == CAMERA.position
+    np.testing.assert_array_equal(frames[0].settings.position, CAMERA.position)
     assert sdk.stopped == 1
     camera.close()
     assert sdk.stopped == 1

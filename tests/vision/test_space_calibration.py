@@ -9,10 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.recording.space_camera import SpaceCamera, looking_at
-from whiptool.vision.board_agreement import agree
+from whiptool.recording.camera import Camera, looking_at
 from whiptool.vision.boards import CharucoBoard, Corners
-from whiptool.vision.space_calibration import Lens, Pose, calibrate_cameras, calibrate_lens
+from whiptool.vision.space_calibration import Lens, Pose, agree, calibrate_cameras, calibrate_lens
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 BOARD = CharucoBoard((9, 7), 0.05, 0.035)
@@ -20,7 +19,7 @@ K = np.array([[610.0, 0, 420.5], [0, 605.0, 238.0], [0, 0, 1]])
 LENS = (0.08, -0.15, 1e-3, -8e-4, 0.03)
 PLACES = {"left": (1.6, 1.0, 0.9), "right": (1.5, -1.1, 0.7), "far": (0.2, -2.0, 1.4)}
 CAMERAS = {
-    name: SpaceCamera(name, 848, 480, K, looking_at(np.array(at), np.array([0, 0, 0.5])), np.array(at), LENS)
+    name: Camera(name, 848, 480, K, looking_at(np.array(at), np.array([0, 0, 0.5])), np.array(at), LENS)
     for name, at in PLACES.items()
 }
 LENSES = {name: Lens(848, 480, K, LENS) for name in CAMERAS}
@@ -36,7 +35,7 @@ def board_poses(rng: np.random.Generator, count: int) -> list[Pose]:
     return poses
 
 
-def corners_seen(camera: SpaceCamera, pose: Pose, rng: np.random.Generator, sigma: float) -> Corners:
+def corners_seen(camera: Camera, pose: Pose, rng: np.random.Generator, sigma: float) -> Corners:
     points = pose.rotation.apply(BOARD.points) + pose.position
     ids = np.flatnonzero(camera.sees(points))
     return Corners(ids, camera.project(points[ids]) + rng.normal(0, sigma, (len(ids), 2)))
@@ -116,7 +115,7 @@ def test_a_camera_that_was_moved_is_told():
         agree(CAMERAS, {"third": None}, BOARD)
 
 
-def drawn_view(camera: SpaceCamera, pose: Pose) -> np.ndarray:
+def drawn_view(camera: Camera, pose: Pose) -> np.ndarray:
     """An image of the board: each pixel looks where its sight meets the board's plane."""
     drawn, scale = BOARD.draw(80), 80 / BOARD.square
     grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1).astype(float)
@@ -130,7 +129,7 @@ def drawn_view(camera: SpaceCamera, pose: Pose) -> np.ndarray:
     return cv2.remap(drawn, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderValue=128)
 
 
-def tilted_before(camera: SpaceCamera, rng: np.random.Generator) -> Pose:
+def tilted_before(camera: Camera, rng: np.random.Generator) -> Pose:
     """A board half a metre to a metre before a camera, tilted by up to 45 degrees."""
     tilt = rng.uniform(0.3, 0.8) * np.array([np.cos(a := rng.uniform(0, 2 * np.pi)), np.sin(a), 0])
     R = camera.rotation.T @ Rotation.from_rotvec(tilt).as_matrix()

@@ -7,24 +7,23 @@ import time
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.models.strike import default_bounds
+from whiptool.recording.camera import CAMERAS, before_plane, camera_preset
+from whiptool.recording.homography import to_plane
+from whiptool.recording.lens import undistort
 from whiptool.rollout import CompiledRollout
-from whiptool.vision.calibration import (
-    PlaneCalibration,
-    calibrate_checkerboard,
-    calibrate_points,
-    find_checkerboard,
-    undistort,
-)
-from whiptool.vision.camera_model import CAMERAS, apply_homography, camera_preset
+from whiptool.vision.boards import Checkerboard, find_checkerboard
+from whiptool.vision.calibration import PlaneCalibration, calibrate_board, calibrate_points
 from whiptool.vision.marker_motion import MotionFilter
+from whiptool.vision.marker_tracker import SURE, MarkerTracker
 from whiptool.vision.markers import TIP_MARKERS, Marker
 from whiptool.vision.source import Frame, frames_of
-from whiptool.vision.tracking import SURE, Tracker, median_image, track
+from whiptool.vision.tracking import median_image, track
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 
@@ -121,11 +120,11 @@ def hidden(films, trajectories):
     truths, settings = filmed[HIDDEN][1], camera_preset(name)
     middle = truths[len(truths) // 2].t_point
     strip = int(np.median([x.pixel[0] for x in truths])) + 20
-    boards = [
-        render.Board(0, 0, settings.width, settings.height, start=middle - 0.06, end=middle + 0.04),
-        render.Board(strip, 0, strip + 15, settings.height),
+    screens = [
+        render.Screen(0, 0, settings.width, settings.height, start=middle - 0.06, end=middle + 0.04),
+        render.Screen(strip, 0, strip + 15, settings.height),
     ]
-    frames, truths = film(name, trajectories[HIDDEN], boards=boards)
+    frames, truths = film(name, trajectories[HIDDEN], screens=screens)
     return frames, truths, middle
 
 
@@ -184,10 +183,9 @@ def test_live_and_recorded_are_the_same_and_a_recording_comes_out(films):
     _, filmed = films
     frames, truths = filmed[1]
     result = track(iter(frames), background=median_image(frames))
-    tracker = Tracker(frames[0].settings, background=median_image(frames))
-    live = [tracker.update(frame) for frame in frames]
-    np.testing.assert_array_equal([x.tip.pixel for x in live], result.tip.pixels)
-    np.testing.assert_array_equal([x.distance for x in live], result.distance)
+    settings = frames[0].settings
+    tracker = MarkerTracker(TIP_MARKERS[settings.kind], settings, background=median_image(frames))
+    np.testing.assert_array_equal([tracker.update(frame).pixel for frame in frames], result.tip.pixels)
     assert np.nanmax(errors(result, truths)[0]) < 2
     pytest.importorskip("whiptool.recording.strike_recording")
     recording = result.to_recording(source="virtual camera", t_stay=0.3)
@@ -229,7 +227,7 @@ def test_bad_input_is_refused(films):
     frames = filmed[0][0]
     other = TIP_MARKERS["color" if frames[0].settings.kind == "infrared" else "infrared"]
     with pytest.raises(InputError, match="hue"):
-        Tracker(frames[0].settings, tip=other)
+        track(frames, tip=other)
     with pytest.raises(InputError, match="times after"):
         track(frames[:2][::-1])
     with pytest.raises(InputError, match="at least one"):
@@ -241,7 +239,9 @@ def test_bad_input_is_refused(films):
 
 # Calibration
 
-TILTED = camera_preset("d435-color").replace(position=(0.4, 0.1, 2.9), rotation=(0.15, -0.25, 0.1))
+TILTED = camera_preset("d435-color").replace(
+    **before_plane((0.4, 0.1, 2.9), Rotation.from_rotvec((0.15, -0.25, 0.1)).as_matrix())
+)
 
 
 def test_known_points_give_the_homography():
@@ -254,16 +254,18 @@ def test_known_points_give_the_homography():
     noisy = calibrate_points(TILTED.project(points) + rng.normal(0, 0.2, (40, 2)), points)
     assert noisy.residual == pytest.approx(0.2 * np.sqrt(2), rel=0.25)
     tests = rng.uniform(-1, 1, (100, 2))
-    missed = apply_homography(np.linalg.inv(noisy.homography), tests) - TILTED.project(tests)
+    missed = to_plane(np.linalg.inv(noisy.homography), tests) - TILTED.project(tests)
     assert np.hypot(*missed.T).max() < 0.4
 
 
 def test_lens_distortion_is_taken_out():
     lens = (0.12, -0.25, 1e-3, -5e-4, 0.05)
     points = np.random.default_rng(1).uniform(-1, 1, (30, 2))
-    rvec, _ = cv2.Rodrigues(TILTED.rotation_matrix)
-    t = -TILTED.rotation_matrix @ TILTED.position
-    seen, _ = cv2.projectPoints(np.c_[points, np.zeros(30)], rvec, t, TILTED.camera_matrix, np.array(lens))
+    rvec, _ = cv2.Rodrigues(TILTED.rotation)
+    t = -TILTED.rotation @ TILTED.position
+    seen, _ = cv2.projectPoints(
+        np.c_[points[:, 0], np.zeros(30), points[:, 1]], rvec, t, TILTED.camera_matrix, np.array(lens)
+    )
     seen = seen[:, 0]
     assert np.hypot(*(seen - TILTED.project(points)).T).max() > 1
     np.testing.assert_allclose(undistort(seen, TILTED.camera_matrix, lens), TILTED.project(points), atol=1e-4)
@@ -306,15 +308,13 @@ def checkerboard(settings, *, corners, square, origin, angle=0.0, fine=4):
 def test_a_checkerboard_gives_the_homography():
     corners, square, origin, angle = (8, 5), 0.12, np.array([-0.3, 0.5]), 0.07
     image = checkerboard(TILTED, corners=corners, square=square, origin=origin, angle=angle)
-    found = calibrate_checkerboard(image, corners=corners, square=square, origin=origin, angle=angle)
+    found = calibrate_board(image, Checkerboard(corners, square), origin=origin, angle=angle)
     assert found.residual < 0.15
     rng = np.random.default_rng(2)
     points = origin + rng.uniform([0, -0.5], [0.8, 0], (50, 2))
-    missed = apply_homography(np.linalg.inv(found.homography), points) - TILTED.project(points)
+    missed = to_plane(np.linalg.inv(found.homography), points) - TILTED.project(points)
     assert np.hypot(*missed.T).max() < 0.3  # pixels
     pixels = find_checkerboard(np.repeat(image[..., None], 3, axis=2), corners=corners)
     np.testing.assert_allclose(pixels[0], TILTED.project(origin), atol=0.3)
     with pytest.raises(InputError, match="checkerboard"):
         find_checkerboard(np.full((480, 848), 120, np.uint8), corners=corners)
-    with pytest.raises(InputError, match="square"):
-        calibrate_checkerboard(image, corners=corners, square=0.0, origin=origin)

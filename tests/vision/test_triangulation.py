@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from whiptool.errors import InputError
-from whiptool.recording.space_camera import SpaceCamera, looking_at
+from whiptool.recording.camera import Camera, looking_at
 from whiptool.vision.triangulation import triangulate
 
 pytest.importorskip("cv2", reason="needs the extra `vision`")
@@ -15,8 +15,8 @@ K = np.array([[610.0, 0, 420.5], [0, 605.0, 238.0], [0, 0, 1]])
 LENS = (0.1, -0.2, 1e-3, -8e-4, 0.05)
 
 
-def camera(*position: float, lens=LENS) -> SpaceCamera:
-    return SpaceCamera("x", 848, 480, K, looking_at(np.array(position), np.zeros(3)), np.array(position), lens)
+def camera(*position: float, lens=LENS) -> Camera:
+    return Camera("x", 848, 480, K, looking_at(np.array(position), np.zeros(3)), np.array(position), lens)
 
 
 CAMERAS = [camera(2.5, 1.0, 0.3), camera(2.0, -1.8, 0.5), camera(-0.5, 3.0, 1.0)]

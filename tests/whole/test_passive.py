@@ -20,9 +20,9 @@ from whiptool.models import preset, write_model
 from whiptool.models.kinematics import joint_points
 from whiptool.models.profile import WhipProfile
 from whiptool.models.trajectory import Trajectory
+from whiptool.recording.camera import camera_preset, pinhole
 from whiptool.recording.readers.tracks import write_csv
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.vision.camera_model import camera_preset
 
 WHIP = Plant(preset("lemon2024")).with_nodes(4).model  # as long and heavy as lemon's, of four links
 TRUE = {"whip.k": WHIP.whip.k, "whip.b": WHIP.whip.b}
@@ -177,7 +177,7 @@ def test_a_filmed_swing_from_the_command_line_alone(capsys, tmp_path):
     from whiptool.vision.source import frames_of
 
     held = "clamp"
-    camera = camera_preset("d435-infrared").replace(width=424, cx=211.5, fps=60)
+    camera = camera_preset("d435-infrared").replace(width=424, camera_matrix=pinhole(426, 426, 211.5, 239.5), fps=60)
     hand = np.array([0.0, -WHIP.arm.length])
     t, names = np.arange(0, LASTS, 2e-3), []
     for i, pull in enumerate(PULLS):

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from whiptool.errors import InputError
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_video, read_recording
 from whiptool.recording.strike_recording import StrikeRecording
@@ -91,8 +93,7 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
     from whiptool.progress import Progress
     from whiptool.vision.recorded import RecordedCamera
     from whiptool.vision.source import frames_of
-    from whiptool.vision.space_view import track_view
-    from whiptool.vision.tracking import track
+    from whiptool.vision.tracking import track, track_view
 
     camera = RecordedCamera(video)
     frames = Progress(
@@ -110,6 +111,7 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
         about: dict[str, Any] = dict(video.about)
         if video.synthetic:
             about["camera"] = f"{video.view.name} (virtual)"
-        return track_view(frames, tip=tip, **about)
+        distance = float(np.linalg.norm(video.view.position))  # markers are about as far away as the arm's base
+        return track_view(frames, tip=tip, distance=distance, **about)
     except InputError as error:
         raise (error if name in error.name else error.within(f"{name}: ")) from None

@@ -14,7 +14,7 @@ from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL, NUISANCE, PLACED, by_placement, carried, placed
 from whiptool.identification.plant import Identifiable, Plant, slopes
 from whiptool.identification.sampling import Readings
-from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.camera import Camera
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
@@ -279,7 +279,7 @@ class _Reading:
         values: np.ndarray,
         sigma: np.ndarray,
         exposure: float,
-        view: SpaceCamera | None = None,
+        view: Camera | None = None,
     ) -> None:
         seen = np.isfinite(values[..., 0])  # (T, M)
         frame, self.which = np.nonzero(seen)
@@ -320,7 +320,7 @@ class _Reading:
         return value, np.einsum("kj,dkj->dk", slopes, changed[:, point]), nuisance, 1 / np.linalg.norm(slopes, axis=-1)
 
 
-def _seen(view: SpaceCamera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _seen(view: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels and inverse depths [1/m] of places (K', 3), (K', 3), and their derivatives by these, (K', 3, 3)."""
     inverse = 1 / view.depth(places)
     deeper = -(inverse**2)[:, None] * view.rotation[2]

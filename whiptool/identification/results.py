@@ -19,7 +19,7 @@ from whiptool.identification.uncertainty import Uncertainty
 from whiptool.identification.units import with_unit
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import Model
-from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.camera import Camera
 
 DEPTH_AXIS = 2  # of a view's readings: after u and v
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
@@ -61,7 +61,7 @@ class RecordingFit:
     path: dict[str, np.ndarray]
     predicted_from: float | None = None
     size: np.ndarray | None = None
-    view: SpaceCamera | None = None
+    view: Camera | None = None
 
     @property
     def deep(self) -> np.ndarray:

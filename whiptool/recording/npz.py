@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
 from whiptool.models.strike import Strike
-from whiptool.recording.camera_files import camera_of
+from whiptool.recording.camera import camera_of
 from whiptool.recording.parsing import parsing, sha256
 
 R = TypeVar("R")

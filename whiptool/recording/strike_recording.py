@@ -17,10 +17,10 @@ from whiptool.models.joint_space import check_turns
 from whiptool.models.numbers import ASK_UNIT, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.recording.camera import Camera
 from whiptool.recording.clock import LONGEST, check_pace
 from whiptool.recording.depth_noise import depth_error
 from whiptool.recording.joint_names import order_of
-from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.spans import check_spans, of_use, told_of_spans
 from whiptool.whole_files import write_npz
 
@@ -106,7 +106,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
     source: str = ""
     sha256: str = ""
     joint_names: tuple[str, ...] = ()
-    view: SpaceCamera | None = None
+    view: Camera | None = None
     hand_t: np.ndarray | None = None
     hand_pose: np.ndarray | None = None
     depth: np.ndarray | None = None
@@ -399,7 +399,7 @@ def _poses(value: object, count: int) -> np.ndarray:
     return poses
 
 
-def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
+def _check_in_image(points: np.ndarray, view: Camera) -> None:
     """Refuse points (T, M, d) that are not where a camera has pixels, or just outside them."""
     if points.shape[2] != 2:
         raise InputError("points", f"shape {points.shape}", "shape (T, M, 2) in pixels, with a view")
@@ -413,7 +413,7 @@ def _check_in_image(points: np.ndarray, view: SpaceCamera) -> None:
 
 
 def _depths(
-    depth: object, sigma: object, seen: np.ndarray, view: SpaceCamera | None
+    depth: object, sigma: object, seen: np.ndarray, view: Camera | None
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Depths of the points that were seen and their standard errors [m], (T, M) each; None without depths."""
     if depth is None:

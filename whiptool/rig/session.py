@@ -19,6 +19,7 @@ from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.recording.camera import Camera, camera_preset
 from whiptool.recording.filmed_approach import approach_seen, tip_seen
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.control_loop import Clock, RigLoop, Run, StepClock, WallClock
@@ -32,7 +33,7 @@ from whiptool.rig.stop_signals import StopSignals
 from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
-from whiptool.vision.camera_model import CameraSettings, camera_preset, expose, measurement_sigma
+from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
@@ -183,7 +184,7 @@ class TwinRig:
         self.interlock = interlock or Interlock()
         self._rng = np.random.default_rng(seed)
         points = camera in ("points", "none")
-        self.settings: CameraSettings = camera_preset("d435-infrared" if points else camera)
+        self.settings: Camera = camera_preset("d435-infrared" if points else camera)
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once, and return what it left; see `Rig.strike`."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.opencv import opencv
-from whiptool.vision.calibration import find_checkerboard
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,3 +135,34 @@ def _check_side(name: str, side: float) -> None:
 def _grid(columns: int, rows: int, side: float) -> np.ndarray:
     x, y = np.meshgrid(np.arange(columns), np.arange(rows))
     return side * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+
+def find_checkerboard(image: np.ndarray, *, corners: tuple[int, int]) -> np.ndarray:
+    """Inner corners of a checkerboard [pixels], (columns x rows, 2), row by row from the upper left.
+
+    Args:
+        image: (H, W, 3) or (H, W) of uint8.
+        corners: Inner corners along a row, and rows of them; one number odd and one even, so that the board has but
+            one way to lie (with its first corner's square of the same colour either way, it may be seen half turned).
+
+    Raises:
+        InputError: There is no such board in the image.
+    """
+    cv2 = opencv()
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+    found, at = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY)
+    if not found:
+        raise InputError("image", f"{grey.shape[1]} x {grey.shape[0]}", f"a whole checkerboard of {corners} corners")
+    at = at.reshape(-1, 2)
+    grid = at.reshape(corners[1], corners[0], 2)
+    steps = np.concatenate([np.diff(grid, axis=0).reshape(-1, 2), np.diff(grid, axis=1).reshape(-1, 2)])
+    window = max(1, int(np.hypot(*steps.T).min() / 4))  # stays clear of the neighbouring corners
+    at = cv2.cornerSubPix(
+        grey,
+        at.astype(np.float32),
+        (window, window),
+        (-1, -1),
+        (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 40, 1e-3),
+    ).reshape(-1, 2)
+    # The order may run either way round: begin at the end that is further up and to the left
+    return at.astype(float)[:: 1 if at[0].sum() <= at[-1].sum() else -1]

@@ -12,11 +12,9 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import Camera, write_cameras
 from whiptool.recording.opencv import opencv
-from whiptool.vision.camera_model import CameraSettings
 from whiptool.vision.source import Frame
-from whiptool.vision.space_view import SpaceView
 
 
 def write_video(
@@ -24,6 +22,7 @@ def write_video(
     frames: Iterable[Frame],
     *,
     synthetic: bool,
+    in_space: bool = False,
     homography: np.ndarray | None = None,
     strike: Strike | None = None,
     target: np.ndarray | None = None,
@@ -33,13 +32,14 @@ def write_video(
 
     The sidecar holds `fps`, `timestamps` (start of the first row's exposure [s]; so `stamp = "start"`), `exposure`,
     `readout` (from the first row to the last [s]), `shutter`, `homography` (metres from pixels), `kind`, `camera`,
-    `synthetic`, and what else is given. Of a camera in space, a `SpaceView`, it holds `cameras` instead of the
-    homography: `NAME.cameras.toml`, the file of that camera.
+    `synthetic`, and what else is given.
 
     Args:
         path: An MKV or AVI file; missing folders are made.
         frames: At least one, in the order of time.
         synthetic: Whether no real camera took them.
+        in_space: Whether they show a strike in space: the sidecar then names `NAME.cameras.toml`, the file of their
+            camera, instead of the homography.
         homography: Metres on the strike plane from pixels, (3, 3), of a calibration; default: from the pose.
         strike, target, t_stay: What was commanded, where the target is [m], (d,), how long the strike was watched [s].
 
@@ -53,39 +53,25 @@ def write_video(
     path = Path(path)
     if path.suffix.lower() not in (".mkv", ".avi"):
         raise InputError("path", str(path), "a file .mkv or .avi, which can hold lossless video")
-    cv2, writer, stamps, settings = opencv(), None, [], None
     path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        for frame in frames:
-            settings = settings or frame.settings
-            if frame.settings != settings or (stamps and frame.t <= stamps[-1]):
-                raise InputError(
-                    "frames", f"{frame.settings.name} at {frame.t:g} s", "one camera, in the order of time"
-                )
-            if writer is None:
-                size = settings.width, settings.height
-                writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), settings.fps, size)
-                if not writer.isOpened():
-                    raise OSError(f"{path}: OpenCV cannot write FFV1 video there")
-            code = cv2.COLOR_RGB2BGR if frame.image.ndim == 3 else cv2.COLOR_GRAY2BGR
-            writer.write(cv2.cvtColor(frame.image, code))
-            stamps.append(float(frame.t))
-    finally:
-        if writer is not None:
-            writer.release()
-    if settings is None:
-        raise InputError("frames", "none", "at least one frame")
+    camera, stamps = _encoded(path, frames)
     table: dict[str, Any] = {
         "synthetic": synthetic,
-        **_which_camera(settings, path, homography, synthetic=synthetic),
-        "kind": settings.kind,
-        "fps": float(settings.fps),
+        "kind": camera.kind,
+        "fps": float(camera.fps),
         "stamp": "start",
         "timestamps": stamps,
-        "exposure": settings.exposure,
-        "shutter": "rolling" if settings.readout else "global",
-        "readout": float(settings.row_delay(settings.height - 1)),
+        "exposure": camera.exposure,
+        "shutter": "rolling" if camera.readout else "global",
+        "readout": float(camera.row_delay(camera.height - 1)),
     }
+    if in_space:
+        cameras = path.with_suffix(".cameras.toml")
+        write_cameras(cameras, {camera.name: camera})
+        table |= {"camera": camera.name, "cameras": cameras.name}
+    else:
+        H = np.asarray(camera.homography if homography is None else homography, float)
+        table |= {"camera": camera.name + (" (virtual)" if synthetic else ""), "homography": H.tolist()}
     if target is not None:
         table["target"] = np.asarray(target, float).tolist()
     if t_stay is not None:
@@ -97,13 +83,26 @@ def write_video(
     return sidecar
 
 
-def _which_camera(
-    settings: CameraSettings, path: Path, homography: np.ndarray | None, *, synthetic: bool
-) -> dict[str, Any]:
-    """What a sidecar says of which camera it was, and of the way to metres."""
-    if isinstance(settings, SpaceView):
-        file = path.with_suffix(".cameras.toml")
-        write_cameras(file, {settings.name: settings.seen_by})
-        return {"camera": settings.name, "cameras": file.name}
-    H = np.asarray(settings.homography if homography is None else homography, float)
-    return {"camera": settings.name + (" (virtual)" if synthetic else ""), "homography": H.tolist()}
+def _encoded(path: Path, frames: Iterable[Frame]) -> tuple[Camera, list[float]]:
+    """Write the images of frames; their camera, and their times [s]."""
+    cv2, writer, camera, stamps = opencv(), None, None, []
+    try:
+        for frame in frames:
+            camera = camera or frame.settings
+            if frame.settings != camera or (stamps and frame.t <= stamps[-1]):
+                given = f"{frame.settings.name} at {frame.t:g} s"
+                raise InputError("frames", given, "one camera, in the order of time")
+            if writer is None:
+                size = camera.width, camera.height
+                writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), camera.fps, size)
+                if not writer.isOpened():
+                    raise OSError(f"{path}: OpenCV cannot write FFV1 video there")
+            code = cv2.COLOR_RGB2BGR if frame.image.ndim == 3 else cv2.COLOR_GRAY2BGR
+            writer.write(cv2.cvtColor(frame.image, code))
+            stamps.append(float(frame.t))
+    finally:
+        if writer is not None:
+            writer.release()
+    if camera is None:
+        raise InputError("frames", "none", "at least one frame")
+    return camera, stamps

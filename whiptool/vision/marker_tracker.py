@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import Camera
 from whiptool.vision.calibration import PlaneCalibration
-from whiptool.vision.camera_model import CameraSettings, measurement_sigma
+from whiptool.vision.exposure import measurement_sigma
 from whiptool.vision.marker_motion import MotionFilter
 from whiptool.vision.markers import Blob, Marker, find_blobs, noise_of
 from whiptool.vision.source import Frame
@@ -42,6 +43,7 @@ class Light:
 
 
 _LIGHT = Light()
+_NEARING = Light(tolerance=0.35, usual=0.15, most_size_error=2.5, slow=np.inf, weight=0.5)  # changes with its distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,31 +71,34 @@ class MarkerTracker:
     Args:
         marker: Appearance of the marker.
         settings: The camera.
-        calibration: Calibration of the strike plane; default: from the settings' pose.
+        calibration: Calibration of the strike plane; default: from the camera's pose.
+        distance: Distance from the camera about which the marker moves in space [m]; positions are then those on a
+            plane there that faces the camera, and only pixels are of use. None: it moves in the strike plane.
         background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
             that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
         start: Position of the marker in the first frame (2,) [pixels], if something there looks like it.
-        light: How its light is learned; that of a marker that comes nearer changes.
     """
 
     def __init__(
         self,
         marker: Marker,
-        settings: CameraSettings,
+        settings: Camera,
         *,
         calibration: PlaneCalibration | None = None,
+        distance: float | None = None,
         background: np.ndarray | None = None,
         start: np.ndarray | None = None,
-        light: Light = _LIGHT,
     ) -> None:
         if (marker.hue is None) != (settings.kind == "infrared"):
             raise InputError(
                 "marker", marker, f"one {'without' if marker.hue is None else 'with'} a hue for color images"
             )
         self.marker, self.settings = marker, settings
-        self._to_plane = (calibration or settings).to_plane
+        self._distance, self._light = distance, _LIGHT if distance is None else _NEARING
+        plane = calibration or settings if distance is None else PlaneCalibration(settings.facing(distance))
+        self._to_plane = plane.to_plane
         self._background = None if background is None else marker.strength(background)
-        self._start, self._begun, self._light = start, False, light
+        self._start, self._begun = start, False
         self._noise, self._mass = 0.0, np.nan  # noise of the strength; light of the whole marker [pixels]
         self._motion: MotionFilter | None = None
         self._locked = False  # on something that the gate is around
@@ -211,11 +216,12 @@ class MarkerTracker:
         speed = float(np.hypot(*self._motion.velocity)) / per_metre
         if speed < self._light.slow:
             self._mass += self._light.weight * (blob.mass / stretch - self._mass)
+        error = measurement_sigma(self.settings, speed, distance=self._distance)
         return Sighting(
             self._time_of(frame, blob.pixel[1]),
             blob.pixel,
             self._to_plane(blob.pixel),
-            float(np.hypot(max(blob.noise, doubt) / per_metre, measurement_sigma(self.settings, speed))),
+            float(np.hypot(max(blob.noise, doubt) / per_metre, error)),
             confidence,
         )
 

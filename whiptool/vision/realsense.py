@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import MissingPackage, optional
-from whiptool.vision.camera_model import CameraSettings
+from whiptool.recording.camera import Camera, pinhole
 from whiptool.vision.source import Frame
 
 
@@ -48,7 +48,7 @@ class RealSenseCamera:
         WhiptoolError: On `open`: there is no pyrealsense2, no camera, or it has no such stream.
     """
 
-    def __init__(self, settings: CameraSettings, *, serial: str = "", file: Path | str | None = None) -> None:
+    def __init__(self, settings: Camera, *, serial: str = "", file: Path | str | None = None) -> None:
         self.settings, self.serial = settings, serial
         self.file = None if file is None else Path(file)
         if self.file is not None and not self.file.is_file():
@@ -98,9 +98,8 @@ class RealSenseCamera:
             if self.file is None:
                 self._fix_exposure(profile.get_device(), color=color)
             lens = profile.get_stream(stream).as_video_stream_profile().get_intrinsics()
-            self.settings = s.replace(
-                width=lens.width, height=lens.height, fx=lens.fx, fy=lens.fy, cx=lens.ppx, cy=lens.ppy
-            )
+            K = pinhole(lens.fx, lens.fy, lens.ppx, lens.ppy)
+            self.settings = s.replace(width=lens.width, height=lens.height, camera_matrix=K)
         except RuntimeError as error:
             self.close()
             raise WhiptoolError(f"RealSense: {error}") from error

@@ -7,56 +7,24 @@ from collections.abc import Iterator
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import Camera, before_plane, pinhole
+from whiptool.recording.homography import to_plane
 from whiptool.recording.readers.video import VideoSource
 from whiptool.vision.calibration import PlaneCalibration
-from whiptool.vision.camera_model import CameraSettings, apply_homography
 from whiptool.vision.source import Frame
-from whiptool.vision.space_view import SpaceView
 
 _DISTANCE = 3.5  # [m]; the images fix the ratio of focal length and distance only
 _INSTANT = 1e-6  # [s], where the exposure is not known
 
 
-def recorded_settings(video: VideoSource, kind: str) -> CameraSettings:
-    """Settings of a camera that looks straight at the plane and has the video's size, timing and scale.
+def _before_its_plane(video: VideoSource) -> Camera:
+    """A camera that looks straight at the strike plane and has the video's size, timing and scale.
 
     A homography does not say how far away the camera was, so the distance is made up: what is used of it is the number
-    of pixels per metre, here that in the middle of the image. Positions come from `calibration_of`.
-
-    Args:
-        video: With a homography.
-        kind: Kind of light, `color` or `infrared`.
+    of pixels per metre, here that in the middle of the image. Positions come from the calibration.
 
     Raises:
-        InputError: It has no homography, or its exposure is longer than the time between images.
-    """
-    H, (height, width) = calibration_of(video).homography, video.shape
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    here, right, down = apply_homography(H, middle + np.array([[0, 0], [1, 0], [0, 1]]))
-    area = abs((right - here)[0] * (down - here)[1] - (right - here)[1] * (down - here)[0])  # [m^2] of a pixel
-    focal = _DISTANCE / float(np.sqrt(area))
-    return CameraSettings(
-        name=str(video.about.get("camera") or "recorded"),
-        width=width,
-        height=height,
-        fps=video.fps,
-        fx=focal,
-        fy=focal,
-        cx=float(middle[0]),
-        cy=float(middle[1]),
-        position=(float(here[0]), float(here[1]), _DISTANCE),
-        rotation=(0.0, 0.0, 0.0),
-        exposure=video.exposure or _INSTANT,
-        readout=video.readout * height / max(height - 1, 1),  # to the row after the last
-        kind=kind,
-    )
-
-
-def calibration_of(video: VideoSource) -> PlaneCalibration:
-    """Metres on the strike plane from the video's pixels.
-
-    Raises:
-        InputError: The video has no homography.
+        InputError: It has no homography.
     """
     if video.homography is None:
         raise InputError(
@@ -65,7 +33,21 @@ def calibration_of(video: VideoSource) -> PlaneCalibration:
             "one of homography, known_points, or scale with origin",
             "write it into the sidecar .toml next to it",
         )
-    return PlaneCalibration(video.homography)
+    height, width = video.shape
+    u, v = (width - 1) / 2, (height - 1) / 2
+    here, right, down = to_plane(video.homography, np.array([[u, v], [u + 1, v], [u, v + 1]]))
+    area = abs((right - here)[0] * (down - here)[1] - (right - here)[1] * (down - here)[0])  # [m^2] of a pixel
+    focal = _DISTANCE / float(np.sqrt(area))
+    return Camera(
+        name=str(video.about.get("camera") or "recorded"),
+        width=width,
+        height=height,
+        camera_matrix=pinhole(focal, focal, u, v),
+        **before_plane((*here.tolist(), _DISTANCE)),
+        fps=video.fps,
+        exposure=video.exposure or _INSTANT,
+        readout=video.readout * height / max(height - 1, 1),  # to the row after the last
+    )
 
 
 class RecordedCamera:
@@ -75,26 +57,20 @@ class RecordedCamera:
         video: The images, with times, size and calibration.
 
     Attributes:
-        settings: Settings of the camera; see `recorded_settings`. Of a camera in space a `SpaceView`.
+        settings: The camera in space that took them; of images of the strike plane one that looks straight at it and
+            has their size, timing and scale.
         calibration: Calibration of the strike plane, for the tracker; None of a camera in space.
 
     Raises:
         InputError: The strike plane is not calibrated, an image cannot be decoded or is of another kind than stated.
     """
 
-    settings: CameraSettings
-    calibration: PlaneCalibration | None
-
     def __init__(self, video: VideoSource) -> None:
         self.video = video
-        if video.view is None:
-            calibration_of(video)  # before an image is decoded
+        self.settings = video.view or _before_its_plane(video)
+        self.calibration = None if video.homography is None else PlaneCalibration(video.homography)
         kind = video.kind or ("infrared" if next(iter(video.frames())).ndim == 2 else "color")
-        if video.view is None:
-            self.settings, self.calibration = recorded_settings(video, kind), calibration_of(video)
-        else:  # markers are about as far away as the arm's base
-            distance = float(np.linalg.norm(video.view.position))
-            self.settings, self.calibration = SpaceView.of(video.view, distance=distance, kind=kind), None
+        self.settings = self.settings.replace(kind=kind)
         self._images: Iterator[np.ndarray] | None = None
         self._next = 0
 

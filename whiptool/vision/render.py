@@ -1,6 +1,6 @@
 """The virtual camera: films a strike of the MuJoCo model as a real camera would, and knows what was really there.
 
-In space several of them film one strike, each a `SpaceView` from its own place.
+In space several of them film one strike, each from its own place.
 
 Its images are synthetic, and all that is written from them is marked so. Exposure is integrated over sub-frames; each
 row of a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to
@@ -19,11 +19,11 @@ from whiptool.errors import InputError
 from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
+from whiptool.recording.camera import Camera
 from whiptool.recording.depth_noise import stereo_depth
-from whiptool.vision.camera_model import CameraSettings, Exposed, expose
+from whiptool.vision.exposure import Exposed, expose
 from whiptool.vision.scene import Scene
 from whiptool.vision.source import Frame
-from whiptool.vision.space_view import SpaceView
 from whiptool.viz.posture import as_mujoco_shows
 
 
@@ -70,7 +70,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Board:
+class Screen:
     """A dark board before the camera, over part of the image and for part of the time.
 
     Args:
@@ -96,7 +96,7 @@ class Truth:
         visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
         speed: Speed of the tip, meanwhile [m/s].
         target: Centre of the target [m], (d,), or None.
-        depth: Depth of `point`, in space: how far it is along the optical axis [m].
+        depth: Depth of `point`: how far it is along the optical axis [m].
     """
 
     t_point: float
@@ -113,13 +113,13 @@ class VirtualCamera:
     """A `FrameSource` that films a trajectory; synthetic, and with exact ground truth for every frame read.
 
     Args:
-        settings: The camera; of a strike in space a `SpaceView`.
+        settings: The camera, without distortion.
         model, trajectory: The strike, and the model that it was rolled out with.
         rng: For the noise and nothing else.
         target: [m], (d,), or None.
         marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc [m].
         noise: Noise of the sensor; None for none.
-        boards: What may hide the tip.
+        screens: What may hide the tip.
         start: When the first frame starts, relative to the strike [s]; before it the arm rests.
 
     Raises:
@@ -127,7 +127,7 @@ class VirtualCamera:
         WhiptoolError: On `open`, where there is no OpenGL.
     """
 
-    settings: CameraSettings
+    settings: Camera
     model: Model
     trajectory: Trajectory
     rng: np.random.Generator
@@ -135,7 +135,7 @@ class VirtualCamera:
     marker_radius: float = 0.025
     target_radius: float = 0.04
     noise: Noise | None = field(default_factory=Noise)
-    boards: Sequence[Board] = ()
+    screens: Sequence[Screen] = ()
     start: float = 0.0
     synthetic: bool = field(default=True, init=False)
 
@@ -145,10 +145,8 @@ class VirtualCamera:
                 raise InputError(name, getattr(self, name), "a radius > 0 m")
         if (count := self.trajectory.q.shape[1]) != self.model.coordinates:
             raise InputError("trajectory", f"{count} joints", f"{self.model.coordinates}, as the model has")
-        if (self.model.dimension == 3) != isinstance(self.settings, SpaceView):
-            raise InputError("settings", self.settings.name, "a SpaceView of strikes in space, and of no others")
-        if isinstance(self.settings, SpaceView) and any(self.settings.seen_by.distortion):
-            raise InputError("distortion", self.settings.seen_by.distortion, "none, of a camera whose images are drawn")
+        if any(self.settings.distortion):
+            raise InputError("distortion", self.settings.distortion, "none, of a camera whose images are drawn")
         if self.target is not None:
             self.target = np.asarray(self.target, float)
         self.truths: list[Truth] = []  # of the frames read so far
@@ -190,7 +188,7 @@ class VirtualCamera:
         start, exposed = float(self.starts[k]), self._exposed
         light, marker = self._light(start, k)
         seen = marker.copy()
-        for board in self.boards:
+        for board in self.screens:
             if board.start <= start < board.end:
                 rows, columns = slice(max(board.top, 0), board.bottom), slice(max(board.left, 0), board.right)
                 light[rows, columns] = 255 * _BOARD
@@ -207,7 +205,7 @@ class VirtualCamera:
                 visible=float(np.clip(seen.sum() / whole, 0, 1)),
                 speed=float(exposed.speed[k]),
                 target=self.target,
-                depth=float(s.seen_by.depth(exposed.points[k])) if isinstance(s, SpaceView) else np.nan,
+                depth=float(s.depth(exposed.points[k])),
             )
         )
         image = self._develop(light)
@@ -221,15 +219,10 @@ class VirtualCamera:
 
         Args:
             rng: Random generator of the errors.
-
-        Raises:
-            InputError: The camera faces the strike plane, where all depths are alike.
         """
-        if not isinstance(self.settings, SpaceView):
-            raise InputError("settings", self.settings.name, "a SpaceView of strikes in space, for depth")
         true = np.array([truth.depth for truth in self.truths])
         hidden = np.array([truth.visible < 0.5 for truth in self.truths])
-        return np.where(hidden, 0.0, stereo_depth(true, self.settings.fx, rng))[:, None]
+        return np.where(hidden, 0.0, stereo_depth(true, self.settings.focal_lengths[0], rng))[:, None]
 
     def _develop(self, light: np.ndarray) -> np.ndarray:
         """From mean brightness (H, W, 3) in [0, 255] to an image of uint8, with noise."""

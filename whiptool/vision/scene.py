@@ -6,10 +6,10 @@ import numpy as np
 
 from whiptool.errors import WhiptoolError
 from whiptool.models.parameters import Model
+from whiptool.recording.camera import Camera
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_scene import add_ball
-from whiptool.vision.camera_model import CameraSettings
 from whiptool.viz.opengl import gl_context
 
 # Red, green, blue of the markers, as bright tape shows them; the tip's hue is a quarter turn from the target's and from
@@ -42,7 +42,7 @@ class Scene:
 
     def __init__(
         self,
-        settings: CameraSettings,
+        settings: Camera,
         model: Model,
         *,
         target: np.ndarray | None,
@@ -120,11 +120,11 @@ class Scene:
             mujoco.mjtCatBit.mjCAT_STATIC if q is None else mujoco.mjtCatBit.mjCAT_ALL,
             self._scene,
         )
-        (_, down, forward), position = s.pose()
-        x = (np.array([left, left + width]) - 0.5 - s.cx) / s.fx * _NEAR
-        y = -(np.array([top, top + height]) - 0.5 - s.cy) / s.fy * _NEAR
+        (_, down, forward), (cx, cy), (fx, fy) = s.rotation, s.principal_point, s.focal_lengths
+        x = (np.array([left, left + width]) - 0.5 - cx) / fx * _NEAR
+        y = -(np.array([top, top + height]) - 0.5 - cy) / fy * _NEAR
         for camera in self._scene.camera:  # one per eye; a picture for one eye is drawn from between the two
-            camera.pos[:] = position
+            camera.pos[:] = s.position
             camera.forward[:], camera.up[:] = forward, -down
             camera.orthographic = 0
             camera.frustum_near, camera.frustum_far = _NEAR, _FAR

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.vision.camera_model import CameraSettings
+from whiptool.recording.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,15 @@ class Frame:
         settings: Intrinsics, pose, exposure and readout of the camera.
 
     Raises:
-        InputError: The image is not of the settings' size and kind, or the time is not finite.
+        InputError: The image is not of the settings' size and kind, they expose it for longer than the time between
+            frames, or the time is not finite.
     """
 
     image: np.ndarray
     t: float
     clock: str
     sequence: int
-    settings: CameraSettings
+    settings: Camera
 
     def __post_init__(self) -> None:
         shape = (self.settings.height, self.settings.width, *((3,) if self.settings.kind == "color" else ()))
@@ -39,6 +40,9 @@ class Frame:
             raise InputError(
                 "image", f"{self.image.dtype} {self.image.shape}", f"uint8 {shape}, as {self.settings.name} has"
             )
+        if self.settings.exposure > 1 / self.settings.fps:
+            allowed = f"at most the time between frames, {1 / self.settings.fps:g} s"
+            raise InputError("exposure", self.settings.exposure, allowed)
         if not np.isfinite(self.t):
             raise InputError("t", self.t, "a finite time")
 

@@ -1,4 +1,7 @@
-"""Lenses of cameras, and where several cameras stand, from images of one board that is carried about before them."""
+"""Lenses of cameras, and where several cameras stand, from images of one board that is carried about before them.
+
+`agree` says whether they still stand there; `track_agreement` asks the same of the markers that they saw.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import Camera
 from whiptool.recording.lens import distort
 from whiptool.recording.opencv import opencv
-from whiptool.recording.space_camera import SpaceCamera
 from whiptool.vision.boards import Board, Corners
 
 FEWEST = 6  # corners of a view: four fix a pose, more say whether it is right
@@ -74,7 +77,7 @@ class SpaceCalibration:
         boards: Pose of the board in the world, by instant.
     """
 
-    cameras: dict[str, SpaceCamera]
+    cameras: dict[str, Camera]
     residual: dict[str, float]
     views: dict[str, dict[int, float]]
     boards: dict[int, Pose]
@@ -107,7 +110,7 @@ def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height
     return Lens(width, height, K, tuple(distortion.tolist()), float(residual), sigma)
 
 
-def board_pose(lens: Lens, view: Corners, board: Board) -> Pose:
+def board_pose(lens: Lens | Camera, view: Corners, board: Board) -> Pose:
     """Return the pose of a board in the axes of a camera (right, down, forward) that sees it.
 
     Raises:
@@ -173,12 +176,12 @@ def calibrate_cameras(
 Seen = Mapping[tuple[str, int], Corners]
 
 
-def _camera(name: str, lens: Lens, world: Pose) -> SpaceCamera:
+def _camera(name: str, lens: Lens, world: Pose) -> Camera:
     """Return the camera whose pose of the world, in its own axes, is this."""
     K = lens.camera_matrix.copy()
     K[0, 1] = 0.0
     R = world.rotation.as_matrix()
-    return SpaceCamera(name, lens.width, lens.height, K, R, world.inverse().position, lens.distortion)
+    return Camera(name, lens.width, lens.height, K, R, world.inverse().position, lens.distortion)
 
 
 def _chained(
@@ -259,3 +262,55 @@ def _missed(lens: Lens, pose: Pose, view: Corners, board: Board) -> np.ndarray:
 def rms(misses: np.ndarray) -> float:
     """Return the root mean square length of distances in an image (P, 2) [pixels]."""
     return float(np.sqrt((misses**2).sum(axis=1).mean()))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well cameras agree on where a board is.
+
+    Args:
+        misfit: Root mean square distance of its corners from where all see them, at the pose that they agree on best
+            [pixels].
+        without: The same without one of them, by its name: of three or more, the one without which the others agree
+            was moved. Empty for two.
+    """
+
+    misfit: float
+    without: dict[str, float]
+
+
+def agree(cameras: Mapping[str, Camera], views: Mapping[str, Corners | None], board: Board) -> Agreement:
+    """Return whether cameras still stand as they were calibrated, from one look of all at the board.
+
+    Args:
+        cameras: As they were calibrated.
+        views: What each sees of the board now, at one instant; None where it does not.
+        board: The board.
+
+    Raises:
+        InputError: Fewer than two cameras see enough of the board, or a name belongs to no camera.
+    """
+    if unknown := set(views) - set(cameras):
+        raise InputError("views", ", ".join(sorted(unknown)), f"the cameras: {', '.join(cameras)}")
+    seen = {name: view for name, view in views.items() if view is not None and len(view.ids) >= FEWEST}
+    if len(seen) < 2:
+        given = ", ".join(seen) or "none"
+        raise InputError("views", given, f"two cameras or more that see {FEWEST} corners or more of the board")
+    without = {name: _misfit({n: cameras[n] for n in seen if n != name}, seen, board) for name in seen}
+    together = _misfit({name: cameras[name] for name in seen}, seen, board)
+    return Agreement(together, without if len(seen) > 2 else {})
+
+
+def _misfit(cameras: Mapping[str, Camera], views: Mapping[str, Corners], board: Board) -> float:
+    """Return the root mean square distance in the images at the pose of the board that cameras agree on best."""
+    name, first = next(iter(cameras.items()))
+    start = Pose(Rotation.from_matrix(first.rotation.T), first.position) @ board_pose(first, views[name], board)
+
+    def misses(x: np.ndarray) -> np.ndarray:
+        turned = Rotation.from_rotvec(x[:3]) * start.rotation
+        places = turned.apply(board.points) + start.position + x[3:]
+        each = [c.project(places[views[n].ids]) - views[n].pixels for n, c in cameras.items()]
+        return np.concatenate(each).ravel()
+
+    best = least_squares(misses, np.zeros(6), method="lm", x_scale="jac")
+    return rms(best.fun.reshape(-1, 2))

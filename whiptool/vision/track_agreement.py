@@ -1,7 +1,7 @@
 """Do cameras still stand where they were calibrated? The marker that two of them saw at one time tells.
 
 Two lines of sight to one marker meet; those of a camera that was moved or turned pass each other. What a turn shifts
-along the plane of both lines is not seen: a board is better (`board_agreement.agree`), but tracks are always there.
+along the plane of both lines is not seen: a board is better (`space_calibration.agree`), but tracks are always there.
 """
 
 from __future__ import annotations

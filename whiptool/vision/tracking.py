@@ -1,51 +1,24 @@
-"""Whip tip and target in a stream of images, live or recorded, on the strike plane (Sect. 2.4)."""
+"""Whip tip and target in a stream of images, live or recorded: on the strike plane (Sect. 2.4), or in pixels."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import Camera
+from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.calibration import PlaneCalibration
-from whiptool.vision.camera_model import CameraSettings
-from whiptool.vision.marker_tracker import SURE, MarkerTracker, Sighting
+from whiptool.vision.marker_tracker import MarkerTracker, Sighting
 from whiptool.vision.markers import TARGET_MARKERS, TIP_MARKERS, Marker
 from whiptool.vision.source import Frame, FrameSource, frames_of
 
-if TYPE_CHECKING:
-    from whiptool.recording.strike_recording import StrikeRecording
-
-__all__ = [
-    "SURE",
-    "Detection",
-    "Sighting",
-    "StrikeTrack",
-    "Track",
-    "Tracker",
-    "median_image",
-    "track",
-]
-
 
 @dataclass(frozen=True, eq=False)
-class Detection:
-    """Tip and target in one frame, and their distance [m] (Fig. 3), NaN where the tip is not seen.
-
-    The target's last sure position stands for it while the tip or the arm covers it.
-    """
-
-    sequence: int
-    t: float
-    tip: Sighting
-    target: Sighting
-    distance: float
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
+class MarkerTrack:
     """One marker over T frames.
 
     Args:
@@ -65,7 +38,7 @@ class Track:
     confidence: np.ndarray
 
     @classmethod
-    def of(cls, t: np.ndarray, sightings: list[Sighting]) -> Track:
+    def of(cls, t: np.ndarray, sightings: list[Sighting]) -> MarkerTrack:
         """From one sighting per frame."""
         columns = {name: np.array([getattr(x, name) for x in sightings]) for name in ("sigma", "confidence")}
         return cls(
@@ -81,10 +54,10 @@ class Track:
 class StrikeTrack:
     """Tip, target and their distance [m] (Fig. 3), (T,), over T frames of one camera."""
 
-    tip: Track
-    target: Track
+    tip: MarkerTrack
+    target: MarkerTrack
     distance: np.ndarray
-    settings: CameraSettings
+    settings: Camera
 
     @property
     def target_position(self) -> np.ndarray | None:
@@ -102,8 +75,6 @@ class StrikeTrack:
         Raises:
             InputError: The tip was never seen, or a field is out of range.
         """
-        from whiptool.recording.strike_recording import StrikeRecording
-
         if "target" not in known and self.target_position is not None:
             known["target"] = tuple(self.target_position.tolist())
         fields: dict[str, Any] = {
@@ -119,72 +90,99 @@ class StrikeTrack:
         return StrikeRecording(**fields)
 
 
-class Tracker:
-    """Follows tip and target, frame by frame, live or from a file.
+def track(
+    source: FrameSource | Iterable[Frame],
+    *,
+    tip: Marker | None = None,
+    target: Marker | None = None,
+    calibration: PlaneCalibration | None = None,
+    background: np.ndarray | None = None,
+    tip_start: np.ndarray | None = None,
+) -> StrikeTrack:
+    """Follow tip and target on the strike plane through all frames of a source.
+
+    The target's last sure position stands for it while the tip or the arm covers it.
 
     Args:
-        settings: The camera.
+        source: A source, which is opened and closed, or frames; all of one camera, in the order of time.
         tip, target: Looks of the markers; default: those of the virtual camera, in its kind of light.
-        calibration: Calibration of the strike plane; default: from the settings' pose.
+        calibration: Calibration of the strike plane; default: from the camera's pose.
         background: Image of the scene without tip, such as `median_image` makes; default: learned from the first frame.
         tip_start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
 
     Raises:
-        InputError: A marker has a hue in infrared, or none in color.
+        InputError: There are no frames, they are not in the order of time, or a marker has a hue in infrared, or none
+            in color.
     """
 
-    def __init__(
-        self,
-        settings: CameraSettings,
-        *,
-        tip: Marker | None = None,
-        target: Marker | None = None,
-        calibration: PlaneCalibration | None = None,
-        background: np.ndarray | None = None,
-        tip_start: np.ndarray | None = None,
-    ) -> None:
-        self.settings = settings
-        tip, target = tip or TIP_MARKERS[settings.kind], target or TARGET_MARKERS[settings.kind]
-        self._tip = MarkerTracker(tip, settings, calibration=calibration, background=background, start=tip_start)
-        self._target = MarkerTracker(target, settings, calibration=calibration)
-        self._target_point = np.full(2, np.nan)
+    def trackers(camera: Camera) -> list[MarkerTracker]:
+        looks, other = tip or TIP_MARKERS[camera.kind], target or TARGET_MARKERS[camera.kind]
+        return [
+            MarkerTracker(looks, camera, calibration=calibration, background=background, start=tip_start),
+            MarkerTracker(other, camera, calibration=calibration),
+        ]
 
-    def update(self, frame: Frame) -> Detection:
-        """Tip and target in the next frame."""
-        tip, target = self._tip.update(frame), self._target.update(frame)
-        if not np.isnan(target.sigma):
-            self._target_point = target.point
-        distance = float(np.hypot(*(tip.point - self._target_point)))
-        return Detection(frame.sequence, frame.t, tip, target, distance)
+    camera, (of_tip, of_target) = _followed(source, trackers)
+    place, distance = np.full(2, np.nan), []
+    for point, where in zip(of_tip.points, of_target.points, strict=True):
+        place = place if np.isnan(where[0]) else where
+        distance.append(float(np.hypot(*(point - place))))
+    return StrikeTrack(of_tip, of_target, np.array(distance), camera)
 
 
-def track(source: FrameSource | Iterable[Frame], **options: Any) -> StrikeTrack:
-    """Follow tip and target through all frames of a source.
+def track_view(
+    source: FrameSource | Iterable[Frame],
+    /,
+    *,
+    tip: Marker | None = None,
+    start: np.ndarray | None = None,
+    distance: float = 3.0,
+    **known: Any,
+) -> StrikeRecording:
+    """Follow the tip through the images of a camera in space, and return what it saw, in pixels.
 
     Args:
         source: A source, which is opened and closed, or frames; all of one camera, in the order of time.
-        options: Options of `Tracker`.
+        tip: Looks of the tip's marker; default: those of the virtual camera, in its kind of light.
+        start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
+        distance: Distance from the camera about which the tip moves [m].
+        known: Other fields of the recording, such as strike, controller, t_stay, joints_t and joints_q.
 
     Raises:
-        InputError: There are no frames, or they are not in the order of time.
+        InputError: There are no frames, they are not in the order of time, or the tip was never seen.
     """
-    frames = frames_of(source) if isinstance(source, FrameSource) else source
-    tracker, seen = None, []
-    for frame in frames:
-        if tracker is None:
-            tracker = Tracker(frame.settings, **options)
-        elif frame.t <= seen[-1].t:
-            raise InputError("frames", frame.t, f"times after {seen[-1].t:g} s, that of the frame before")
-        seen.append(tracker.update(frame))
-    if tracker is None:
-        raise InputError("frames", "none", "at least one frame")
-    t = np.array([x.t for x in seen])
-    return StrikeTrack(
-        tip=Track.of(t, [x.tip for x in seen]),
-        target=Track.of(t, [x.target for x in seen]),
-        distance=np.array([x.distance for x in seen]),
-        settings=tracker.settings,
+
+    def trackers(camera: Camera) -> list[MarkerTracker]:
+        return [MarkerTracker(tip or TIP_MARKERS[camera.kind], camera, distance=distance, start=start)]
+
+    camera, (found,) = _followed(source, trackers)
+    sigma = found.sigma * np.sqrt(np.prod(camera.focal_lengths)) / distance  # of the plane that sightings lie in
+    return StrikeRecording(
+        t=found.t + camera.exposure / 2,
+        points=found.pixels[:, None],
+        markers=("tip",),
+        sigma=np.where(np.isfinite(sigma), sigma, 1.0)[:, None],
+        view=camera,
+        **known,
     )
+
+
+def _followed(
+    source: FrameSource | Iterable[Frame], trackers: Callable[[Camera], list[MarkerTracker]]
+) -> tuple[Camera, list[MarkerTrack]]:
+    """The camera of a source, and the tracks that trackers for it make of its frames."""
+    frames = frames_of(source) if isinstance(source, FrameSource) else source
+    camera, at_work, seen, t = None, [], [], []
+    for frame in frames:
+        if camera is None:
+            camera, at_work = frame.settings, trackers(frame.settings)
+        elif frame.t <= t[-1]:
+            raise InputError("frames", frame.t, f"times after {t[-1]:g} s, that of the frame before")
+        seen.append([tracker.update(frame) for tracker in at_work])
+        t.append(frame.t)
+    if camera is None:
+        raise InputError("frames", "none", "at least one frame")
+    return camera, [MarkerTrack.of(np.array(t), list(sightings)) for sightings in zip(*seen, strict=True)]
 
 
 def median_image(frames: Iterable[Frame], *, most: int = 25) -> np.ndarray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.space_camera import SpaceCamera
+from whiptool.recording.camera import Camera
 
 _ROUNDS = 6  # Gauss-Newton from the point nearest to all sights: quadratic, so that these do
 _NARROWEST = 1e-4  # smallest eigenvalue over the number of sights: about the squared sine of half the angle between two
@@ -34,7 +34,7 @@ class Triangulated:
     covariance: np.ndarray
 
 
-def triangulate(cameras: Sequence[SpaceCamera], pixels: np.ndarray) -> Triangulated:
+def triangulate(cameras: Sequence[Camera], pixels: np.ndarray) -> Triangulated:
     """Return the points whose images lie nearest to what was seen, in squared pixels summed over the cameras.
 
     Args:
@@ -69,7 +69,7 @@ def triangulate(cameras: Sequence[SpaceCamera], pixels: np.ndarray) -> Triangula
 
 
 def _nearest_to_sights(
-    cameras: Sequence[SpaceCamera], pixels: np.ndarray, seen: np.ndarray
+    cameras: Sequence[Camera], pixels: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the points (P, 3) nearest to all lines of sight, by squares, and which are fixed by them (P,)."""
     A, b = np.zeros((pixels.shape[1], 3, 3)), np.zeros((pixels.shape[1], 3))
@@ -84,7 +84,7 @@ def _nearest_to_sights(
 
 
 def _residuals(
-    cameras: Sequence[SpaceCamera], points: np.ndarray, straight: np.ndarray, seen: np.ndarray
+    cameras: Sequence[Camera], points: np.ndarray, straight: np.ndarray, seen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return images less what was seen, without distortion [pixels], (C, P, 2), and their derivatives (C, P, 2, 3).
 

@@ -7,13 +7,12 @@ import pytest
 from recordings import H, T, fuzz, images, times
 
 from whiptool.errors import InputError
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import Camera, write_cameras
 from whiptool.recording.readers import (
     db3_frames,
     db3_topics,
     open_video,
 )
-from whiptool.recording.space_camera import SpaceCamera
 
 
 def coloured(count: int = T) -> list[np.ndarray]:
@@ -80,7 +79,7 @@ def test_db3(tmp_path, encoding):
 def test_db3_of_a_camera_in_space(tmp_path):
     """Which camera it was stands in the sidecar or the options, as for a video."""
     lens = np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])
-    left = SpaceCamera("left", 64, 48, lens, np.eye(3), np.ones(3), exposure=2e-3, readout=0.012)
+    left = Camera("left", 64, 48, lens, np.eye(3), np.ones(3), exposure=2e-3, readout=0.012)
     write_cameras(tmp_path / "cameras.toml", {"left": left})
     video = open_video(write_bag(tmp_path / "bag"), cameras=tmp_path / "cameras.toml", camera="left", stamp="start")
     assert video.view.readout == pytest.approx(0.012)

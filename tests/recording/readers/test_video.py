@@ -10,13 +10,12 @@ import tomli_w
 from recordings import FPS, STRIKE, TABLE, H, T, fuzz, images, times, write_rows, write_video
 
 from whiptool.errors import InputError
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import Camera, write_cameras
 from whiptool.recording.readers import (
     open_video,
     read_recording,
     video_frames,
 )
-from whiptool.recording.space_camera import SpaceCamera
 
 
 @pytest.mark.parametrize(("name", "fourcc"), [("a.avi", "MJPG"), ("a.mp4", "mp4v")])
@@ -80,7 +79,7 @@ def test_a_film_of_a_camera_in_space(tmp_path):
     """Exposure and readout are the camera's, or those of this film; rows of a rolling shutter end after the last."""
     write_video(tmp_path / "a.avi", images())
     lens = np.array([[50.0, 0, 32], [0, 50, 24], [0, 0, 1]])
-    left = SpaceCamera("left", 64, 48, lens, np.eye(3), np.ones(3), exposure=2e-3, readout=0.012)
+    left = Camera("left", 64, 48, lens, np.eye(3), np.ones(3), exposure=2e-3, readout=0.012)
     write_cameras(tmp_path / "cameras.toml", {"left": left})
     given = {"fps": FPS, "stamp": "start", "camera": "left", "cameras": "cameras.toml"}
     video = open_video(tmp_path / "a.avi", **given)

@@ -10,13 +10,12 @@ from recordings import STRIKE, T, same, times, write_rows
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import Camera, looking_at, write_cameras
 from whiptool.recording.readers import read_recording, write_csv
-from whiptool.recording.space_camera import SpaceCamera, looking_at
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
 K = np.array([[430.0, 0, 424], [0, 432.0, 238], [0, 0, 1]])
-LEFT = SpaceCamera(
+LEFT = Camera(
     "left",
     848,
     480,

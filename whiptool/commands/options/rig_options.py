@@ -156,7 +156,7 @@ def _camera(name: str):
     """Return the real camera of that name; None for `none`."""
     if name == "none":
         return None
-    from whiptool.vision.camera_model import camera_preset
+    from whiptool.recording.camera import camera_preset
     from whiptool.vision.realsense import RealSenseCamera
 
     return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.recording.homography import metres_per_pixel, to_plane
 from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.frame_clock import frame_clock
-from whiptool.recording.readers.plane import metres_per_pixel, to_plane
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
 from whiptool.recording.readers.table import cells, csv_rows
 from whiptool.recording.strike_recording import StrikeRecording

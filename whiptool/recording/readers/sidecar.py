@@ -39,11 +39,10 @@ from whiptool.errors import InputError
 from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
-from whiptool.recording.camera_files import read_cameras
+from whiptool.recording import homography
+from whiptool.recording.camera import Camera, read_cameras
 from whiptool.recording.joint_names import order_of
-from whiptool.recording.readers import plane
 from whiptool.recording.readers.joint_log import JointLog, read_joint_log
-from whiptool.recording.space_camera import SpaceCamera
 
 COMMON = (
     "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joint_ranges",
@@ -202,7 +201,7 @@ class Sidecar:
             said += [note.replace("joints:", "hand:") for note in hand.notes]
         return fields | {"notes": tuple(said)}
 
-    def view(self) -> SpaceCamera:
+    def view(self) -> Camera:
         """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
 
         The file is next to the sidecar; an option may name any.
@@ -219,7 +218,7 @@ class Sidecar:
         return known[name]
 
     @cached_property
-    def filmed_by(self) -> SpaceCamera | None:
+    def filmed_by(self) -> Camera | None:
         """The camera in space that took frames; None where the key `cameras` is not there."""
         return None if self.table.get("cameras") is None else self.view()
 
@@ -298,16 +297,16 @@ class Sidecar:
             raise InputError(self.place + given[1], f"together with {given[0]}", "only one of " + ", ".join(given))
         try:
             if matrix is not None:
-                return plane.checked_homography(matrix)
+                return homography.checked_homography(matrix)
             if known is not None:
                 if not isinstance(known, Mapping) or set(known) != {"pixels", "metres"}:
                     raise InputError("known_points", known, "a table with the lists pixels and metres")
                 pair = Sidecar(known, self.folder, "known_points.")
-                return plane.homography_from_points(pair.array("pixels", None, 2), pair.array("metres", None, 2))
+                return homography.homography_from_points(pair.array("pixels", None, 2), pair.array("metres", None, 2))
             if "scale" in self.table:
                 if (origin := self.array("origin", 2)) is None:
                     raise InputError("origin", None, "the shoulder's pixel [u, v], with scale")
-                return plane.homography_from_scale(self.number("scale", 0.0), origin)
+                return homography.homography_from_scale(self.number("scale", 0.0), origin)
         except InputError as error:
             raise (error if error.name.startswith(self.place) else error.within(self.place)) from None
         return None

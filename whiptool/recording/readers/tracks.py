@@ -29,7 +29,7 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.joint_trajectory import POSE
-from whiptool.recording.camera_files import write_cameras
+from whiptool.recording.camera import Camera, write_cameras
 from whiptool.recording.clock import good_stamps
 from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
 from whiptool.recording.joint_names import TIME, Column
@@ -37,7 +37,6 @@ from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.joint_log import PREFIX
 from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
-from whiptool.recording.space_camera import SpaceCamera
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
 AXES = ("x", "y", "z")
@@ -108,7 +107,7 @@ def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[st
 
 
 def _depths(
-    marker: str, columns: dict[str, str], pick: Callable[[str, str], np.ndarray], side: Sidecar, view: SpaceCamera
+    marker: str, columns: dict[str, str], pick: Callable[[str, str], np.ndarray], side: Sidecar, view: Camera
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depths of a marker and their standard errors [m], (T,) each; NaN without columns of depth."""
     baseline = side.number("baseline", BASELINE, low=1e-3, high=10.0)

@@ -32,12 +32,12 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
+from whiptool.recording.camera import Camera
 from whiptool.recording.clock import check_pace
 from whiptool.recording.parsing import sha256, whole_file
 from whiptool.recording.readers.frame_clock import FrameClock, frame_clock, stamps_of_film
 from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, Sidecar
-from whiptool.recording.space_camera import SpaceCamera
 
 MOST_FRAMES = 200_000
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
@@ -74,7 +74,7 @@ class VideoSource:
     kind: str = ""
     synthetic: bool = False
     fps: float = 0.0
-    view: SpaceCamera | None = None
+    view: Camera | None = None
     about: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -188,7 +188,7 @@ def source(
         raise (error if error.name.startswith(side.place) else error.within(side.place)) from None
 
 
-def _in_space(video: VideoSource, camera: SpaceCamera) -> VideoSource:
+def _in_space(video: VideoSource, camera: Camera) -> VideoSource:
     """The images of a camera in space, with that camera as it took them."""
     if video.homography is not None:
         raise InputError(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from whiptool.vision.camera_model import camera_preset, expose, measurement_sigma
+from whiptool.recording.camera import before_plane, camera_preset
+from whiptool.vision.exposure import expose, measurement_sigma
 
+TURN = Rotation.from_rotvec((0.15, -0.25, 0.1)).as_matrix()
 PLAIN = camera_preset("d435-color")  # 3.5 m before the plane, looking straight at it
-TILTED = PLAIN.replace(position=(0.4, 0.1, 2.9), rotation=(0.15, -0.25, 0.1))
+TILTED = PLAIN.replace(**before_plane((0.4, 0.1, 2.9), TURN))
 T = np.linspace(-0.5, 1.5, 4001)
 
 
@@ -24,9 +27,9 @@ def test_a_straight_look_scales_and_turns_y_down():
     np.testing.assert_allclose(PLAIN.project(points), expected)
     np.testing.assert_allclose(PLAIN.to_plane(expected), points, atol=1e-12)
     assert PLAIN.scale(np.array([0.5, 0.3])) == pytest.approx(per_metre)
-    before = PLAIN.project(np.array([0.5, -0.2, 1.0]))  # a metre before the plane
+    before = PLAIN.project(np.array([0.5, -1.0, -0.2]))  # a metre before the plane
     np.testing.assert_allclose(before, [423.5 + 0.5 * 609.0 / 2.5, 239.5])
-    assert np.isnan(PLAIN.project(np.array([0.0, 0.0, 3.6]))).all()
+    assert np.isnan(PLAIN.project(np.array([0.0, -3.6, 0.0]))).all()
 
 
 def test_a_tilted_look_goes_there_and_back():
@@ -34,8 +37,8 @@ def test_a_tilted_look_goes_there_and_back():
     assert TILTED.project(points).shape == (4, 5, 2)
     np.testing.assert_allclose(TILTED.to_plane(TILTED.project(points)), points, atol=1e-12)
     assert TILTED.homography[2, 2] == 1
-    ahead = np.array([0.0, 0.0, 1.0]) @ TILTED.rotation_matrix  # where it looks, in the plane's axes
-    depth = (np.array([0.3, 0.2, 0.0]) - TILTED.position) @ ahead
+    ahead = np.array([0.0, 0.0, 1.0]) @ TILTED.rotation  # where it looks
+    depth = (np.array([0.3, 0.0, 0.2]) - TILTED.position) @ ahead
     assert TILTED.scale(np.array([0.3, 0.2])) == pytest.approx(609.0 / depth)
 
 
@@ -75,7 +78,7 @@ def test_a_point_rests_before_and_after_its_path():
 def test_errors_have_a_floor_and_a_share_of_the_blur():
     """0.04 pixels at rest, and 0.004 of the blur: in metres on the plane."""
     for settings in (PLAIN, camera_preset("d435-infrared")):
-        metre = settings.fx / 3.5
+        metre = settings.focal_lengths[0] / 3.5
         blur = 20.0 * settings.exposure * metre
         assert measurement_sigma(settings, 0.0) * metre == pytest.approx(0.04)
         assert measurement_sigma(settings, 20.0) * metre == pytest.approx(np.sqrt(0.04**2 + (0.004 * blur) ** 2))

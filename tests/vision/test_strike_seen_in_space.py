@@ -16,8 +16,7 @@ from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.depth_noise import depth_error
 from whiptool.rollout import CompiledRollout
-from whiptool.vision.camera_model import CAMERAS
-from whiptool.vision.space_view import SpaceView, track_view
+from whiptool.vision.tracking import track_view
 
 CONTROLLER = Controller(PositionControl())
 FRONT = camera_at("front", (2.9, 0.4, 0.9), fps=60.0)
@@ -37,7 +36,7 @@ def plain(camera):
 
 def film(camera, path, model=ROBOT, **options):
     render = pytest.importorskip("whiptool.vision.render")
-    virtual = render.VirtualCamera(SpaceView.of(plain(camera)), model, path, np.random.default_rng(0), **options)
+    virtual = render.VirtualCamera(plain(camera), model, path, np.random.default_rng(0), **options)
     try:
         virtual.open()
     except Exception as error:  # a machine without OpenGL
@@ -101,15 +100,23 @@ def test_rods_are_drawn_where_they_are(path):
     virtual.close()
 
 
-def test_cameras_of_the_plane_and_of_space_are_told_apart(path):
+def test_a_strike_in_the_plane_is_drawn_in_a_camera_from_the_side():
+    """One camera for plane and space: the plane's points are where OpenCV projects them in the world."""
+    planar = CompiledRollout(preset("lemon2024"), Controller()).trajectory(Strike((-1.0, 0.4), (1.0, 0.6), 0.6))
+    aside = camera_at("aside", (1.5, -2.5, 0.6), at=(0.0, 0.0, -0.6))
+    virtual = film(aside, planar, preset("lemon2024"), noise=None)
+    _, marker = virtual._light(float(virtual.starts[0]), 0)
+    v, u = np.mgrid[: aside.height, : aside.width]
+    seen = np.array([(marker * u).sum(), (marker * v).sum()]) / marker.sum()
+    x, y = planar.tip[0]
+    np.testing.assert_allclose(seen, by_opencv(plain(aside), np.array([[x, 0.0, y]]))[0], atol=0.15)
+    virtual.close()
+
+
+def test_what_cannot_be_drawn_or_followed_is_refused(path):
     from whiptool.vision.render import VirtualCamera
 
-    with pytest.raises(InputError, match="SpaceView of strikes in space"):
-        VirtualCamera(CAMERAS["d435-color"], ROBOT, path, np.random.default_rng(0))
     with pytest.raises(InputError, match="none, of a camera whose images are drawn"):
-        VirtualCamera(SpaceView.of(LEFT), ROBOT, path, np.random.default_rng(0))
+        VirtualCamera(LEFT, ROBOT, path, np.random.default_rng(0))
     with pytest.raises(InputError, match="at least one frame"):
         track_view([])
-    planar = CompiledRollout(preset("lemon2024"), Controller()).trajectory(Strike((-1.0, 0.4), (1.0, 0.6), 0.6))
-    with pytest.raises(InputError, match="and of no others"):
-        VirtualCamera(SpaceView.of(plain(LEFT)), preset("lemon2024"), planar, np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""From pixels to metres in the strike plane: homographies, made from a matrix, four points, or a scale.
+"""From pixels to metres in the strike plane: homographies, made from a matrix, known points, or a scale.
 
 Pixel (0, 0) is the centre of the image's first pixel, u goes right, v down, as in OpenCV.
 """
@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from whiptool.errors import InputError
+
+_LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four corners of a rectangle have about 3
 
 
 def checked_homography(matrix: np.ndarray) -> np.ndarray:
@@ -43,33 +45,25 @@ def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
 def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -> np.ndarray:
     """From n >= 4 points whose places in the plane are known; both arguments of shape (n, 2).
 
-    Least squares of the direct linear transform, points centred and scaled first (Hartley 1997).
+    The direct linear transform of centred and scaled points (Hartley 1997); of more than four points, the map that
+    leaves the least squared distances in the image, whose errors they are.
 
     Raises:
-        InputError: There are too few points, or three of four lie on one line.
+        InputError: There are too few points, they are not finite, or three of four lie on one line.
     """
     pixels, metres = np.array(pixels, float), np.array(metres, float)
-    if pixels.shape != metres.shape or pixels.ndim != 2 or pixels.shape[1] != 2 or len(pixels) < 4:
-        raise InputError("known_points", f"shapes {pixels.shape}, {metres.shape}", "at least 4 pixels and their metres")
-    if not (np.isfinite(pixels).all() and np.isfinite(metres).all()):
-        raise InputError("known_points", "NaN or infinite", "finite numbers")
-    (a, to_a), (b, to_b) = _normalized(pixels), _normalized(metres)
-    zero, one = np.zeros(len(a)), np.ones(len(a))
-    u, v, x, y = *a.T, *b.T
-    system = np.concatenate(
-        [
-            np.stack([u, v, one, zero, zero, zero, -x * u, -x * v, -x], axis=1),
-            np.stack([zero, zero, zero, u, v, one, -y * u, -y * v, -y], axis=1),
-        ]
-    )  # (2 n, 9)
-    _, values, vectors = np.linalg.svd(system)
-    in_a_line = InputError("known_points", pixels.tolist(), "four points of which no three lie on one line")
-    if values[7] < 1e-6 * values[0]:
-        raise in_a_line
-    try:
-        return checked_homography(np.linalg.inv(to_b) @ vectors[-1].reshape(3, 3) @ to_a)
-    except InputError:
-        raise in_a_line from None
+    for name, points in (("pixels", pixels), ("metres", metres)):
+        if points.ndim != 2 or points.shape[1:] != (2,) or len(points) != len(pixels) or not np.isfinite(points).all():
+            raise InputError(name, f"shape {points.shape}", "finite numbers of shape (n, 2), one row per known point")
+    if len(pixels) < 4:
+        raise InputError("pixels", f"{len(pixels)} points", "at least four known points")
+    (seen, to_seen), (placed, to_placed) = _normalized("pixels", pixels), _normalized("metres", metres)
+    flat = np.linalg.svd(_equations(placed, seen))[2][-1]
+    if len(pixels) > 4:
+        from scipy.optimize import least_squares  # a third of what a command imports
+
+        flat = least_squares(lambda h: (to_plane(h.reshape(3, 3), placed) - seen).ravel(), flat, xtol=1e-15).x
+    return checked_homography(np.linalg.inv(np.linalg.inv(to_seen) @ flat.reshape(3, 3) @ to_placed))
 
 
 def to_plane(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -89,11 +83,31 @@ def metres_per_pixel(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return np.sqrt((jacobian**2).sum(axis=(-2, -1)) / 2)
 
 
-def _normalized(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points with mean 0 and mean distance sqrt 2, and the matrix (3, 3) that makes them so."""
+def _normalized(name: str, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points with mean 0 and mean distance sqrt 2, and the matrix (3, 3) that makes them so.
+
+    Raises:
+        InputError: They fix no homography: more than one carries them onto themselves.
+    """
     mean = points.mean(axis=0)
     size = np.hypot(*(points - mean).T).mean()
-    if not size > 0:
-        raise InputError("known_points", points.tolist(), "different points")
-    s = np.sqrt(2) / size
-    return (points - mean) * s, np.array([[s, 0, -s * mean[0]], [0, s, -s * mean[1]], [0, 0, 1]])
+    if size > 0:
+        s = np.sqrt(2) / size
+        found = (points - mean) * s
+        values = np.linalg.svd(_equations(found, found), compute_uv=False)
+        if values[0] < _LARGEST_CONDITION * values[7]:
+            return found, np.array([[s, 0, -s * mean[0]], [0, s, -s * mean[1]], [0, 0, 1]])
+    rule = "four points of which no three lie on one line"
+    raise InputError(name, points.tolist(), rule, "spread them over the whole strike plane")
+
+
+def _equations(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The equations, (2 n, 9), of a homography that carries points a onto points b, (n, 2) each."""
+    zero, one = np.zeros(len(a)), np.ones(len(a))
+    u, v, x, y = *a.T, *b.T
+    return np.concatenate(
+        [
+            np.stack([u, v, one, zero, zero, zero, -x * u, -x * v, -x], axis=1),
+            np.stack([zero, zero, zero, u, v, one, -y * u, -y * v, -y], axis=1),
+        ]
+    )

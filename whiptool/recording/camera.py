@@ -1,0 +1,307 @@
+"""The one pinhole camera: intrinsics, a lens that distorts, pose and clock; and the D435 that the paper films with.
+
+A pixel's centre has whole coordinates (u to the right, v down), as in OpenCV. The world is that of the models in space:
+x forward, y to the left, z up, in metres, its origin at the shoulder. The strike plane is y = 0 of it: its points
+(x, y) [m], y pointing up, are (x, 0, y) in the world.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from whiptool.errors import InputError
+from whiptool.models.tables import build_from, read_toml
+from whiptool.recording import homography
+from whiptool.recording.lens import COEFFICIENTS, distort, distortion_slopes, undistort
+from whiptool.whole_files import write_whole
+
+KINDS = ("color", "infrared")  # of light
+TABLE = "cameras"  # of a file of cameras
+_UNIT = 1e-6  # how far from orthonormal a rotation may be
+_BEFORE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # from the world's axes to the plane's: x, up, to the camera
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Intrinsics, lens, pose and timing of a camera.
+
+    Args:
+        name: For people and for files.
+        width, height: Width and height of its images [pixels].
+        camera_matrix: Intrinsics [pixels], (3, 3): focal lengths on the diagonal, principal point in the last column.
+        rotation: Rotation from the world's axes to the camera's (right, down, forward), (3, 3).
+        position: Position of its centre of projection in the world [m], (3,).
+        distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
+        fps: Frames per second.
+        exposure: Exposure time of each row [s].
+        readout: Time from the first row's start to the start of the row after the last [s]; 0 is a global shutter.
+        kind: Kind of light, `color` or `infrared`.
+
+    Raises:
+        InputError: A number is out of range, a shape is wrong, or the matrix is not a rotation.
+    """
+
+    name: str
+    width: int
+    height: int
+    camera_matrix: np.ndarray
+    rotation: np.ndarray
+    position: np.ndarray
+    distortion: tuple[float, ...] = ()
+    fps: float = 60.0
+    exposure: float = 4e-3
+    readout: float = 0.0
+    kind: str = "color"
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height", "fps", "exposure"):
+            value = getattr(self, name)
+            if not 0 < value < np.inf:
+                raise InputError(name, value, "a finite number > 0")
+        if not 0 <= self.readout < np.inf:
+            raise InputError("readout", self.readout, "a time >= 0 s; 0 is a global shutter")
+        if self.kind not in KINDS:
+            raise InputError("kind", self.kind, " or ".join(KINDS))
+        for name, shape in (("camera_matrix", (3, 3)), ("rotation", (3, 3)), ("position", (3,))):
+            value = np.array(getattr(self, name), float)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InputError(name, value.tolist(), f"finite numbers of shape {shape}")
+            object.__setattr__(self, name, value)
+        K, R = self.camera_matrix, self.rotation
+        if not np.array_equal(K, pinhole(K[0, 0], K[1, 1], K[0, 2], K[1, 2])) or not (self.focal_lengths > 0).all():
+            raise InputError("camera_matrix", K.tolist(), "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy > 0")
+        if np.abs(R @ R.T - np.eye(3)).max() > _UNIT or np.linalg.det(R) < 0:
+            raise InputError("rotation", R.tolist(), "a rotation matrix")
+        distortion = tuple(float(x) for x in self.distortion)
+        if len(distortion) not in COEFFICIENTS or not np.isfinite(distortion).all():
+            raise InputError("distortion", distortion, f"{', '.join(map(str, COEFFICIENTS))} finite numbers")
+        object.__setattr__(self, "distortion", distortion)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Camera) and self.table() == other.table()
+
+    def __hash__(self) -> int:
+        return hash(self.name)
+
+    @property
+    def focal_lengths(self) -> np.ndarray:
+        """Focal lengths along u and v [pixels], (2,)."""
+        return np.diag(self.camera_matrix)[:2]
+
+    @property
+    def principal_point(self) -> np.ndarray:
+        """Where the optical axis meets the image [pixels], (2,)."""
+        return self.camera_matrix[:2, 2]
+
+    @property
+    def distance(self) -> float:
+        """Distance from the strike plane [m], negative behind it."""
+        return -float(self.position[1])
+
+    def table(self) -> dict[str, Any]:
+        """Return all its numbers as plain data, by the names of the fields."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: np.asarray(value).tolist() for name, value in values.items()}
+
+    def replace(self, **changes: Any) -> Camera:
+        """Return the same camera with some fields changed."""
+        return dataclasses.replace(self, **changes)
+
+    def to_camera(self, points: np.ndarray) -> np.ndarray:
+        """Return points of the world (..., 3) or of the strike plane (..., 2) [m] in the camera's axes (right, down,
+        forward), (..., 3) [m]."""
+        points = np.asarray(points, float)
+        if points.shape[-1] == 2:
+            points = np.insert(points, 1, 0.0, axis=-1)
+        return (points - self.position) @ self.rotation.T
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Return how far points (..., 2 or 3) [m] are along the optical axis [m], (...); NaN behind."""
+        z = self.to_camera(points)[..., 2]
+        return np.where(z > 0, z, np.nan)
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Return the pixels (..., 2) of points of the world (..., 3) or of the strike plane (..., 2) [m]; NaN behind
+        the camera."""
+        flat, _ = self._flat(points)
+        return distort(flat, self.distortion) * self.focal_lengths + self.principal_point
+
+    def slopes(self, points: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `project` by the points (..., 3) [m]: (..., 2, 3) [pixels/m]."""
+        flat, z = self._flat(points)
+        by_place = (self.rotation[:2] - flat[..., None] * self.rotation[2]) / z[..., None, None]  # of x/z and y/z
+        return self.focal_lengths[:, None] * (distortion_slopes(flat, self.distortion) @ by_place)
+
+    def _flat(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return normalised image coordinates without distortion (..., 2), and depths [m], (...); NaN behind."""
+        x, y, z = np.moveaxis(self.to_camera(points), -1, 0)
+        z = np.where(z > 0, z, np.nan)
+        return np.stack([x / z, y / z], axis=-1), z
+
+    def sights(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the directions in the world (..., 3), of unit length, in which pixels (..., 2) look; NaN for NaN."""
+        flat = (self.undistorted(pixels) - self.principal_point) / self.focal_lengths
+        ahead = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
+        return (ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)) @ self.rotation
+
+    def undistorted(self, pixels: np.ndarray) -> np.ndarray:
+        """Return pixels (..., 2) as a lens without distortion would have shown them."""
+        return undistort(pixels, self.camera_matrix, self.distortion)
+
+    @cached_property
+    def homography(self) -> np.ndarray:
+        """Metres on the strike plane from undistorted pixels, in homogeneous coordinates, (3, 3), its last entry 1."""
+        R = self.rotation
+        H = np.linalg.inv(self.camera_matrix @ np.column_stack([R[:, 0], R[:, 2], -R @ self.position]))
+        return H / H[2, 2]
+
+    def to_plane(self, pixels: np.ndarray) -> np.ndarray:
+        """Return the points on the strike plane [m], (..., 2), that pixels (..., 2) show."""
+        return homography.to_plane(self.homography, self.undistorted(pixels))
+
+    def facing(self, distance: float) -> np.ndarray:
+        """Return the homography, as `homography`, of a plane that faces the camera at a distance [m], the axis at 0."""
+        (fx, fy), (u, v) = self.focal_lengths, self.principal_point
+        return np.array([[distance / fx, 0, -u * distance / fx], [0, -distance / fy, v * distance / fy], [0, 0, 1]])
+
+    def scale(self, point: np.ndarray) -> float:
+        """Return the pixels per metre at a point (2 or 3,) [m], for what is small and faces the camera."""
+        return float(np.sqrt(np.prod(self.focal_lengths)) / self.to_camera(point)[2])
+
+    def slant(self, point: np.ndarray) -> float:
+        """Return how much longer than wide a ball's image is, at a point (2 or 3,) [m]: off the axis an ellipse."""
+        ray = self.to_camera(point)
+        return float(np.linalg.norm(ray) / ray[2])
+
+    def sees(self, points: np.ndarray) -> np.ndarray:
+        """Return which points of the world (..., 3) [m] are before the camera and within its image, (...)."""
+        u, v = np.moveaxis(self.project(points), -1, 0)
+        return (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)  # of NaN: false
+
+    def row_delay(self, row: float | np.ndarray) -> np.ndarray:
+        """Return how long after the first row a row starts to collect light [s]."""
+        return np.asarray(row, float) * self.readout / self.height
+
+
+def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    """Return the camera matrix (3, 3) of focal lengths and a principal point [pixels]."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+
+def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) from the world's axes to those of a camera that looks upright at a point.
+
+    Args:
+        position: Position of the camera [m], (3,).
+        point: Point on its optical axis [m], (3,).
+
+    Raises:
+        InputError: The point is where the camera is, or straight above or below it.
+    """
+    forward = np.asarray(point, float) - np.asarray(position, float)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    if np.linalg.norm(right) < 1e-9 * max(np.linalg.norm(forward), 1e-9):
+        raise InputError(
+            "point", np.asarray(point).tolist(), "a point neither at the camera nor straight above or below"
+        )
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])
+
+
+def before_plane(position: Sequence[float], turn: np.ndarray | None = None) -> dict[str, Any]:
+    """Return rotation and position, as `Camera` takes them, of a camera before the strike plane.
+
+    Args:
+        position: Its place to the front of the shoulder, above it, and its distance from the plane [m], (3,).
+        turn: Rotation in the camera's axes, (3, 3), that turns a camera looking straight at the plane, upright, into
+            this one; None: it looks so.
+
+    Raises:
+        InputError: The camera is behind the plane or looks away from it.
+    """
+    rotation = (np.eye(3) if turn is None else turn) @ np.diag([1.0, -1.0, -1.0]) @ _BEFORE
+    x, up, distance = position
+    if not distance > 0 or rotation[2, 1] <= 0:
+        raise InputError(
+            "position and turn", [*position, rotation.tolist()], "a camera before the plane, looking at it"
+        )
+    return {"rotation": rotation, "position": np.array([x, -distance, up])}
+
+
+# The D435's lenses, from its data sheet: colour 1.93 mm before 1.4 um pixels, 1920 wide; infrared 1.93 mm before 3 um
+# pixels, 1280 wide at 16:9. Scaled to a width of 848 that is 609 and 426 pixels: 69.7 and 89.7 deg across.
+# Its readout is not published; users see its skew shrink with the time between frames (librealsense issue 3554), so
+# the rows are taken to fill nine tenths of it. Exposures are those of a well-lit room, and of a marker that reflects
+# the camera's own light. Seen from 3.5 m (Sect. 2.4), a little below the shoulder: so the whole hanging whip shows.
+_D435: dict[str, Any] = {"width": 848, "height": 480, **before_plane((0.0, -0.2, 3.5))}
+CAMERAS = {
+    "d435-color": Camera(
+        "d435-color", camera_matrix=pinhole(609, 609, 423.5, 239.5), exposure=4e-3, readout=15e-3, **_D435
+    ),
+    "d435-infrared": Camera(
+        "d435-infrared", camera_matrix=pinhole(426, 426, 423.5, 239.5), fps=90, exposure=2e-3, kind="infrared", **_D435
+    ),
+}
+
+
+def camera_preset(name: str) -> Camera:
+    """Return a camera by name: `d435-color` or `d435-infrared`.
+
+    Raises:
+        InputError: No camera has this name.
+    """
+    if name not in CAMERAS:
+        raise InputError("camera", name, " or ".join(CAMERAS))
+    return CAMERAS[name]
+
+
+def write_cameras(path: str | Path, cameras: Mapping[str, Camera]) -> None:
+    """Write cameras to a TOML file, a table for each by its name, to the last digit."""
+    tables = {name: {key: x for key, x in camera.table().items() if key != "name"} for name, camera in cameras.items()}
+    write_whole(Path(path), tomli_w.dumps({TABLE: tables}))
+
+
+def read_cameras(path: str | Path) -> dict[str, Camera]:
+    """Return the cameras of a file, by name.
+
+    Raises:
+        InputError: It is not a TOML file, has no table of cameras, or one of them lacks a key, has one too many, or is
+            not a camera.
+    """
+    try:
+        table = read_toml(Path(path))
+    except InputError as error:
+        raise error.renamed("cameras") from None
+    cameras = table.get(TABLE)
+    if set(table) != {TABLE} or not isinstance(cameras, dict) or not cameras:
+        raise InputError(str(path), ", ".join(table) or "nothing", f"tables [{TABLE}.NAME], one for each camera")
+    for name, of_camera in cameras.items():
+        if not isinstance(of_camera, dict) or "name" in of_camera:
+            raise InputError(f"{TABLE}.{name}", of_camera, "a table of a camera, whose name stands in its head")
+    return {name: camera_of(f"{TABLE}.{name}", {**of_camera, "name": name}) for name, of_camera in cameras.items()}
+
+
+def camera_of(place: str, table: object) -> Camera:
+    """Return the camera of a table, as `Camera.table` writes it.
+
+    Args:
+        place: Place of the table, for error messages.
+        table: By the names of the fields.
+
+    Raises:
+        InputError: It is not a table, lacks a key, has one too many, or is not a camera.
+    """
+    try:
+        return build_from(Camera, table, f"{place}.")
+    except (TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(place, str(error), "numbers, in arrays where `write_cameras` writes arrays") from None
