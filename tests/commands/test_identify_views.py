@@ -20,7 +20,7 @@ from whiptool.models import write_model
 from whiptool.models.strike import Strike
 from whiptool.recording.camera import write_cameras
 from whiptool.recording.readers import open_video, write_csv
-from whiptool.recording.readers.video import video_frames
+from whiptool.recording.readers.footage import video_frames
 from whiptool.rollout import CompiledRollout
 
 TRUE = {"whip.k": 0.05, "whip.b": 0.004}

@@ -13,10 +13,10 @@ from whiptool.models.kinematics import joint_points
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.viz import video
 from whiptool.viz.animation import animate
-from whiptool.viz.camera import Camera
 from whiptool.viz.drawn_film import drawn_film
 from whiptool.viz.film import film_of
 from whiptool.viz.style import COLORS
+from whiptool.viz.viewpoint import Viewpoint
 
 UR5E = of_universal_nodes("ur5e")
 PATH = swing(UR5E)
@@ -42,7 +42,7 @@ def rgb(name: str) -> tuple[float, ...]:
 
 
 def test_matplotlib_draws_the_tip_where_the_camera_sees_it(film):
-    camera = Camera.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
+    camera = Viewpoint.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
     frames = list(drawn_film(film, TARGET))
     assert len(frames) == len(film.q)
     seen = camera.seen(joint_points(UR5E, film.q)[:, -1])[0, :2]  # in the first frame no trail has its colour
@@ -63,7 +63,7 @@ def test_mujoco_and_matplotlib_film_the_same(film):
 
 
 def test_everything_is_in_the_picture(film):
-    camera = Camera.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
+    camera = Viewpoint.of(build_spec(UR5E).compile(), "view").fitted(film.box(TARGET), SIZE[0] / SIZE[1])
     x, y, _ = np.moveaxis(camera.seen(joint_points(UR5E, film.q)), -1, 0)
     assert np.abs(x).max() < SIZE[0] / SIZE[1]
     assert np.abs(y).max() < 1

@@ -18,10 +18,9 @@ from whiptool.models.numbers import ASK_UNIT, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.recording.camera import Camera
-from whiptool.recording.clock import LONGEST, check_pace
+from whiptool.recording.clock import LONGEST, check_pace, check_spans, of_use, told_of_spans
 from whiptool.recording.depth_noise import depth_error
-from whiptool.recording.joint_names import order_of
-from whiptool.recording.spans import check_spans, of_use, told_of_spans
+from whiptool.recording.joint_columns import order_of
 from whiptool.whole_files import write_npz
 
 FORMAT = 1  # of the NPZ file; raised when a key changes its meaning

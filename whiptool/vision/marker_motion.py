@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Gate:
+class MotionGate:
     """How a marker moves, and how far from where it is expected it is looked for.
 
     Args:
@@ -31,7 +31,7 @@ class Gate:
     fastest: float = 50.0
 
 
-_GATE = Gate()
+_GATE = MotionGate()
 
 
 class MotionFilter:

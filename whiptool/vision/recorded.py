@@ -9,7 +9,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.recording.camera import Camera, before_plane, pinhole
 from whiptool.recording.homography import to_plane
-from whiptool.recording.readers.video import VideoSource
+from whiptool.recording.readers.footage import VideoSource
 from whiptool.vision.calibration import PlaneCalibration
 from whiptool.vision.source import Frame
 

@@ -22,8 +22,8 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.recording.camera import Camera
 from whiptool.recording.depth_noise import stereo_depth
 from whiptool.vision.exposure import Exposed, expose
-from whiptool.vision.scene import Scene
 from whiptool.vision.source import Frame
+from whiptool.vision.strike_drawing import StrikeDrawing
 from whiptool.viz.posture import as_mujoco_shows
 
 
@@ -155,14 +155,14 @@ class VirtualCamera:
         self.starts: np.ndarray = self.start + np.arange(n) / self.settings.fps  # of all frames [s], (F,)
         self._points = joint_points(self.model, self.trajectory.q)  # (T, n + 1, d)
         self._exposed: Exposed = expose(self.settings, t, self._points[:, -1], self.starts)
-        self._scene: Scene | None = None
+        self._scene: StrikeDrawing | None = None
 
     def open(self) -> None:
         """Make the scene, and draw all that never moves."""
         if self._scene is not None:
             return
         s = self.settings
-        self._scene = Scene(
+        self._scene = StrikeDrawing(
             s,
             as_mujoco_shows(self.model, self.trajectory.q[0])[0],
             target=self.target,

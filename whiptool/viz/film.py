@@ -12,8 +12,8 @@ from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.viz.camera import Camera
 from whiptool.viz.posture import as_mujoco_shows, at_times
+from whiptool.viz.viewpoint import Viewpoint
 
 MAX_SEGMENTS = 800  # of the tip's path
 GRID, HIT, TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
@@ -115,6 +115,6 @@ def film_of(
     )
 
 
-def film_camera(mj: mujoco.MjModel, film: Film, target: Target) -> Camera:
+def film_camera(mj: mujoco.MjModel, film: Film, target: Target) -> Viewpoint:
     """Return the camera that films a strike in space."""
-    return Camera.of(mj, "view").fitted(film.box(target), film.size[0] / film.size[1])
+    return Viewpoint.of(mj, "view").fitted(film.box(target), film.size[0] / film.size[1])

@@ -1,7 +1,7 @@
 """Logs of a robot's joints: CSV with a column of times and one per joint, at the robot's own rate.
 
 The time is the column that is called so (`t`, `time`, `timestamp`, `stamp`, perhaps with its unit, as in `t [ms]`),
-else the first. Joints are found by the columns' names, as `whiptool.recording.joint_names` takes them apart: columns
+else the first. Joints are found by the columns' names, as `whiptool.recording.joint_columns` takes them apart: columns
 that say that they are positions where there are such, else all that are not speeds, torques, commands or grippers.
 Columns that are merely numbered are in the order of their numbers. The key `joint_columns` of a sidecar says which are
 the arm's joints.
@@ -17,7 +17,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.clock import good_stamps
-from whiptool.recording.joint_names import POSITION, Column, in_numbers
+from whiptool.recording.joint_columns import POSITION, Column, in_numbers
 from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
 
 PREFIX = POSITION + "_"  # of a joint's name, as in the trajectories that whiptool exports

@@ -11,7 +11,7 @@ which hold several episodes each. Features, besides `timestamp` and `episode_ind
 
 The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` over the rest for what differs. Its keys in
 addition to the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras
-those of `whiptool.recording.readers.video`.
+those of `whiptool.recording.readers.footage`.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml
 from whiptool.recording.clock import good_stamps
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.footage import VideoSource, segment, source, video_frames
 from whiptool.recording.readers.frame_clock import frame_clock
 from whiptool.recording.readers.joint_log import JointLog, joint_columns
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
 from whiptool.recording.readers.tracks import AXES, split_columns
-from whiptool.recording.readers.video import VideoSource, segment, source, video_frames
 from whiptool.recording.strike_recording import StrikeRecording
 
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

@@ -1,7 +1,7 @@
 """Images from ROS 2 bags in SQLite (`.db3`): RealSense's own recordings, and `ros2 bag record`.
 
 A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` next to the file or
-`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.video` it may name the `topic`.
+`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.footage` it may name the `topic`.
 Times are, in this order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the
 bag's: the first of which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and
 without it the first image is at 0. A key `timestamps` overrides them.
@@ -23,9 +23,9 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.recording.clock import good_stamps
 from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.footage import VideoSource, source
 from whiptool.recording.readers.frame_clock import frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
-from whiptool.recording.readers.video import VideoSource, source
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
 ZSTD = b"\x28\xb5\x2f\xfd"  # RealSense compresses message by message

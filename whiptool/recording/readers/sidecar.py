@@ -41,7 +41,7 @@ from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
-from whiptool.recording.joint_names import order_of
+from whiptool.recording.joint_columns import order_of
 from whiptool.recording.readers.joint_log import JointLog, read_joint_log
 
 COMMON = (

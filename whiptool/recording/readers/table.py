@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.joint_names import SECONDS, TIME, Column
+from whiptool.recording.joint_columns import SECONDS, TIME, Column
 from whiptool.recording.parsing import parsing, whole_file
 from whiptool.recording.readers.foreign import refuse_foreign
 

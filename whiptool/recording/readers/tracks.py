@@ -32,7 +32,7 @@ from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera import Camera, write_cameras
 from whiptool.recording.clock import good_stamps
 from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
-from whiptool.recording.joint_names import TIME, Column
+from whiptool.recording.joint_columns import TIME, Column
 from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.joint_log import PREFIX
 from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar

@@ -3,7 +3,7 @@
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.recording.joint_names import Column, in_numbers, order_of
+from whiptool.recording.joint_columns import Column, in_numbers, order_of
 
 UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 PANDA = tuple(f"panda_joint{i}" for i in range(1, 8))

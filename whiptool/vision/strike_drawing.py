@@ -23,7 +23,7 @@ _LARGEST = 1024  # pixels that can be drawn at once, in each direction
 _NEAR, _FAR = 0.05, 40.0  # [m]
 
 
-class Scene:
+class StrikeDrawing:
     """Draws rectangles of the image that a camera has of arm, whip, tip marker and target.
 
     The target is a disc in the strike plane itself, so that its image has no parallax; the tip's ball stands out of it.

@@ -10,7 +10,7 @@ from whiptool.rollout.mujoco_import import mujoco
 
 
 @dataclass(frozen=True)
-class Camera:
+class Viewpoint:
     """A pinhole camera.
 
     Args:
@@ -24,7 +24,7 @@ class Camera:
     fovy: float
 
     @classmethod
-    def of(cls, mj: mujoco.MjModel, name: str) -> Camera:
+    def of(cls, mj: mujoco.MjModel, name: str) -> Viewpoint:
         """Return a camera that is fixed in the world of a MuJoCo model."""
         i = mj.cam(name).id
         return cls(mj.cam_pos[i].copy(), mj.cam_mat0[i].reshape(3, 3).T.copy(), float(mj.cam_fovy[i]))
@@ -43,7 +43,7 @@ class Camera:
         size = 1 / (self.slope * np.where(back < 0, -back, np.nan))
         return np.stack([right * size, up * size, size], axis=-1)
 
-    def fitted(self, places: np.ndarray, aspect: float, *, filled: float = 0.9) -> Camera:
+    def fitted(self, places: np.ndarray, aspect: float, *, filled: float = 0.9) -> Viewpoint:
         """Return the camera moved, not turned, to the nearest place from which it sees all places.
 
         Args:

@@ -8,10 +8,10 @@ import pytest
 
 from whiptool.models import preset
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.viz.camera import Camera
 from whiptool.viz.opengl import gl_context
+from whiptool.viz.viewpoint import Viewpoint
 
-UPRIGHT = Camera(np.array([0.0, -2.0, 1.0]), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), 90.0)  # looks along y
+UPRIGHT = Viewpoint(np.array([0.0, -2.0, 1.0]), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), 90.0)  # looks along y
 
 
 def test_a_place_ahead_is_where_similar_triangles_have_it():
@@ -37,7 +37,7 @@ def test_a_ball_is_where_mujoco_renders_it():
     place, (width, height) = np.array([0.4, 0.7, -0.2]), (320, 240)
     spec = build_spec(preset("nah2023"), target=place, target_radius=0.2)
     mj = spec.compile()
-    camera = Camera.of(mj, "view")
+    camera = Viewpoint.of(mj, "view")
     try:
         context = gl_context(width, height)
         context.make_current()
