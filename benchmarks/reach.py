@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` 
 
 from papers.aim.spaces import targets
 from whiptool.comparison import Store
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
 from whiptool.limits.arm_limits import ArmLimits

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from whiptool.comparison import Comparison, Series, Store, collect
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.goals.zone import Zone
 
 
@@ -24,7 +24,7 @@ class Context:
         space: Whether they are ropes on a robot in space.
         rows: Ways to strike them, see `papers.unknown.study.WAYS`.
         further: Methods and observations that Fig. 6 compares in further zones; None: as `comparison`.
-        zones: Those zones (`whiptool.comparison.zones.zone_named`).
+        zones: Those zones (`whiptool.comparison.target_scene.zone_named`).
     """
 
     comparison: Comparison

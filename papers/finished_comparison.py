@@ -13,9 +13,9 @@ from papers.reproduce import ReproduceOptions
 from whiptool.commands.cli import stored_options
 from whiptool.commands.compare import CompareOptions
 from whiptool.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
+from whiptool.comparison.results_file import Results
 from whiptool.comparison.series import collect
-from whiptool.comparison.shipped import Results
-from whiptool.comparison.store import older_results, unit_file
+from whiptool.comparison.units import older_results, unit_file
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.models.tables import read_toml

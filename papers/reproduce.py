@@ -75,7 +75,7 @@ class ReproduceOptions(ComparisonOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.comparison.zones import check_zone
+        from whiptool.comparison.target_scene import check_zone
         from whiptool.optimizers import find_method
 
         super().check()

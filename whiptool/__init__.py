@@ -66,7 +66,7 @@ __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
-    from whiptool.comparison.comparing import compare
+    from whiptool.comparison.plan import compare
     from whiptool.goals.target import Target
     from whiptool.goals.zone import Disc
     from whiptool.identification import Fit, Plant

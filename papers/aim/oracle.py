@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from papers.aim.task import AimTask
 from whiptool import WhipParameters, WhipProfile
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.errors import InputError
 from whiptool.models.closest import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path

@@ -14,8 +14,8 @@ from papers.aim.units import SEARCHES
 from papers.context import Context
 from papers.lemon2024.hard import HIT_RADIUS
 from whiptool import Controller, oiac_preset, preset
-from whiptool.comparison import Scene
-from whiptool.comparison.zones import SPEED, fast_region
+from whiptool.comparison import TargetScene
+from whiptool.comparison.target_scene import SPEED, fast_region
 from whiptool.rl.trained import one_torch_thread
 from whiptool.strike_map.building import built
 from whiptool.strike_map.strike_map import StrikeMap
@@ -122,7 +122,7 @@ def other_searches(aimed: Aimed) -> list[list[str]]:
 
 def _planar(context: Context) -> Section:
     quick = context.quick
-    scene = Scene(model=preset("lemon2024"), controller=Controller(oiac_preset("table4")), radii=(HIT_RADIUS,))
+    scene = TargetScene(model=preset("lemon2024"), controller=Controller(oiac_preset("table4")), radii=(HIT_RADIUS,))
     region = fast_region(scene, context.store, quick=quick)
     task = hard(replace(scene, zone=region, targets=20 if quick else 300), quick=quick)
     strike_map, folder = _map(task, context)

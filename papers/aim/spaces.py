@@ -19,7 +19,7 @@ from papers.aim.robot import CONTROLLER, MODEL
 from papers.context import Context
 from whiptool import CompiledRollout, Controller, Objective, Target, preset, search
 from whiptool.comparison import Store
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.impedance import HandControl, PositionControl
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.rollout.resolution import TOLERANCE

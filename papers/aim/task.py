@@ -9,7 +9,7 @@ import numpy as np
 
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool import CompiledRollout, Controller, Model
-from whiptool.comparison import Scene
+from whiptool.comparison import TargetScene
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.goal_region import GoalRegion
 from whiptool.goals.goals import Goals
@@ -112,7 +112,7 @@ def ur5e(*, quick: bool = False, clear: bool = True) -> AimTask:
     )
 
 
-def hard(scene: Scene, *, quick: bool = False) -> AimTask:
+def hard(scene: TargetScene, *, quick: bool = False) -> AimTask:
     """Return the planar hard task: the targets of a scene, without limits."""
     assert len(scene.radii) == 1
     return AimTask(

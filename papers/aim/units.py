@@ -12,7 +12,7 @@ import numpy as np
 
 from papers.aim.task import AimTask
 from whiptool import Objective, ReferenceRollout, Target, search
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.goals.goals import Goals
 from whiptool.limits.clearance import Clearance
 from whiptool.rl.trained import one_torch_thread

@@ -82,7 +82,7 @@ def _tell(options: HumanOptions, people: Any) -> int:
     """Work on what is not done yet, write everything, tell people or programs."""
     from papers.human.machine_sections import Effort
     from papers.human.report import SUBTITLE, TITLE, report
-    from whiptool.comparison.store import Store
+    from whiptool.comparison.units import Store
     from whiptool.runs import code_version
     from whiptool.viz.report import to_html, without_verdicts
 

@@ -14,7 +14,7 @@ from papers.human.machine_strikes import target_of
 from papers.human.reading import People
 from whiptool import Adaptation, Controller, TipPort, default_prior, draw_twin, preset
 from whiptool.adaptation.loop import Options
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 
 STRIKES = 5  # of an adaptation
 EDGES = (1, 2, 3, 4, 6, 9, 14, 21, 33, 51, 80, 125, 196, 307, 481, 753)  # of bins of trials

@@ -13,7 +13,7 @@ from papers.human.learning import AdaptUnit, Curve, curve, people_misses
 from papers.human.machine_strikes import METHODS, NOISE, ROBUST, StrikeUnit, by_method, machine, target_of
 from papers.human.reading import STYLES, People
 from papers.human.tolerance_costs import EXECUTIONS, Costs, Tolerance, costs, tolerance
-from whiptool.comparison.store import Store
+from whiptool.comparison.units import Store
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 
 DISCRETE = STYLES[0]

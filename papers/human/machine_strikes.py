@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from whiptool import CompiledRollout, Controller, Objective, Target, default_bounds, preset, search
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.goals.criteria import find_criterion
 
 METHODS = {

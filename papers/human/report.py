@@ -17,7 +17,7 @@ from papers.human.people_sections import (
 )
 from papers.human.reading import STYLES, People
 from papers.human.whip_section import whip_section
-from whiptool.comparison.store import Store
+from whiptool.comparison.units import Store
 from whiptool.viz.report import Section
 
 TITLE = "People and machines strike with a whip"

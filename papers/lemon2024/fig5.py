@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 from papers.context import Context
 from papers.lemon2024.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, compared
 from whiptool import Disc, Objective, Target, Trajectory, search
-from whiptool.comparison import Scene
+from whiptool.comparison import TargetScene
 from whiptool.models.kinematics import joint_points
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
@@ -56,7 +56,7 @@ def sections(context: Context) -> list[Section]:
     return [Section("Fig. 5: the targets", parts)]
 
 
-def _printed(scene: Scene, points: np.ndarray) -> Table:
+def _printed(scene: TargetScene, points: np.ndarray) -> Table:
     """What the paper prints of the targets, and ours."""
     x, y = np.mean(scene.zone.box, axis=0)
     circle = f"{scene.zone.radius:g} m" if isinstance(scene.zone, Disc) else "another zone"
@@ -69,7 +69,7 @@ def _printed(scene: Scene, points: np.ndarray) -> Table:
     return compared(rows, "Fig. 5 in numbers.")
 
 
-def _figure(scene: Scene, points: np.ndarray, shown: list[tuple[int, Trajectory]]) -> Figure:
+def _figure(scene: TargetScene, points: np.ndarray, shown: list[tuple[int, Trajectory]]) -> Figure:
     model = scene.model
     with matplotlib.rc_context(STYLE):
         figure = Figure((11, 5.2), layout="constrained")

@@ -10,10 +10,20 @@ import numpy as np
 from papers.context import Context
 from papers.lemon2024.printed import SHARE_OF_TRIALS as SHARE
 from papers.lemon2024.printed import TRIALS_OF, compared
-from whiptool.comparison import Series, collect, difficulty, tables, zones
+from whiptool.comparison import Series, collect
 from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
-from whiptool.comparison.plots import comparison_figures
-from whiptool.comparison.series import NAMES
+from whiptool.comparison.series import (
+    CONVENTION_NOTE,
+    NAMES,
+    convention_table,
+    difficulty_sentence,
+    figure,
+    main_table,
+    percent,
+    radius_table,
+)
+from whiptool.comparison.target_scene import words, zone_named
+from whiptool.comparison.trial_plots import comparison_figures
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import times
 
@@ -42,7 +52,7 @@ class Standings:
 
     def say(self, *methods: str) -> str:
         """Mean trials for people."""
-        return ", ".join(f"{NAMES[m]} {tables.figure(self.of[m].mean)}" for m in methods)
+        return ", ".join(f"{NAMES[m]} {figure(self.of[m].mean)}" for m in methods)
 
 
 def sections(context: Context) -> list[Section]:
@@ -68,12 +78,12 @@ def sections(context: Context) -> list[Section]:
             "Fig. 6: trials to hit, method by method",
             [
                 Text(about),
-                Text(f"The targets: {zones.words(scene.zone)}. {difficulty.sentence(context.difficulty(comparison))}"),
-                Table(tables.main_table(series), tables.CONVENTION_NOTE),
+                Text(f"The targets: {words(scene.zone)}. {difficulty_sentence(context.difficulty(comparison))}"),
+                Table(main_table(series), CONVENTION_NOTE),
                 Picture(figures["bars"], "Mean trials to the first hit, with 95 % intervals (Fig. 6)."),
                 _printed(standings),
                 Picture(figures["ecdf"], "Share of targets hit within a number of trials, all seeds together."),
-                *([Table(tables.radius_table(series), "Tighter hit radii.")] if len(scene.radii) > 1 else []),
+                *([Table(radius_table(series), "Tighter hit radii.")] if len(scene.radii) > 1 else []),
                 Claims(claims(standings)),
             ],
         ),
@@ -86,7 +96,7 @@ def sections(context: Context) -> list[Section]:
 
 def _printed(standings: dict[str, Standings]) -> Table:
     """What the paper states about every bar, and the mean trials here."""
-    rows = [[NAMES[m], TRIALS_OF[m], *(tables.figure(s.of[m].mean) for s in standings.values())] for m in PAPER_METHODS]
+    rows = [[NAMES[m], TRIALS_OF[m], *(figure(s.of[m].mean) for s in standings.values())] for m in PAPER_METHODS]
     caption = (
         "Mean trials to the first hit (Eq. 21). The paper's text prints no height of a bar of Fig. 6, and none is read "
         "off the picture here; its text about them is given with what was measured."
@@ -99,18 +109,18 @@ def further_zones(context: Context) -> list[Section]:
     asked = [["targets", "area [m^2]", "one and the same strike hits", "random strikes hit"]]
     tasks, parts = [context.comparison], []
     for name in context.zones:
-        zone = zones.zone_named(name, context.comparison.scene, context.store, quick=context.quick)
+        zone = zone_named(name, context.comparison.scene, context.store, quick=context.quick)
         task = context.elsewhere(zone)
         series = collect(task.units(), context.results(task.units(), f"fig6 {name}"))
         tasks.append(task)
         parts += [
-            Table(tables.main_table(series), f"Targets: {zones.words(zone)}. {tables.CONVENTION_NOTE}"),
+            Table(main_table(series), f"Targets: {words(zone)}. {CONVENTION_NOTE}"),
             Picture(comparison_figures(series)["bars"], f"Mean trials to the first hit, with 95 % intervals: {name}."),
         ]
     for task in tasks:
         zone, found = task.scene.zone, context.difficulty(task)
-        shares = (tables.percent(found[key]) for key in ("one_strike_hits", "random_strikes_hit"))
-        asked.append([zones.words(zone), f"{zone.size:.3f}", *shares])
+        shares = (percent(found[key]) for key in ("one_strike_hits", "random_strikes_hit"))
+        asked.append([words(zone), f"{zone.size:.3f}", *shares])
     if not parts:
         return []
     about = (
@@ -218,17 +228,17 @@ def _explanation(series: Sequence[Series], standings: dict[str, Standings]) -> l
         lines.append(
             Text(
                 f"With observation {observation} the policy {said[observation]}. SAC's first strike hits "
-                f"{tables.percent(share)} of the targets. After misses, samples of its policy bring the mean to "
-                f"{tables.figure(first.mean)} trials ({tables.percent(first.hit.mean())} hit); had it struck with its "
-                f"mean action again and again, it would be {tables.figure(stuck.mean)} "
-                f"({tables.percent(stuck.hit.mean())} hit), with samples from the first strike on "
-                f"{tables.figure(sac[observation, 'samples'].mean)}."
+                f"{percent(share)} of the targets. After misses, samples of its policy bring the mean to "
+                f"{figure(first.mean)} trials ({percent(first.hit.mean())} hit); had it struck with its "
+                f"mean action again and again, it would be {figure(stuck.mean)} "
+                f"({percent(stuck.hit.mean())} hit), with samples from the first strike on "
+                f"{figure(sac[observation, 'samples'].mean)}."
             )
         )
     random = next(iter(standings.values())).of["random"]
     lines.append(
         Text(
-            f"Random strikes hit after {tables.figure(random.mean)} trials on average, without any learning or search. "
+            f"Random strikes hit after {figure(random.mean)} trials on average, without any learning or search. "
             "A method that sees the target can come to one trial; between two that do, no ratio tells a difference."
         )
     )
@@ -239,5 +249,5 @@ def _explanation(series: Sequence[Series], standings: dict[str, Standings]) -> l
     return [
         *lines,
         Table(ratios, "Ratios of mean trials to the first hit; learners under the same observation."),
-        Table(tables.convention_table(series), conventions),
+        Table(convention_table(series), conventions),
     ]

@@ -13,8 +13,8 @@ from papers.lemon2024.printed import DRAWN, EPISODES, RANDOM_EPISODES, REWARD_OF
 from papers.lemon2024.printed import TIMES_THE_REWARD as TIMES
 from whiptool.comparison import Comparison
 from whiptool.comparison.plan import LEARNERS
-from whiptool.comparison.plots import plot_rewards
 from whiptool.comparison.series import NAMES
+from whiptool.comparison.trial_plots import plot_rewards
 from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import counted, times

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from papers.context import Context
-from whiptool.comparison import LearnerUnit, Scene, SearchUnit, collect
+from whiptool.comparison import LearnerUnit, SearchUnit, TargetScene, collect
 from whiptool.comparison.plan import CHUNK, deterministic
-from whiptool.comparison.tables import main_table
-from whiptool.comparison.zones import QUICK_STRIKES, SPEED, STRIKES, fast_region
+from whiptool.comparison.series import main_table
+from whiptool.comparison.target_scene import QUICK_STRIKES, SPEED, STRIKES, fast_region
 from whiptool.goals.zone import Region
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
@@ -73,7 +73,7 @@ def sections(context: Context) -> list[Section]:
     ]
 
 
-def map_of(region: Region, scene: Scene) -> Figure:
+def map_of(region: Region, scene: TargetScene) -> Figure:
     """The region in the strike plane."""
     import matplotlib
 

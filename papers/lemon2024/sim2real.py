@@ -31,7 +31,7 @@ from papers.lemon2024.twin_strikes import (
     true_model,
 )
 from whiptool import CompiledRollout, Plant, Strike, StrikeRecording, Trajectory, fit, similarity
-from whiptool.comparison import Scene
+from whiptool.comparison import TargetScene
 from whiptool.errors import WhiptoolError
 from whiptool.identification.classes import Parameter
 from whiptool.identification.fit import FitOptions, RecordingFit, predict
@@ -161,7 +161,7 @@ def _printed_paths(plan: PlanUnit, alike: dict[str, list[Similarity]]) -> Table:
     return compared(rows, "Fig. 9 in numbers; the paths themselves are only drawn in the paper.")
 
 
-def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: Scene) -> Table:
+def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: TargetScene) -> Table:
     """What the paper states about Fig. 10, and the last strike here."""
     path = _path_of(unit, scene)
     stiff, damp = (np.abs(np.diagonal(gains, axis1=1, axis2=2)).max(axis=0) for gains in (path.K, path.B))
@@ -176,7 +176,7 @@ def _printed_strike(unit: TwinUnit, r: StrikeRecording, scene: Scene) -> Table:
     return compared(rows, caption)
 
 
-def _path_of(unit: TwinUnit, scene: Scene) -> Trajectory:
+def _path_of(unit: TwinUnit, scene: TargetScene) -> Trajectory:
     """The strike as it is simulated with the model."""
     rollout = CompiledRollout(scene.model, controller())
     return rollout.trajectory(Strike.from_vector(unit.strike), t_stay=scene.t_stay)
@@ -219,7 +219,7 @@ def _misses(plan: PlanUnit, units: list[TwinUnit], results: dict[str, Any]) -> l
     return rows
 
 
-def _numbers(plant: Plant, found: Sequence[Parameter], scene: Scene) -> list[list[str]]:
+def _numbers(plant: Plant, found: Sequence[Parameter], scene: TargetScene) -> list[list[str]]:
     """What the model had, what was found, and what the twin has."""
     before, twin = plant.values(), true_model(scene.model).parameters()
     weight = before["whip.m"] / twin["whip.m"]
@@ -269,7 +269,7 @@ def _paths(
 
 
 def _distances(
-    unit: TwinUnit, r: StrikeRecording, predicted: dict[str, list[RecordingFit]], i: int, scene: Scene
+    unit: TwinUnit, r: StrikeRecording, predicted: dict[str, list[RecordingFit]], i: int, scene: TargetScene
 ) -> Figure:
     path, target = _path_of(unit, scene), np.array(unit.target)
     with matplotlib.rc_context(STYLE):

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from whiptool import CompiledRollout, Controller, Model, Strike, StrikeRecording, default_bounds, oiac_preset
-from whiptool.comparison import Scene
-from whiptool.comparison.unit import Unit
+from whiptool.comparison import TargetScene
+from whiptool.comparison.units import Unit
 from whiptool.errors import WhiptoolError
 
 TARGETS = ((1.2, 0.1), (1.1, -0.1), (1.25, -0.05))  # [m]; three, as in Fig. 9; the paper prints no coordinates
@@ -43,7 +43,7 @@ def true_model(model: Model) -> Model:
 class PlanUnit(Unit):
     """Strikes that the motors can make, iteration by iteration nearer to each target, found on the model."""
 
-    scene: Scene
+    scene: TargetScene
     iterations: int
     targets: int
 
@@ -91,7 +91,7 @@ class TwinUnit(Unit):
     Without images the tip's position has the error that they would have, and the twin stands at the start at once.
     """
 
-    scene: Scene
+    scene: TargetScene
     number: int
     strike: tuple[float, ...]
     target: tuple[float, ...]

@@ -21,7 +21,7 @@ from papers.nah2023.units import (
     simulator,
 )
 from whiptool import CompiledRollout, Strike, StrikeBounds, Target
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 
 CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on
 BESIDE = (0.2, 0.04)  # widths of the boxes around a strike, of the whole box

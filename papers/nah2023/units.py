@@ -15,7 +15,7 @@ from papers.nah2023.last_nodes import LastNodes
 from papers.nah2023.sensitivity import path_sensitivity
 from papers.nah2023.solutions import descend, distinct
 from whiptool import CompiledRollout, Controller, Target, default_bounds
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.impedance import constant_preset
 from whiptool.models.robots import NAH2023
 from whiptool.models.spatial_arm import SpatialArm

@@ -24,7 +24,7 @@ from whiptool.adaptation.plan_search import Effort
 from whiptool.adaptation.ports import Port, Seen, TipPort
 from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.commands.options.adapt_options import AdaptOptions, prepare
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Unit
 from whiptool.given_files import read_json
 from whiptool.goals.goal_region import GoalRegion, usual_region
 from whiptool.goals.goals import Goals, arrival_angles

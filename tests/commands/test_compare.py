@@ -15,10 +15,9 @@ import pytest
 from command_line import called, whiptool
 from processes import HANG
 
-from whiptool.comparison import Comparison, LearnerUnit, Scene, SearchUnit, Series, collect
-from whiptool.comparison.learner_unit import Checkpoint
+from whiptool.comparison import Comparison, LearnerUnit, SearchUnit, Series, TargetScene, collect
+from whiptool.comparison.learner_unit import Checkpoint, trials_within
 from whiptool.comparison.plan import deterministic
-from whiptool.comparison.policy_trials import trials_within
 from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.target import Target
@@ -43,8 +42,8 @@ def table(run: Path) -> list[dict[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
-    return Scene(
+def scene() -> TargetScene:
+    return TargetScene(
         model=preset("lemon2024"), controller=Controller(), targets=8, cap=15, radii=(0.06, 0.02), timestep=1e-3
     )
 
@@ -201,7 +200,9 @@ def test_methods_are_compared_at_the_same_directions(tmp_path):
     assert 0 < result["task"]["one_strike_hits"] <= 1
     rule = ArrivalRule(angle=(np.radians(60), np.radians(120)), cone=np.radians(25), speed=2.0)
     zone = Disc((1.0, 0.3))
-    scene = Scene(model=preset("lemon2024"), controller=Controller(), zone=zone, targets=3, arrival=rule, timestep=1e-3)
+    scene = TargetScene(
+        model=preset("lemon2024"), controller=Controller(), zone=zone, targets=3, arrival=rule, timestep=1e-3
+    )
     rollout, found = scene.rollout(1), []
     for i in range(3):
         target = replace(Target.of(scene.goals(), i), hit_radius=0.06)

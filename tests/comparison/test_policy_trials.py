@@ -7,7 +7,7 @@ import pytest
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
-from whiptool.comparison.policy_trials import misses_of, trials_within
+from whiptool.comparison.learner_unit import trials_within
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
@@ -33,13 +33,6 @@ def test_trials_of_a_policy_at_several_radii():
             within = [n for n, miss in enumerate(misses, 1) if miss <= radius]
             assert trials[i] == (within[0] if within else 4)
             assert hit[i] == bool(within)
-    task = recorded(0.02)
-    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
-    for misses, at in zip(lists, (0.0, 0.5, 0.9), strict=True):
-        np.testing.assert_allclose(misses, [np.sin(abs(at - angle)) for angle in angles], atol=1e-12)
-    task = recorded(0.12)
-    lists = misses_of(Scripted(task, angles), task, TARGETS, cap=4, convention="samples")
-    assert [len(misses) for misses in lists] == [4, 2, 3]
 
 
 def test_trials_at_several_radii_where_a_direction_is_asked_for():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from series_by_hand import TRIALS, series
 
-from whiptool.comparison.scene import Scene
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.comparison.series import collect
+from whiptool.comparison.target_scene import TargetScene
 from whiptool.impedance import Controller
 from whiptool.models import preset
 
@@ -31,7 +31,7 @@ def test_a_row_by_hand():
 
 
 def test_units_become_series():
-    scene = Scene(model=preset("lemon2024"), controller=Controller(), targets=4, radii=(0.06, 0.02))
+    scene = TargetScene(model=preset("lemon2024"), controller=Controller(), targets=4, radii=(0.06, 0.02))
     units, results = [], {}
     for seed in (0, 1):
         for first in (0, 2):

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from whiptool.comparison.store import Store, older_results
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Store, Unit, older_results
 
 RUNS: list[tuple[int, float]] = []
 

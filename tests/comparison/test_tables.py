@@ -8,7 +8,7 @@ import io
 import pytest
 from series_by_hand import TRIALS, series
 
-from whiptool.comparison.tables import (
+from whiptool.comparison.series import (
     as_csv,
     as_markdown,
     convention_table,

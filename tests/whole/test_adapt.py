@@ -10,7 +10,6 @@ import pytest
 
 from whiptool.adaptation import adapter, plan_search, planar_search, posterior
 from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
-from whiptool.adaptation.correction import correct
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
@@ -19,7 +18,7 @@ from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
-from whiptool.adaptation.twins import FAMILIES, NODES, Twin, draw_twin
+from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
@@ -557,19 +556,3 @@ def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypa
     monkeypatch.setattr(posterior, "STARTS", dataclasses.replace(posterior.STARTS, near=0.01))
     update(prior, [sharp], starts=3)
     assert len(fits) == 4 + 10 + 1
-
-
-def test_a_correction_along_the_jacobian_brings_the_tip_nearer():
-    """On the model itself, from a strike that nearly hits: what Newton's method would do."""
-    rollout = CompiledRollout(MODEL, CONTROLLER, timestep=5e-4)
-    near = plan(sure(), Target(TARGET), rng=np.random.default_rng(0), effort=QUICK).strike
-    off = Strike.from_vector(np.add(near, (0.02, 0.0, -0.02, 0.01, 0.0)))
-    port = TipPort(Twin("model", 0, MODEL, CONTROLLER, 0.0, 0.0, 1e-6), TARGET, fps=500.0)
-    misses = []
-    for number in range(3):
-        seen = port.strike(off, number, None)
-        misses.append(seen.true_miss)
-        assert seen.recording is not None
-        off = correct(off, seen.recording, rollout, TARGET)
-    assert misses[1] < 0.3 * misses[0]
-    assert misses[2] < 0.5 * misses[1]

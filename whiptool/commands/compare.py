@@ -135,10 +135,10 @@ class ComparisonOptions(
         Raises:
             InputError: An option is out of range.
         """
-        from whiptool.comparison import Comparison, Scene
+        from whiptool.comparison import Comparison, TargetScene
 
         model, controller = self.build_model(), self.build_controller()
-        scene = Scene(
+        scene = TargetScene(
             model=model,
             controller=controller,
             zone=self.build_zone(model),
@@ -223,8 +223,9 @@ def _main(args: Sequence[str] | None) -> int:
 def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
     """Work on what is not done yet, write everything, tell people or programs."""
     start = time.monotonic()
-    from whiptool.comparison import Store, collect, difficulty
-    from whiptool.comparison.zones import fast_region, words
+    from whiptool.comparison import Store, collect
+    from whiptool.comparison.series import difficulty_sentence
+    from whiptool.comparison.target_scene import fast_region, words
 
     scene = comparison.scene
     target = options.build_target(scene.model).position
@@ -249,7 +250,7 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     rule = comparison.scene.arrival
     asked = "" if rule.only_points else f", {rule}"
     targets = f"{counted(comparison.scene.targets, 'target')}: {words(comparison.scene.zone)}"
-    about = f"{targets}{asked}. {difficulty.sentence(task)}"
+    about = f"{targets}{asked}. {difficulty_sentence(task)}"
     text = save(folder.path, series, about)
     if options.json:
         print(json.dumps(summary, allow_nan=False))
@@ -271,8 +272,8 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
     """Write tables, under what they are about, and plots; the tables for people."""
-    from whiptool.comparison import tables
-    from whiptool.comparison.plots import save_comparison
+    from whiptool.comparison import series as tables
+    from whiptool.comparison.trial_plots import save_comparison
 
     parts = [about, tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]
     if len({one.hit_radius for one in series}) > 1:

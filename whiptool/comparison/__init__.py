@@ -2,9 +2,9 @@
 
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.plan import Comparison
-from whiptool.comparison.scene import Scene
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.comparison.series import Series, collect
-from whiptool.comparison.store import Store
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Store
 
-__all__ = ["Comparison", "LearnerUnit", "Scene", "SearchUnit", "Series", "Store", "collect"]
+__all__ = ["Comparison", "LearnerUnit", "SearchUnit", "Series", "Store", "TargetScene", "collect"]

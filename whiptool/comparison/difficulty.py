@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from whiptool.comparison.scene import Scene
-from whiptool.comparison.tables import percent
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Unit
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
@@ -38,7 +37,7 @@ class DifficultyUnit(Unit):
         strikes: Random ones.
     """
 
-    scene: Scene
+    scene: TargetScene
     strikes: int = 10_000
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
@@ -63,12 +62,12 @@ class DifficultyUnit(Unit):
         }
 
 
-def scene_seed(scene: Scene) -> list[int]:
+def scene_seed(scene: TargetScene) -> list[int]:
     """Of the random strikes: other than those that drew the targets."""
     return [scene.target_seed, 1]
 
 
-def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: Scene) -> np.ndarray:
+def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: TargetScene) -> np.ndarray:
     """How many of a scene's targets each strike's tip passes as asked within the hit radius, at `RATE`, (B,)."""
     goals, found = scene.goals(), []
     targets, radius = goals.positions, goals.hit_radius
@@ -115,11 +114,3 @@ def _best(task: StrikeTask, strikes: np.ndarray, hits: np.ndarray, kept: int) ->
     order = np.argsort(-hits, kind="stable")
     within = islice((i for i in order[: np.count_nonzero(hits)] if task.within_limits(strikes[i])), kept)
     return strikes[order[:kept] if not task.limits else list(within) or order[:kept]]
-
-
-def sentence(found: dict[str, Any]) -> str:
-    """What a unit found, for people."""
-    return (
-        f"One and the same strike hits {percent(found['one_strike_hits'])} of the targets; random strikes hit "
-        f"{percent(found['random_strikes_hit'])}."
-    )

@@ -6,18 +6,25 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from whiptool.comparison.scene import Scene
-from whiptool.comparison.unit import Unit
+import numpy as np
+
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Unit
 from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.rl.trained import one_torch_thread
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
+
+if TYPE_CHECKING:
+    from whiptool.goals.goals import Goals
+    from whiptool.rl.learner import Learner
+    from whiptool.rl.task import Judged, StrikeTask
 
 CHECKPOINT_EVERY = 10  # episodes
 MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
@@ -37,7 +44,7 @@ class LearnerUnit(Unit):
         settings: Hyperparameters other than the usual ones, by name.
     """
 
-    scene: Scene
+    scene: TargetScene
     method: str
     observation: str
     seed: int
@@ -55,7 +62,6 @@ class LearnerUnit(Unit):
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train, from the last checkpoint if there is one, and strike."""
-        from whiptool.comparison.policy_trials import trials_within
         from whiptool.rl.policy import CONVENTIONS, first_strikes
 
         scene = self.scene
@@ -141,6 +147,46 @@ class LearnerUnit(Unit):
             return training, history, note
 
 
+def trials_within(
+    learner: Learner,
+    task: StrikeTask,
+    targets: np.ndarray | Goals,
+    radii: tuple[float, ...],
+    *,
+    cap: int,
+    convention: str,
+) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+    """As `trials_to_hit`, for every radius from the same strikes: no policy sees the radius while it strikes.
+
+    Args:
+        learner, targets, cap, convention: As there.
+        task: Its hit radius is the least of `radii`.
+        radii: Radii [m].
+
+    Returns:
+        For each radius trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
+    """
+    from whiptool.rl.policy import trials_to_hit
+
+    goals = replace(task.as_goals(targets), hit_radius=task.hit_radius)
+    count = len(goals.positions)
+    found = {radius: (np.full(count, cap), np.zeros(count, bool)) for radius in radii}
+    made = np.zeros(count, int)  # strikes at each
+
+    def on_strikes(lanes: np.ndarray, judged: Judged) -> None:
+        made[lanes] += 1
+        for radius, (trials, hit) in found.items():
+            within = replace(goals.rows(lanes), hit_radius=radius)
+            near = within.hit_by(judged.approach) & ~judged.lost & ~hit[lanes]
+            for i in np.flatnonzero(near & ~judged.hit) if task.limits.of_candidates else ():
+                near[i] = task.within_limits(judged.strikes[i])  # the task checks whole trajectories of hits only
+            new = lanes[near]
+            trials[new], hit[new] = made[new], True
+
+    trials_to_hit(learner, task, goals, cap=cap, convention=convention, on_strikes=on_strikes)
+    return found
+
+
 class Checkpoint:
     """A training and its history, in two files.
 
@@ -176,8 +222,3 @@ class Checkpoint:
         """The history first: what it holds beyond the training is made again."""
         write_whole(self.history, json.dumps(history))
         training.save(self.path)
-
-    def remove(self) -> None:
-        """Remove the checkpoint and its record."""
-        self.path.unlink(missing_ok=True)
-        self.history.unlink(missing_ok=True)

@@ -1,17 +1,27 @@
-"""Which methods, observations and seeds are compared, cut into units."""
+"""Which methods, observations and seeds are compared, cut into units; and a comparison in memory, for a notebook."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from whiptool.comparison.difficulty import DifficultyUnit
 from whiptool.comparison.learner_unit import LearnerUnit
-from whiptool.comparison.scene import Scene
 from whiptool.comparison.search_unit import SearchUnit
-from whiptool.errors import InputError
+from whiptool.comparison.series import Series, collect
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Store
+from whiptool.errors import InputError, expect, refuse_call
+from whiptool.goals.target import HIT_RADIUS
+from whiptool.goals.zone import Zone, usual_disc
+from whiptool.models.numbers import texts
 from whiptool.models.parameters import whole
 from whiptool.rl.settings import TrainingPlan
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.words import method_name
 
 PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
@@ -37,7 +47,7 @@ class Comparison:
         InputError: A name or a number is not allowed.
     """
 
-    scene: Scene
+    scene: TargetScene
     methods: tuple[str, ...] = PAPER_METHODS
     observations: tuple[str, ...] = ("goal",)
     seeds: int = 3
@@ -124,3 +134,57 @@ def deterministic(method: str) -> bool:
     """Whether a seed changes nothing."""
     name = method.removeprefix("nlopt:")
     return method == "directl" or ("DIRECT" in name and "RAND" not in name)
+
+
+def compare(
+    rollout: CompiledRollout,
+    methods: Sequence[str] = ("directl", "cmaes", "gradient"),
+    *,
+    zone: Zone | None = None,
+    targets: int = 12,
+    target_seed: int = 0,
+    hit_radius: float = HIT_RADIUS,
+    max_trials: int = 600,
+    **further: Any,
+) -> list[Series]:
+    """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
+
+    `random` is always added. Learners are trained first, for as long as `further` says.
+
+    Args:
+        rollout: Simulator of the model and controller.
+        methods: Methods of `METHODS`. Capital letters, hyphens and underscores make no difference.
+        zone: Zone of the targets; None: the paper's disc, in space a ball around the default target.
+        targets: Number of targets, the same for all methods.
+        target_seed: Seed of the targets.
+        hit_radius: Hit radius [m].
+        max_trials: Largest number of trials at each target.
+        further: `seeds` (1), `observations` of the learners, `episodes`, `trials`, `random_episodes`, `hindsight`, see
+            `Comparison`.
+
+    Returns:
+        One series for each method, and for a learner one for each way of using its policy.
+
+    Raises:
+        InputError: There is no such method, or a number is out of range.
+    """
+    expect(CompiledRollout, rollout=rollout)
+    scene = TargetScene(
+        model=rollout.model,
+        controller=rollout.controller,
+        zone=zone or usual_disc(rollout.model),
+        targets=whole("targets", targets),
+        target_seed=target_seed,
+        radii=(hit_radius,),
+        cap=whole("max_trials", max_trials),
+        tolerance=rollout.tolerance,
+        timestep=rollout.timestep if rollout.tolerance is None else None,
+    )
+    plan: dict[str, Any] = {"scene": scene, "seeds": 1} | further
+    for name, given in {"methods": methods, "observations": further.get("observations", ("goal",))}.items():
+        plan[name] = texts(name, given)
+    refuse_call("compare", Comparison, **plan)
+    comparison = Comparison(**plan)
+    with TemporaryDirectory() as folder:
+        units = comparison.units()
+        return collect(units, Store(Path(folder)).results(units, desc="compare"))

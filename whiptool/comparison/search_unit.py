@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.comparison.scene import Scene
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Unit
 from whiptool.goals.target import Target
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
@@ -36,7 +36,7 @@ class SearchUnit(Unit):
         library: Random strikes of the past that the search begins from; 0: it begins from nothing.
     """
 
-    scene: Scene
+    scene: TargetScene
     method: str
     seed: int
     first: int

@@ -9,7 +9,7 @@ import pytest
 import whiptool as wt
 from papers.lemon2024 import sim2real
 from papers.lemon2024.twin_strikes import PlanUnit, TwinUnit, controller, recording, true_model
-from whiptool.comparison import Scene
+from whiptool.comparison import TargetScene
 from whiptool.identification.fit import FitOptions, RecordingFit, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.similarity import Similarity
@@ -19,7 +19,7 @@ from whiptool.viz.report import NOT_REPRODUCED, REPRODUCED
 pytest.importorskip("dynamixel_sdk")
 
 MODEL = wt.preset("lemon2024")
-SCENE = Scene(model=MODEL, controller=Controller())
+SCENE = TargetScene(model=MODEL, controller=Controller())
 
 
 @pytest.mark.slow

@@ -7,14 +7,14 @@ import pytest
 
 import whiptool as wt
 from papers.lemon2024.twin_strikes import PlanUnit, controller
-from whiptool.comparison import Scene
+from whiptool.comparison import TargetScene
 from whiptool.impedance import Controller
 from whiptool.limits.motor_limits import XM430
 
 pytest.importorskip("dynamixel_sdk")
 
 MODEL = wt.preset("lemon2024")
-SCENE = Scene(model=MODEL, controller=Controller())
+SCENE = TargetScene(model=MODEL, controller=Controller())
 
 
 def test_planned_strikes_come_nearer_within_the_motors_line() -> None:

@@ -10,7 +10,7 @@ import pytest
 from papers.finished_comparison import read_run
 from whiptool.commands import cli
 from whiptool.commands.compare import CompareOptions
-from whiptool.comparison.shipped import Results
+from whiptool.comparison.results_file import Results
 from whiptool.errors import InputError
 from whiptool.runs import RunFolder
 

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from series_by_hand import series
 
-from whiptool.comparison.plots import plot_ecdf
+from whiptool.comparison.trial_plots import plot_ecdf
 
 
 def test_the_share_of_targets_that_are_hit_rises_at_each_hit() -> None:

@@ -1,21 +1,84 @@
-"""Where the targets of a comparison are drawn: a disc, or wherever the tip can be fast."""
+"""What is struck with and at, the same for all methods that are compared; targets are in a disc, or anywhere fast."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from whiptool.comparison.scene import Scene
-from whiptool.comparison.store import Store
-from whiptool.comparison.unit import Unit
+from whiptool.comparison.units import Store, Unit
 from whiptool.errors import InputError
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.goals import Goals
 from whiptool.goals.target import TARGET
-from whiptool.goals.zone import Disc, ReachableDisc, Region, Zone, disc_within_reach, reachable_region, round_name
+from whiptool.goals.zone import (
+    Disc,
+    ReachableDisc,
+    Region,
+    Zone,
+    check_fits,
+    disc_within_reach,
+    reachable_region,
+    round_name,
+)
+from whiptool.impedance import Controller
+from whiptool.models import Model
 from whiptool.models.numbers import LARGEST
-from whiptool.models.strike import default_bounds
+from whiptool.models.strike import T_STAY, default_bounds
+from whiptool.rollout import CompiledRollout
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetScene:
+    """What is struck with and at: the same for all methods.
+
+    Args:
+        model, controller: Whip, arm, and law.
+        zone: Zone of the targets.
+        arrival: How the tip has to arrive there.
+        targets: Number of targets.
+        target_seed: They are drawn with it.
+        radii: Hit radii [m]; with the first one learners are trained.
+        cap: Trials at most at each target.
+        t_stay: Time after the movement during which the tip is followed [s].
+        tolerance, timestep: Tolerance and timestep of the compiled rollout.
+
+    Raises:
+        InputError: Zone or hit radius do not fit the model.
+    """
+
+    model: Model
+    controller: Controller
+    zone: Zone = field(default_factory=Disc)
+    arrival: ArrivalRule = field(default_factory=ArrivalRule)
+    targets: int = 300
+    target_seed: int = 0
+    radii: tuple[float, ...] = (0.06, 0.03, 0.01)
+    cap: int = 600
+    t_stay: float = T_STAY
+    tolerance: float | None = None
+    timestep: float | None = None
+
+    def __post_init__(self) -> None:
+        for radius in self.radii:
+            check_fits(self.zone, self.model, radius)
+
+    def points(self) -> np.ndarray:
+        """Where the targets are, (targets, d) [m]."""
+        return self.goals().positions
+
+    def goals(self) -> Goals:
+        """The targets, at the widest hit radius, with how the tip has to arrive."""
+        rng = np.random.default_rng(self.target_seed)
+        return sample_goals(self.zone, self.arrival, self.radii[0], self.targets, rng)
+
+    def rollout(self, threads: int | None = None) -> CompiledRollout:
+        """Return the simulator that all methods share."""
+        accuracy = {"tolerance": self.tolerance, "timestep": self.timestep}
+        return CompiledRollout(self.model, self.controller, **accuracy, threads=threads)
+
 
 FAST = "fast"
 SPEED = 3.0  # [m/s] at least, of the tip in the fast region
@@ -35,7 +98,7 @@ class RegionUnit(Unit):
         cell: Width of the cells that it is made of [m].
     """
 
-    scene: Scene
+    scene: TargetScene
     strikes: int
     cell: float = CELL
 
@@ -46,7 +109,7 @@ class RegionUnit(Unit):
         return {"corners": region.corners.tolist(), "cell": region.cell}
 
 
-def fast_region(scene: Scene, store: Store, *, quick: bool = False) -> Region:
+def fast_region(scene: TargetScene, store: Store, *, quick: bool = False) -> Region:
     """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
     in_space = scene.model.dimension == 3
     usual, few = (STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE) if in_space else (STRIKES, QUICK_STRIKES)
@@ -74,7 +137,7 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
         raise InputError("zone", name, error.allowed) from None
 
 
-def zone_named(name: str, scene: Scene, store: Store, *, quick: bool = False) -> Zone:
+def zone_named(name: str, scene: TargetScene, store: Store, *, quick: bool = False) -> Zone:
     """The fast region, or what is within reach of the disc of a radius [m] around the middle of a scene's zone."""
     if name == FAST:
         return fast_region(scene, store, quick=quick)

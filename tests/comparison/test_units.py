@@ -17,7 +17,7 @@ import pytest
 
 import papers
 import whiptool.comparison
-from whiptool.comparison.unit import KEY, Unit, plain_of
+from whiptool.comparison.units import KEY, Unit, plain_of
 from whiptool.goals.zone import Disc, Zone
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model, preset
@@ -115,7 +115,7 @@ def test_every_field_of_every_unit_is_in_its_key():
 
 def test_the_test_looks_at_fields_of_fields():
     found = {kind.__name__ + where for kind in kinds() for where, _ in others_of(kind)}
-    assert {"SearchUnit.scene.radii", "StrikeUnit.hit_radius", "WhipUnit.study.scene.cap"} <= found
+    assert {"SearchUnit.scene.radii", "StrikeUnit.hit_radius", "RegionUnit.scene.cap"} <= found
     assert {"GoalsUnit.task.region.hit_radius", "GoalsUnit.kept.label", "LearnerUnit.settings"} <= found
 
 

@@ -1,22 +1,95 @@
-"""Units worked on and kept: one small file each, so that a killed run loses no more than those it was at."""
+"""Units of work, known by a hash of their kind and all their fields, and the folder in which their results are kept.
+
+Each result is a small file, so that a killed run loses no more than those it was at.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from whiptool.comparison.learner_unit import Checkpoint
-from whiptool.comparison.unit import KEY, Unit
+import numpy as np
+
 from whiptool.comparison.workers import work_on
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
+
+KEY = re.compile(r"-[0-9a-f]{16}$")  # what the key of every unit ends in; results of older versions have no such ending
+
+
+class Unit(ABC):
+    """A part of a study, a frozen dataclass: its result follows from its fields alone, wherever it is worked on.
+
+    Random numbers are drawn with seeds that are among the fields.
+    """
+
+    @cached_property
+    def key(self) -> str:
+        """What tells it from all other units, fit for a file: words for people, and a hash of kind and fields."""
+        plain = json.dumps(plain_of(self), sort_keys=True)
+        return f"{_words(self)}-{hashlib.sha256(plain.encode()).hexdigest()[:16]}"
+
+    @abstractmethod
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Do it.
+
+        Args:
+            folder: For checkpoints of what takes long; None, or not there (another machine): none are kept.
+            threads: Threads of the simulator; the result does not depend on it.
+
+        Returns:
+            Plain data, which JSON can hold.
+        """
+
+
+def _words(unit: Any) -> str:
+    """Return the kind of a unit and those of its short fields that are not as usual, for people who look at files."""
+    words = [type(unit).__name__.removesuffix("Unit").lower()]
+    for field in fields(unit):
+        value = getattr(unit, field.name)
+        if isinstance(value, str | int) and value != field.default:
+            words.append(str(value) if isinstance(value, str) else f"{field.name}{value:d}")
+    return re.sub(r"[^A-Za-z0-9.+-]", "_", "-".join(words))[:100]
+
+
+def plain_of(value: Any) -> Any:
+    """Return what a hash is computed of: a value as plain data, the kind of every object and all its fields with it.
+
+    Fields of dataclasses that do not count in comparisons (`compare=False`) do not count here.
+
+    Raises:
+        TypeError: There is something in it of which no plain data can be made.
+    """
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, np.generic):
+        return plain_of(value.item())
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
+    if isinstance(value, tuple | list):
+        return [plain_of(x) for x in value]
+    if isinstance(value, Mapping):
+        return [[plain_of(name), plain_of(value[name])] for name in sorted(value)]
+    if isinstance(value, Path):
+        return str(value)
+    if is_dataclass(value):
+        table = {field.name: getattr(value, field.name) for field in fields(value) if field.compare}
+    elif hasattr(value, "__dict__") and not callable(value):
+        table = vars(value)
+    else:
+        raise TypeError(f"a unit holds {value!r}, of which no key can be made")
+    return [type(value).__name__, {name: plain_of(x) for name, x in table.items()}]
 
 
 @dataclass(frozen=True)
@@ -77,7 +150,8 @@ class Store:
             found = work_on(todo, work, workers=self.workers, cluster=self.cluster, on_death=self._on_death)
             for key, result in found:
                 write_whole(unit_file(self.units, key), json.dumps(result, allow_nan=False))
-                Checkpoint(self.checkpoints / f"{key}.pt").remove()
+                for checkpoint in self.checkpoints.glob(f"{key}.*"):
+                    checkpoint.unlink(missing_ok=True)
                 results[key] = result
                 bar.set_postfix_str(key, refresh=False)
                 bar.update()

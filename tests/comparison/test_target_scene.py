@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from lemon_scene import scene
 
-from whiptool.comparison.difficulty import sentence
-from whiptool.comparison.zones import check_zone, words, zone_named
+from whiptool.comparison.series import difficulty_sentence
+from whiptool.comparison.target_scene import check_zone, words, zone_named
 from whiptool.errors import InputError
 from whiptool.goals.zone import Disc, ReachableDisc, Region
 from whiptool.models import preset
@@ -24,7 +24,7 @@ def test_zones_have_names_and_words():
     assert words(wide) == f"what is within reach ({reach:.3f} m) of a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Disc((1.3, 0.0), 0.3)) == "a disc of radius 0.3 m around (1.3, 0) m"
     assert words(Region(np.zeros((50, 2)), 0.2)) == "wherever the tip can pass with 3 m/s, 2.00 m^2"
-    assert sentence({"one_strike_hits": 0.92, "random_strikes_hit": 0.086}) == (
+    assert difficulty_sentence({"one_strike_hits": 0.92, "random_strikes_hit": 0.086}) == (
         "One and the same strike hits 92.0 % of the targets; random strikes hit 8.6 %."
     )
     for bad in ("slow", "-1", "0", "nan"):
