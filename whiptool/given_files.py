@@ -5,11 +5,12 @@ Nothing is unpickled. A pipe or a device is not a file: opening one may wait for
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -180,3 +181,20 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
         raise InputError(
             str(path), "a damaged or different file", f"a whole {kind} file", f"its parser says {reason}"
         ) from None
+
+
+def sha256(paths: Path | Iterable[Path]) -> str:
+    """Of the bytes of a file, or of several one after the other, as hexadecimal digits.
+
+    Raises:
+        InputError: One cannot be read.
+    """
+    digest = hashlib.sha256()
+    for path in [paths] if isinstance(paths, Path) else paths:
+        try:
+            with path.open("rb") as file:
+                while block := file.read(1 << 20):
+                    digest.update(block)
+        except OSError as error:
+            raise InputError("recording", str(path), f"a file that can be read ({error.strerror})") from None
+    return digest.hexdigest()

@@ -25,11 +25,10 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_arrays
+from whiptool.given_files import parsing, read_arrays, whole_file
 from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.models.parameters import ArmLink, number, whole
 from whiptool.models.tables import read_toml
-from whiptool.recording.parsing import parsing, whole_file
 from whiptool.recording.readers.table import read_columns
 from whiptool.whole_files import write_whole
 

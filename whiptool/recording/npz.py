@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_arrays
+from whiptool.given_files import parsing, read_arrays, sha256
 from whiptool.models.strike import Strike
 from whiptool.recording.camera import camera_of
-from whiptool.recording.parsing import parsing, sha256
 
 R = TypeVar("R")
 REQUIRED = ("t", "points", "markers")

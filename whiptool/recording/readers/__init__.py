@@ -17,7 +17,7 @@ from typing import Any
 
 from whiptool.errors import InputError, expect
 from whiptool.extras import add_installed
-from whiptool.recording.parsing import whole_file
+from whiptool.given_files import whole_file
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames

@@ -21,7 +21,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.given_files import parsing, whole_file
 from whiptool.recording.readers.sealed import unpack
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
@@ -74,15 +74,14 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
         if "axes" not in side.table:
             notes.append(f"axes: {up} is up (POINT:Y_SCREEN), {forward} (X_SCREEN) taken as forward; else say axes")
         notes += [f"{nowhere.sum()} points at (0, 0, 0) are taken as missing"] if nowhere.any() else []
-        return StrikeRecording(
+        return side.recording(
+            path,
+            notes=notes,
             t=t,
             points=side.metres(points, units if units in UNITS else "m", axes),
             markers=tuple(names),
-            sigma=np.array(side.number("sigma", 1e-3, low=1e-9, high=1.0)),
-            source=str(path),
-            sha256=sha256(path),
+            sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
             up="" if "axes" in side.table else "y",
-            **side.fields(notes),
         )
 
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
 from whiptool.recording.homography import metres_per_pixel, to_plane
-from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.frame_clock import frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
 from whiptool.recording.readers.table import cells, csv_rows
@@ -63,15 +63,14 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
             raise InputError("rows", None, "the height of the image [pixels], together with readout")
         height = side.number("rows", 2.0, low=2, high=1e5)
         late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
-        return StrikeRecording(
+        return side.recording(
+            path,
+            notes=clock.notes,
             t=t,
             points=to_plane(homography, pixels),
             markers=tuple(names),
             sigma=side.number("sigma_pixels", 1.0, low=1e-6, high=1e3) * metres_per_pixel(homography, pixels),
             t_points=t[:, None] + late,
-            source=str(path),
-            sha256=sha256(path),
-            **side.fields(clock.notes),
         )
 
 

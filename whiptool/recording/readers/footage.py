@@ -32,9 +32,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
+from whiptool.given_files import sha256, whole_file
 from whiptool.recording.camera import Camera
 from whiptool.recording.clock import check_pace
-from whiptool.recording.parsing import sha256, whole_file
 from whiptool.recording.readers.frame_clock import FrameClock, frame_clock, stamps_of_film
 from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, Sidecar

@@ -69,6 +69,19 @@ def frame_clock(
     return FrameClock(times[keep] + shift - side.start, keep, (note, *bad))
 
 
+def clock_of_rows(side: Sidecar, stamps: np.ndarray, note: str, what: str) -> FrameClock:
+    """The clock of rows with their own stamps (T,) [s], less the command's `start`.
+
+    Args:
+        side: Its key `start`.
+        stamps: As they stand in the file.
+        note: Where they come from.
+        what: Name of the stamps, for the sentence about bad ones and for errors.
+    """
+    keep, bad = good_stamps(stamps, what)
+    return FrameClock(stamps[keep] - side.start, keep, (note, *bad))
+
+
 def _timestamps(side: Sidecar) -> tuple[np.ndarray, str]:
     """Times [s] of the key `timestamps`, and where they come from."""
     if not isinstance(side.table["timestamps"], str):

@@ -30,15 +30,17 @@ class JointLog:
     Args:
         t: Times [s], (S,), strictly increasing.
         q: Positions in the unit of the file, (S, n).
-        names: Names of the n columns; empty where their order alone says which is which.
+        names: Names of the n joints; empty where their order alone says which is which.
+        columns: Names of their columns in the file.
         unit: `rad` or `deg` where the columns' names say it; empty: they do not.
         listed: Whether the columns were listed in the arm's order.
-        notes: Assumptions, and columns that were left out.
+        notes: Assumptions, and columns and rows that were left out.
     """
 
     t: np.ndarray
     q: np.ndarray
-    names: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
     unit: str = ""
     listed: bool = False
     notes: tuple[str, ...] = ()
@@ -49,8 +51,7 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
 
     Args:
         path: The file.
-        columns: Columns of the arm's joints: by the joints' names, or in the arm's order; None: as they
-            are called.
+        columns: As of `joint_log`.
 
     Raises:
         InputError: It is not such a file, has no joints, a column is missing, their units differ, or stamps cannot be
@@ -59,76 +60,80 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
     names, table = read_columns(path)
     at, scale, said = time_column(names)
     table, repeated = without_repeated_rows(table)
-    chosen = joint_columns([name for i, name in enumerate(names) if i != at], columns, str(path))
-    q = table[:, [names.index(name) for name in chosen.names]]
-    whole = np.isfinite(q).all(axis=1)
-    notes = [said]
-    notes += [f"left out {repeated} rows that repeat the one before"] if repeated else []
-    notes += [] if whole.all() else [f"left out {(~whole).sum()} rows with an empty cell"]
-    t = table[whole, at] * scale
-    keep, bad = good_stamps(t, f"{path}: {names[at]}")
-    notes = [f"joints: {note}" for note in notes]
-    log = chosen.log(t[keep], q[whole][keep])
-    return replace(log, notes=(*notes, *log.notes, *bad))
+    others = [name for i, name in enumerate(names) if i != at]
+    log = joint_log(table[:, at] * scale, np.delete(table, at, axis=1), others, columns, str(path), of=names[at])
+    notes = [f"joints: {said}"]
+    notes += [f"joints: left out {repeated} rows that repeat the one before"] if repeated else []
+    return replace(log, notes=(*notes, *log.notes))
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """Which columns are joints.
-
-    Args:
-        names: Names of the columns in the file.
-        aliases: Names of the columns in the arm; empty: the same.
-        in_order: Whether their order alone says which is which.
-        listed: Whether the user listed them in the arm's order.
-        unit, notes: As of a `JointLog`.
-    """
-
-    names: tuple[str, ...]
-    aliases: tuple[str, ...] = ()
-    in_order: bool = False
-    listed: bool = False
-    unit: str = ""
-    notes: tuple[str, ...] = ()
-
-    def log(self, t: np.ndarray, q: np.ndarray) -> JointLog:
-        """The log of these columns: times (S,) [s], and their numbers (S, n)."""
-        names = () if self.in_order else self.aliases or self.names
-        return JointLog(t, q, names, self.unit, self.listed, tuple(f"joints: {note}" for note in self.notes))
-
-
-def joint_columns(names: Sequence[str], asked: Mapping[str, str] | Sequence[str] | None, place: str) -> Chosen:
-    """Choose the columns of joints by their names.
+def joint_log(
+    t: np.ndarray,
+    table: np.ndarray,
+    names: Sequence[str],
+    asked: Mapping[str, str] | Sequence[str] | None,
+    place: str,
+    *,
+    of: str,
+) -> JointLog:
+    """The log of those columns that are joints.
 
     Args:
-        names: Names of all columns except that of the time.
-        asked: As `columns` of `read_joint_log`.
-        place: For errors.
+        t: Times [s], (S,).
+        table: The other columns, (S, N).
+        names: Names of the N columns; empty: they have none, and are the joints in the arm's order.
+        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: as they are called.
+        place: Where the columns are, for errors.
+        of: Name of the times.
 
     Raises:
-        InputError: A requested column is missing, no column is found, or their units differ.
+        InputError: There are not as many names as columns, a requested column is missing, no column is a joint, their
+            units differ, or stamps cannot be right.
     """
-    if asked is not None:
-        listed = list(asked.values()) if isinstance(asked, Mapping) else list(asked)
-        for name in listed:
-            if name not in names:
-                raise InputError(f"{place}: column", name, "one of " + ", ".join(names)[:300])
-        if isinstance(asked, Mapping) and any(key != name for key, name in asked.items()):
-            return Chosen(tuple(listed), aliases=tuple(asked), unit=_unit(listed, place))
-        return Chosen(tuple(listed), listed=True, unit=_unit(listed, place))
+    if len(names) != table.shape[1] and (names or asked is not None):
+        raise InputError(place, list(names), f"{table.shape[1]} names, one for each column", "or no joint_columns")
+    notes: list[str] = []
+    if not names and table.shape[1]:
+        columns, called = (), ()
+        notes.append(f"the columns of {place} have no names, and are taken in the arm's order")
+    elif asked is not None:
+        columns, called = _asked(names, asked, place)
+    else:
+        columns, called, aside = _found(names, place)
+        notes += [f"left aside {', '.join(aside)}"] if aside else []
+    q = table[:, [names.index(name) for name in columns]] if columns else table
+    whole = np.isfinite(q).all(axis=1)
+    notes += [] if whole.all() else [f"left out {(~whole).sum()} rows with an empty cell"]
+    keep, bad = good_stamps(t[whole], f"{place}: {of}")
+    listed = asked is not None and called == columns
+    said = (*(f"joints: {note}" for note in notes), *bad)
+    return JointLog(t[whole][keep], q[whole][keep], called, columns, _unit(columns, place), listed, said)
+
+
+def _asked(
+    names: Sequence[str], asked: Mapping[str, str] | Sequence[str], place: str
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The columns that are asked for, and what the arm calls them."""
+    columns = tuple(asked.values()) if isinstance(asked, Mapping) else tuple(asked)
+    for name in columns:
+        if name not in names:
+            raise InputError(f"{place}: column", name, "one of " + ", ".join(names)[:300])
+    return columns, tuple(asked) if isinstance(asked, Mapping) else columns
+
+
+def _found(names: Sequence[str], place: str) -> tuple[tuple[str, ...], tuple[str, ...], list[str]]:
+    """The columns that call themselves joints, what the arm calls them (nothing: their order tells), and grippers."""
     said = {name: Column.of(name) for name in names}
     found = [name for name in names if said[name].kind == POSITION] or [name for name in names if not said[name].kind]
     joints = [name for name in found if not said[name].holds]
-    aside = [name for name in found if said[name].holds]
     if not joints:
         rule = "t [s] and one column per joint [rad], named after it"
         raise InputError(place, f"columns {', '.join(names)[:200] or 'none'}", rule, "say joint_columns in the sidecar")
-    notes = (f"left aside {', '.join(aside)}",) if aside else ()
+    aside = [name for name in found if said[name].holds]
     order = in_numbers(joints)
-    if order is not None and not any(Column.of(name).jointed for name in joints):
-        return Chosen(tuple(joints[i] for i in order), in_order=True, unit=_unit(joints, place), notes=notes)
-    aliases = tuple(name.removeprefix(PREFIX) for name in joints)
-    return Chosen(tuple(joints), aliases=aliases, unit=_unit(joints, place), notes=notes)
+    if order is not None and not any(said[name].jointed for name in joints):
+        return tuple(joints[i] for i in order), (), aside
+    return tuple(joints), tuple(name.removeprefix(PREFIX) for name in joints), aside
 
 
 def _unit(names: Sequence[str], place: str) -> str:

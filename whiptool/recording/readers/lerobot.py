@@ -25,15 +25,13 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.given_files import read_json
+from whiptool.given_files import parsing, read_json, sha256, whole_file
 from whiptool.models.tables import read_toml
-from whiptool.recording.clock import good_stamps
-from whiptool.recording.parsing import parsing, sha256, whole_file
 from whiptool.recording.readers.footage import VideoSource, segment, source, video_frames
-from whiptool.recording.readers.frame_clock import frame_clock
-from whiptool.recording.readers.joint_log import JointLog, joint_columns
-from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, Sidecar
-from whiptool.recording.readers.tracks import AXES, split_columns
+from whiptool.recording.readers.frame_clock import clock_of_rows, frame_clock
+from whiptool.recording.readers.joint_log import JointLog, joint_log
+from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, Sidecar
+from whiptool.recording.readers.tracks import places_and_sigma, split_columns
 from whiptool.recording.strike_recording import StrikeRecording
 
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -133,23 +131,11 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         names, table = data.names.get(feature, []), data.columns[feature]
         if len(names) != table.shape[1]:
             raise InputError(f"names of {feature}", names, f"{table.shape[1]} names, as tip_x, tip_y")
-        markers, columns = split_columns(names, ("sigma",))
-        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
-        axes = [axis for axis in AXES if axis in columns[markers[0]]]
-        unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
-        keep, bad = good_stamps(data.t, "timestamp")
-        table = table[keep]
-        sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(table), default) for m in markers]
-        known: dict[str, Any] = {
-            "t": data.t[keep] - side.start,
-            "points": side.metres(np.stack([np.stack([pick(m, axis) for axis in axes], 1) for m in markers], 1)),
-            "markers": tuple(markers),
-            "sigma": np.stack(sigma, 1),
-            "source": f"{folder}, episode {episode}",
-            "sha256": sha256(data.files),
-            **side.fields(["times from the dataset's timestamps", *bad], _joints(data, side)),
-        }
-        return StrikeRecording(**known)
+        columns = split_columns(names, ("sigma",))
+        clock = clock_of_rows(side, data.t, "times from the dataset's timestamps", "timestamp")
+        read = {"t": clock.times, "source": f"{folder}, episode {episode}"}
+        read |= places_and_sigma(columns, table[clock.keep], side)
+        return side.recording(folder, notes=clock.notes, log=_joints(data, side), files=data.files, **read)
 
 
 def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
@@ -273,16 +259,9 @@ def _joints(data: Episode, side: Sidecar) -> JointLog | None:
     if feature is None or "joints" in side.table:
         return None
     table, names = data.columns[feature], data.names.get(feature, [])
-    keep, _ = good_stamps(data.t, "timestamp")
-    if len(names) != table.shape[1]:
-        if side.joint_columns is not None:
-            raise side.refuse("joint_columns", f"none, where {feature} has no names for its columns")
-        note = f"joints: the columns of {feature} have no names, and are taken in the arm's order"
-        return JointLog(data.t[keep], table[keep], (), notes=(note,))
-    chosen = joint_columns(names, side.joint_columns, feature)
-    motors = [name for name in chosen.names if name.endswith(".pos")]
-    if motors and "joint_units" not in side.table:
+    names = names if len(names) == table.shape[1] else []
+    log = joint_log(data.t, table, names, side.joint_columns, feature, of="timestamp")
+    if any(name.endswith(".pos") for name in log.columns) and "joint_units" not in side.table:
         rule = "deg, or normalized with joint_ranges: the dataset does not say in which units LeRobot drove its motors"
         raise InputError(f"{side.place}joint_units", None, rule, "say it in the sidecar, whiptool.toml in the folder")
-    q = table[keep][:, [names.index(name) for name in chosen.names]]
-    return chosen.log(data.t[keep], q)
+    return log

@@ -23,15 +23,16 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
 from whiptool.models.strike import Strike
-from whiptool.recording.clock import good_stamps
-from whiptool.recording.parsing import parsing, sha256, whole_file
-from whiptool.recording.readers.joint_log import JointLog, joint_columns
+from whiptool.recording.readers.frame_clock import clock_of_rows
+from whiptool.recording.readers.joint_log import JointLog, joint_log
 from whiptool.recording.readers.sealed import unpack
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+SPREAD = ("sigma", "t_points")  # variables with one number for each point, or for all
 
 
 def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
@@ -47,66 +48,71 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "fps")
-    with path.open("rb") as file:
-        head = file.read(520)
-    if head[:8] == HDF5 or head[512:520] == HDF5 or head.startswith(b"MATLAB 7.3"):
-        raise InputError(str(path), "MAT version 7.3 (HDF5)", "MAT version 5", "in MATLAB: save(name, '-v7', ...)")
-    if not head.startswith(b"MATLAB 5.0"):
-        raise InputError(str(path), "no header of MAT version 5", "MAT version 5", "in MATLAB: save(name, '-v7', ...)")
+    _check_version(path)
     flat = unpack(path, "mat")
     with parsing(path, "MAT"):
         data = _one_struct(flat)
         points = _points(data)
         count, n = points.shape[:2]
-        if "t" in data:
-            t, note = data["t"].astype(float).ravel() - side.start, "times [s] from the variable t"
-        elif "fps" in data or "fps" in side.table:
-            rate = float(data["fps"].item()) if "fps" in data else 0.0
-            rate = side.number("fps", rate, low=1.0, high=1e5)
-            t, note = np.arange(count) / rate - side.start, f"times by frame number at {rate:g} a second"
-        else:
-            raise InputError("t", None, "the variable t, times [s], or fps")
-        units = str(data["units"].item()) if "units" in data else "m"
-        if units not in UNITS:
-            raise InputError("units", units, "one of " + ", ".join(UNITS))
-        fields: dict[str, Any] = {}
-        if "sigma" in data:
-            fields["sigma"] = data["sigma"].astype(float) * UNITS[side.word("units", UNITS, units)]
-            if fields["sigma"].size == 1:
-                fields["sigma"] = fields["sigma"].item()
-        if "t_points" in data:
-            fields["t_points"] = data["t_points"].astype(float) - side.start
-        for key in ("exposure", "t_stay"):
-            if key in data:
-                fields[key] = float(data[key].item())
-        if "target" in data:
-            fields["target"] = tuple(data["target"].astype(float).ravel())
-        if "camera" in data:
-            fields["camera"] = str(data["camera"].item())
-        if "strike" in data:
-            fields["strike"] = Strike.from_vector(data["strike"].astype(float).ravel())
-        elif "strike.D" in data:
-            q_i, q_f, D = (data[f"strike.{key}"].astype(float).ravel() for key in ("q_i", "q_f", "D"))
-            fields["strike"] = Strike(tuple(q_i), tuple(q_f), D.item())
+        t, note = _times(data, side, count)
+        if len(t) != count:
+            raise InputError("points", f"shape {points.shape}", f"as many rows as there are times, {len(t)}")
         names = side.names("markers") or [str(x).strip() for x in data.get("markers", np.array("tip")).ravel()]
         if len(names) != n:
             raise InputError("markers", list(names), f"{n} names, one per marker")
-        if len(t) != count:
-            raise InputError("points", f"shape {points.shape}", f"as many rows as there are times, {len(t)}")
-        keep, bad = good_stamps(t, "t")
-        for key in ("sigma", "t_points"):
-            if np.ndim(fields.get(key, 0.0)) and len(fields[key]) == count:
-                fields[key] = fields[key][keep]
-        known: dict[str, Any] = {
-            "t": t[keep],
-            "points": side.metres(points[keep], units),
-            "markers": tuple(names),
-            "source": str(path),
-            "sha256": sha256(path),
-            **fields,
-            **side.fields([note, *bad], _joints(data, side)),
-        }
-        return StrikeRecording(**known)
+        units = str(data["units"].item()) if "units" in data else "m"
+        if units not in UNITS:
+            raise InputError("units", units, "one of " + ", ".join(UNITS))
+        clock = clock_of_rows(side, t, note, "t")
+        scale = {"sigma": UNITS[side.word("units", UNITS, units)]}
+        read: dict[str, Any] = {key: data[key].astype(float) * scale.get(key, 1.0) for key in SPREAD if key in data}
+        read = {key: x[clock.keep] if x.ndim and len(x) == count else x for key, x in read.items()}
+        if "t_points" in read:
+            read["t_points"] = read["t_points"] - side.start
+        read |= {key: float(data[key].item()) for key in ("exposure", "t_stay") if key in data}
+        read |= {"target": tuple(data["target"].astype(float).ravel())} if "target" in data else {}
+        read |= {"camera": str(data["camera"].item())} if "camera" in data else {}
+        return side.recording(
+            path,
+            notes=clock.notes,
+            log=_joints(data, side),
+            t=clock.times,
+            points=side.metres(points[clock.keep], units),
+            markers=tuple(names),
+            strike=_strike(data),
+            **read,
+        )
+
+
+def _check_version(path: Path) -> None:
+    """Refuse what is not MAT version 5."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    version, fix = "MAT version 5", "in MATLAB: save(name, '-v7', ...)"
+    if head[:8] == HDF5 or head[512:520] == HDF5 or head.startswith(b"MATLAB 7.3"):
+        raise InputError(str(path), "MAT version 7.3 (HDF5)", version, fix)
+    if not head.startswith(b"MATLAB 5.0"):
+        raise InputError(str(path), "no header of MAT version 5", version, fix)
+
+
+def _times(data: dict[str, np.ndarray], side: Sidecar, count: int) -> tuple[np.ndarray, str]:
+    """Times [s] by the file's own clock, and where they come from."""
+    if "t" in data:
+        return data["t"].astype(float).ravel(), "times [s] from the variable t"
+    if "fps" in data or "fps" in side.table:
+        rate = side.number("fps", float(data["fps"].item()) if "fps" in data else 0.0, low=1.0, high=1e5)
+        return np.arange(count) / rate, f"times by frame number at {rate:g} a second"
+    raise InputError("t", None, "the variable t, times [s], or fps")
+
+
+def _strike(data: dict[str, np.ndarray]) -> Strike | None:
+    """The strike, from its vector or from a struct."""
+    if "strike" in data:
+        return Strike.from_vector(data["strike"].astype(float).ravel())
+    if "strike.D" in data:
+        q_i, q_f, D = (data[f"strike.{key}"].astype(float).ravel() for key in ("q_i", "q_f", "D"))
+        return Strike(tuple(q_i), tuple(q_f), D.item())
+    return None
 
 
 def _joints(data: dict[str, np.ndarray], side: Sidecar) -> JointLog | None:
@@ -117,14 +123,7 @@ def _joints(data: dict[str, np.ndarray], side: Sidecar) -> JointLog | None:
     if q.ndim != 2 or len(q) != len(t):
         raise InputError("joints_q", f"shape {q.shape}", f"shape ({len(t)}, number of joints), as joints_t has it")
     names = [str(name).strip() for name in data.get("joint_names", np.array([])).ravel()]
-    keep, bad = good_stamps(t, "joints_t")
-    if len(names) != q.shape[1]:
-        if names or side.joint_columns is not None:
-            raise InputError("joint_names", names, f"{q.shape[1]} names, one for each column of joints_q")
-        note = "joints: columns without names, taken in the arm's order"
-        return JointLog(t[keep], q[keep], (), notes=(note, *bad))
-    chosen = joint_columns(names, side.joint_columns, "joint_names")
-    return chosen.log(t[keep], q[keep][:, [names.index(name) for name in chosen.names]])
+    return joint_log(t, q, names, side.joint_columns, "joint_names", of="joints_t")
 
 
 def _one_struct(flat: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

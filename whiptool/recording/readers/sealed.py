@@ -18,7 +18,7 @@ from typing import NoReturn
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.parsing import parsing
+from whiptool.given_files import parsing
 
 SECONDS, MEMORY = 30, 4 << 30  # of the child: processor time, and address space in bytes
 REFUSED, FAILED = 3, 4  # its exit status after an InputError, and after any other error

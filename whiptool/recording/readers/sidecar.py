@@ -27,7 +27,7 @@ Common to all formats:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +36,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import sha256
 from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.models.tables import read_toml
@@ -43,6 +44,7 @@ from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
 from whiptool.recording.joint_columns import order_of
 from whiptool.recording.readers.joint_log import JointLog, read_joint_log
+from whiptool.recording.strike_recording import StrikeRecording
 
 COMMON = (
     "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joint_ranges",
@@ -200,6 +202,26 @@ class Sidecar:
             fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": hand.q}
             said += [note.replace("joints:", "hand:") for note in hand.notes]
         return fields | {"notes": tuple(said)}
+
+    def recording(
+        self,
+        path: Path,
+        *,
+        notes: Sequence[str] = (),
+        log: JointLog | None = None,
+        files: Iterable[Path] = (),
+        **read: Any,
+    ) -> StrikeRecording:
+        """The recording of a file, with what the common keys say of it; the keys go before what was read.
+
+        Args:
+            path: The file, which is hashed where no `files` are given.
+            notes, log: As of `fields`.
+            files: Files that were read.
+            read: Arguments of `StrikeRecording` that were read from the file.
+        """
+        source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path)}
+        return StrikeRecording(**{**source, **read, **self.fields(notes, log)})
 
     def view(self) -> Camera:
         """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.

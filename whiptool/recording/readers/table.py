@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
 from whiptool.recording.joint_columns import SECONDS, TIME, Column
-from whiptool.recording.parsing import parsing, whole_file
 from whiptool.recording.readers.foreign import refuse_foreign
 
 LARGEST_TABLE = 2**27  # [bytes] of text, which takes about ten times as much in memory

@@ -20,7 +20,7 @@ disparity [pixels] (`whiptool.recording.depth_noise`). `depth_units = "mm"` wher
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,12 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
 from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera import Camera, write_cameras
-from whiptool.recording.clock import good_stamps
 from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
 from whiptool.recording.joint_columns import TIME, Column
-from whiptool.recording.parsing import parsing, sha256, whole_file
+from whiptool.recording.readers.frame_clock import clock_of_rows
 from whiptool.recording.readers.joint_log import PREFIX
 from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
@@ -57,91 +57,68 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
     """
     path = whole_file(path)
     names, table = read_columns(path)
-    if any(name.endswith("_u") for name in names):
-        return _read_view(path, names, table, options)
-    side = Sidecar.of(path, options, *SPACE, "sigma")
+    in_pixels = any(name.endswith("_u") for name in names)
+    side = Sidecar.of(path, options, *(VIEW if in_pixels else (*SPACE, "sigma")))
+    view = side.view() if in_pixels else None
     with parsing(path, "CSV"):
-        t, names, table, notes = _timed(path, names, table, side)
-        markers, columns = split_columns(names, ("sigma", "t"))
-        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
-        dimension = len(columns[markers[0]].keys() & set(AXES))
-        points = np.stack([np.stack([pick(m, axis) for axis in AXES[:dimension]], 1) for m in markers], 1)
-        unit = UNITS[side.word("units", UNITS, "m")]
-        default = side.number("sigma", 1e-3, low=1e-9, high=1.0)
-        sigma = [pick(m, "sigma") * unit if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
-        times = [pick(m, "t") - side.start if "t" in columns[m] else t for m in markers]
-        return StrikeRecording(
-            t=t,
-            points=side.metres(points),
-            markers=tuple(markers),
-            sigma=np.stack(sigma, 1),
-            t_points=np.stack(times, 1),
-            source=str(path),
-            sha256=sha256(path),
-            **side.fields(notes),
-        )
+        at, unit, note = time_column(names)
+        if Column.of(names[at]).kind != TIME:
+            raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
+        table, repeated = without_repeated_rows(table)
+        clock = clock_of_rows(side, table[:, at] * unit, note, names[at])
+        stamps, table = table[clock.keep, at] * unit, np.delete(table[clock.keep], at, axis=1)
+        names = [name for i, name in enumerate(names) if i != at]
+        read = _places(names, table, stamps, side) if view is None else _pixels(names, table, side, view)
+        notes = [*clock.notes]
+        notes[1:1] = [f"left out {repeated} rows that repeat the one before"] if repeated else []
+        return side.recording(path, notes=notes, t=clock.times, view=view, **read)
 
 
-def _read_view(path: Path, names: list[str], table: np.ndarray, options: dict[str, Any]) -> StrikeRecording:
-    """Read what one camera in space saw, in pixels."""
-    side = Sidecar.of(path, options, *VIEW)
-    view, default = side.view(), side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)
-    with parsing(path, "CSV"):
-        t, names, table, notes = _timed(path, names, table, side)
-        markers, columns = split_columns(names, ("sigma", *DEPTH), axes=PIXELS)
-        pick = lambda marker, what: table[:, names.index(columns[marker][what])]  # noqa: E731
-        sigma = [pick(m, "sigma") if "sigma" in columns[m] else np.full(len(t), default) for m in markers]
-        depths = [_depths(m, columns[m], pick, side, view) for m in markers]
-        return StrikeRecording(
-            t=t,
-            points=np.stack([np.stack([pick(m, axis) for axis in PIXELS], 1) for m in markers], 1),
-            markers=tuple(markers),
-            sigma=np.stack(sigma, 1),
-            depth=np.stack([depth for depth, _ in depths], 1),
-            depth_sigma=np.stack([error for _, error in depths], 1),
-            source=str(path),
-            sha256=sha256(path),
-            view=view,
-            **side.fields(notes),
-        )
+def _places(names: list[str], table: np.ndarray, stamps: np.ndarray, side: Sidecar) -> dict[str, Any]:
+    """Markers, places, their errors and times, of the columns without that of the time."""
+    columns = split_columns(names, ("sigma", "t"))
+    return {
+        "t_points": stacked(table, columns, "t", stamps[:, None]) - side.start,
+        **places_and_sigma(columns, table, side),
+    }
 
 
-def _depths(
-    marker: str, columns: dict[str, str], pick: Callable[[str, str], np.ndarray], side: Sidecar, view: Camera
-) -> tuple[np.ndarray, np.ndarray]:
-    """Depths of a marker and their standard errors [m], (T,) each; NaN without columns of depth."""
+def places_and_sigma(columns: dict[str, dict[str, int]], table: np.ndarray, side: Sidecar) -> dict[str, Any]:
+    """Markers, places in metres in our axes, and their standard errors, as arguments of `StrikeRecording`."""
+    axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
+    unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
+    return {
+        "markers": tuple(columns),
+        "points": side.metres(np.stack([stacked(table, columns, axis) for axis in axes], axis=2)),
+        "sigma": stacked(table, columns, "sigma", default, unit=unit),
+    }
+
+
+def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) -> dict[str, Any]:
+    """Markers, pixels and their errors, and depths and theirs, of what one camera in space saw."""
+    columns = split_columns(names, ("sigma", *DEPTH), axes=PIXELS)
+    for marker, found in columns.items():
+        if "depth_sigma" in found and "depth" not in found:
+            given = ", ".join(names[i] for i in found.values())
+            raise InputError(f"marker {marker}", given, f"{marker}_depth together with its sigma")
     baseline = side.number("baseline", BASELINE, low=1e-3, high=10.0)
     subpixel = side.number("subpixel", SUBPIXEL, low=1e-4, high=10.0)
     unit = UNITS[side.word("depth_units", UNITS, "m")]
-    if "depth" not in columns:
-        if "depth_sigma" in columns:
-            raise InputError(f"marker {marker}", ", ".join(columns.values()), f"{marker}_depth together with its sigma")
-        nowhere = np.full(len(pick(marker, "u")), np.nan)
-        return nowhere, nowhere
-    depth = unit * pick(marker, "depth")
-    if "depth_sigma" in columns:
-        return depth, unit * pick(marker, "depth_sigma")
-    return depth, depth_error(depth, view.focal_lengths[0], baseline=baseline, subpixel=subpixel)
-
-
-def _timed(
-    path: Path, names: list[str], table: np.ndarray, side: Sidecar
-) -> tuple[np.ndarray, list[str], np.ndarray, list[str]]:
-    """Times of the frames from the command's start [s], the other columns' names and numbers, and what to tell."""
-    at, unit, note = time_column(names)
-    if Column.of(names[at]).kind != TIME:
-        raise InputError("columns", ", ".join(names)[:80], "a column t [s]")
-    table, repeated = without_repeated_rows(table)
-    notes = [note, f"left out {repeated} rows that repeat the one before"] if repeated else [note]
-    keep, bad = good_stamps(table[:, at] * unit, names[at])
-    rest = [i for i in range(len(names)) if i != at]
-    return table[keep, at] * unit - side.start, [names[i] for i in rest], table[keep][:, rest], [*notes, *bad]
+    depth = stacked(table, columns, "depth", unit=unit)
+    usual = depth_error(depth, view.focal_lengths[0], baseline=baseline, subpixel=subpixel)
+    return {
+        "markers": tuple(columns),
+        "points": np.stack([stacked(table, columns, axis) for axis in PIXELS], axis=2),
+        "sigma": stacked(table, columns, "sigma", side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)),
+        "depth": depth,
+        "depth_sigma": stacked(table, columns, "depth_sigma", usual, unit=unit),
+    }
 
 
 def split_columns(
     names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
-) -> tuple[list[str], dict[str, dict[str, str]]]:
-    """Markers in order of appearance, and for each its columns by what they hold (`x`, `y`, `z` and `more`).
+) -> dict[str, dict[str, int]]:
+    """Where each marker's columns are, by what they hold (`x`, `y`, `z` and `more`), in order of appearance.
 
     Args:
         names: Names of the columns.
@@ -151,23 +128,37 @@ def split_columns(
     Raises:
         InputError: A name does not end in `_x`, ..., a marker lacks one of the first two axes, or only some have a z.
     """
-    columns: dict[str, dict[str, str]] = {}
-    for name in names:
+    columns: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(names):
         what = max((x for x in (*axes, *more) if name.endswith("_" + x)), key=len, default="")
         marker = name.removesuffix("_" + what)
         if not what or not marker:
             endings = ", ".join("_" + x for x in (*axes, *more))
             raise InputError("column", name, f"MARKER with one of {endings}", f"as in tip_{axes[0]}, tip_{axes[1]}")
-        columns.setdefault(marker, {})[what] = name
+        columns.setdefault(marker, {})[what] = i
     if not columns:
         raise InputError("columns", "no markers", "at least tip_x and tip_y")
     for marker, found in columns.items():
         if not set(axes[:2]) <= found.keys():
             both = f"{marker}_{axes[0]} and {marker}_{axes[1]}"
-            raise InputError(f"marker {marker}", ", ".join(found.values()), both)
+            raise InputError(f"marker {marker}", ", ".join(names[i] for i in found.values()), both)
     if len({"z" in found for found in columns.values()}) > 1:
         raise InputError("columns", ", ".join(names)[:80], "_z for all markers or for none")
-    return list(columns), columns
+    return columns
+
+
+def stacked(
+    table: np.ndarray,
+    columns: dict[str, dict[str, int]],
+    what: str,
+    otherwise: float | np.ndarray = np.nan,
+    *,
+    unit: float = 1.0,
+) -> np.ndarray:
+    """What columns of all markers hold, times a unit, (T, M); `otherwise`, which is in our units, without a column."""
+    default = np.broadcast_to(otherwise, (len(table), len(columns)))
+    found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
+    return np.stack(found, axis=1)
 
 
 def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
@@ -189,49 +180,59 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
     bad = [m for m in recording.markers if m != m.strip() or f"{m}_x" == "t" or any(c in m for c in '\r\n",')]
     if bad:
         raise InputError("marker", bad[0], "a name without commas, quotes, line breaks or outer blanks")
-    d, view = recording.points.shape[2], recording.view
-    axes = AXES[:d] if view is None else PIXELS
-    header, columns = ["t"], [recording.t]
-    for j, marker in enumerate(recording.markers):
-        header += [f"{marker}_{what}" for what in (*axes, "sigma")]
-        columns += [*recording.points[:, j].T, recording.sigma[:, j]]
-        if view is None:
-            header.append(f"{marker}_t")
-            columns.append(recording.t_points[:, j])
-        if recording.depth is not None:
-            header += [f"{marker}_{what}" for what in DEPTH]
-            columns += [recording.depth[:, j], recording.depth_sigma[:, j]]
-    table: dict[str, Any] = {"units": "m"} if view is None else {}
-    table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
-    table |= {"camera": recording.camera} if recording.camera else {}
-    table |= {} if recording.target is None else {"target": list(recording.target)}
+    table = _said(recording)
     files = [path, path.with_suffix(".toml")]
     try:
-        if view is not None:
+        if (view := recording.view) is not None:
             files.append(path.with_suffix(".cameras.toml"))
             table |= {"camera": view.name, "cameras": files[-1].name}
             write_cameras(files[-1], {view.name: view})
-        _write_columns(path, header, np.stack(columns, 1))
-        if recording.joints_t is not None and recording.joints_q is not None:
-            files.append(path.with_suffix(JOINT_LOG))
-            table["joints"] = files[-1].name
-            angles = recording.joints_q
-            named = [PREFIX + name for name in recording.joint_names]
-            names = ["t", *(named or [f"q_{i + 1}" for i in range(angles.shape[1])])]
-            _write_columns(files[-1], names, np.column_stack([recording.joints_t, angles]))
-        if recording.hand_t is not None and recording.hand_pose is not None:
-            files.append(path.with_suffix(".hand.csv"))
-            table["hand"] = files[-1].name
-            _write_columns(files[-1], ["t", *POSE], np.column_stack([recording.hand_t, recording.hand_pose]))
-        if recording.strike is not None:
-            s = recording.strike
-            table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}
-        if recording.controller is not None:
-            table["controller"] = recording.controller
+        _write_columns(path, *_columns(recording))
+        for key, suffix, names, log in _logs(recording):
+            files.append(path.with_suffix(suffix))
+            table[key] = files[-1].name
+            _write_columns(files[-1], names, log)
         files[1].write_text(tomli_w.dumps(table), encoding="utf-8")
     except OSError as error:
         raise InputError("path", str(path), f"a file that can be written ({error.strerror})") from None
     return files
+
+
+def _said(recording: StrikeRecording) -> dict[str, Any]:
+    """What the sidecar of a recording says, but for the files that belong to it."""
+    table: dict[str, Any] = {"units": "m"} if recording.view is None else {}
+    table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
+    table |= {"camera": recording.camera} if recording.camera else {}
+    table |= {} if recording.target is None else {"target": list(recording.target)}
+    if (s := recording.strike) is not None:
+        table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}
+    return table | ({} if recording.controller is None else {"controller": recording.controller})
+
+
+def _columns(recording: StrikeRecording) -> tuple[list[str], np.ndarray]:
+    """Names and numbers (T, columns) of the times and of all that was seen of each marker."""
+    what = {
+        axis: recording.points[..., i]
+        for i, axis in enumerate(PIXELS if recording.view else AXES[: recording.points.shape[2]])
+    }
+    what["sigma"] = recording.sigma
+    what |= {"t": recording.t_points} if recording.view is None else {}
+    what |= {} if recording.depth is None else {"depth": recording.depth, "depth_sigma": recording.depth_sigma}
+    names, columns = ["t"], [recording.t]
+    for j, marker in enumerate(recording.markers):
+        names += [f"{marker}_{name}" for name in what]
+        columns += [values[:, j] for values in what.values()]
+    return names, np.stack(columns, 1)
+
+
+def _logs(recording: StrikeRecording) -> Iterator[tuple[str, str, list[str], np.ndarray]]:
+    """What was logged in addition to the frames: its key, the suffix of its file, names and numbers of its columns."""
+    if recording.joints_t is not None and recording.joints_q is not None:
+        angles = recording.joints_q
+        named = [PREFIX + name for name in recording.joint_names] or [f"q_{i + 1}" for i in range(angles.shape[1])]
+        yield "joints", JOINT_LOG, ["t", *named], np.column_stack([recording.joints_t, angles])
+    if recording.hand_t is not None and recording.hand_pose is not None:
+        yield "hand", ".hand.csv", ["t", *POSE], np.column_stack([recording.hand_t, recording.hand_pose])
 
 
 def _write_columns(path: Path, names: list[str], table: np.ndarray) -> None:
