@@ -41,7 +41,7 @@ _HOMES = {
     "search": "optimizers",
     "animate": "viz.animation",
     "plot_distance": "viz.plots",
-    "plot_strike": "viz.plots",
+    "plot_strike": "viz.plots_strike",
     "plot_tip_speed": "viz.plots",
     "plot_torque": "viz.plots",
     "plot_tracking": "viz.plots",
@@ -100,7 +100,8 @@ if TYPE_CHECKING:
     from whiptool.strike_map.map_runs import load_map
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
-    from whiptool.viz.plots import plot_distance, plot_strike, plot_tip_speed, plot_torque, plot_tracking
+    from whiptool.viz.plots import plot_distance, plot_tip_speed, plot_torque, plot_tracking
+    from whiptool.viz.plots_strike import plot_strike
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)
 doors_aside(__name__, _HOMES)

@@ -13,6 +13,7 @@ from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
 from whiptool.viz import plots
+from whiptool.viz.plots_strike import plot_strike
 
 LEMON, TARGET = preset("lemon2024"), np.array([1.3, 0.0])
 STRIKE = Strike.from_vector([-1.2, 0.9, 1.2, 0.3, 0.7])
@@ -25,7 +26,7 @@ def trajectory():
 
 
 def test_every_axis_names_its_unit(trajectory):
-    ax = plots.plot_strike(trajectory, LEMON, Target(tuple(TARGET)), ax=Figure().subplots())
+    ax = plot_strike(trajectory, LEMON, Target(tuple(TARGET)), ax=Figure().subplots())
     assert "[m]" in ax.get_xlabel()
     assert "[m]" in ax.get_ylabel()
     ax = plots.plot_distance(trajectory, tuple(TARGET), ax=Figure().subplots())
@@ -55,7 +56,7 @@ def compared(ax, bar) -> bool:
 
 def test_a_strike_fills_its_figure(trajectory):
     """Colour bar beside the axes, title above them, no blank third; also after a change of the figure's shape."""
-    ax = plots.plot_strike(trajectory, LEMON, tuple(TARGET))
+    ax = plot_strike(trajectory, LEMON, tuple(TARGET))
     figure = ax.figure
     for size in (figure.get_size_inches(), (9.0, 5.0), (5.0, 9.0)):
         figure.set_size_inches(*size)
@@ -72,7 +73,7 @@ def test_a_strike_fills_its_figure(trajectory):
 def test_strikes_beside_each_other_keep_their_colour_bars(layout, trajectory):
     figure = Figure((12, 5), layout=layout)
     left, right = figure.subplots(1, 2)
-    plots.plot_strike(trajectory, LEMON, tuple(TARGET), ax=left)
+    plot_strike(trajectory, LEMON, tuple(TARGET), ax=left)
     plots.plot_distance(trajectory, tuple(TARGET), ax=right)
     figure.draw_without_rendering()
     (bar,) = left.child_axes

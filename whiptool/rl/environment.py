@@ -170,7 +170,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         from matplotlib.figure import Figure
         from matplotlib.patches import Circle
 
-        from whiptool.viz.plots import plot_strike
+        from whiptool.viz.plots_strike import plot_strike
 
         task, target = self.task, self.task.targets[0]
         figure = Figure(figsize=(6.4, 4.8), dpi=100, layout="constrained")

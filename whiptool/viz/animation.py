@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,7 +22,7 @@ from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.viz.frames import drawn_frames, write_film
-from whiptool.viz.plots_space import box_around, plot_ball, set_up_perspective
+from whiptool.viz.plots_strike import box_around, plot_ball, set_up_perspective
 from whiptool.viz.posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, STYLE
 
@@ -37,20 +37,32 @@ class StrikeAnimation(FuncAnimation):
         moving: The artists that move, in the order in which they are drawn.
         count: Number of frames.
         show: Called with the number of each frame, puts the artists where they are then.
+        fps: Frames per second.
     """
 
-    def __init__(self, figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None]) -> None:
-        super().__init__(figure, show, frames=count, init_func=lambda: (), interval=1e3 / FPS, blit=False)
-        self.figure, self.moving, self.count, self.show = figure, moving, count, show
+    def __init__(
+        self, figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None], fps: float
+    ) -> None:
+        super().__init__(figure, show, frames=count, init_func=lambda: (), interval=1e3 / fps, blit=False)
+        self.figure, self.moving, self.count, self.show, self.fps = figure, moving, count, show, fps
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a frame [pixels]."""
+        width, height = self.figure.bbox.size
+        return int(width), int(height)
+
+    def frames(self) -> Iterator[np.ndarray]:
+        """Yield the frames (height, width, 3) of uint8."""
+        self._draw_was_started = True  # or matplotlib warns of an animation that was never drawn
+        yield from drawn_frames(self.figure, self.moving, self.count, self.show)
 
     def to_html(self) -> str:
         """Return the film as an HTML element with embedded H.264 video."""
-        width, height = (int(x) for x in self.figure.bbox.size)
-        frames = drawn_frames(self.figure, self.moving, self.count, self.show)
-        self._draw_was_started = True  # or matplotlib warns of an animation that was never drawn
+        width, height = self.size
         with TemporaryDirectory() as folder:
             film = Path(folder) / "film.mp4"
-            write_film(film, frames, count=self.count, size=(width, height), fps=FPS)
+            write_film(film, self.frames(), count=self.count, size=self.size, fps=self.fps)
             data = base64.b64encode(film.read_bytes()).decode()
         source = f'<source type="video/mp4" src="data:video/mp4;base64,{data}">'
         return f'<video width="{width}" height="{height}" controls autoplay loop>{source}</video>'
@@ -68,8 +80,10 @@ def animate(
     target: Target | Sequence[float] | np.ndarray,
     *,
     speed: float = 0.25,
+    fps: float = FPS,
     width: float = 5.6,
     dpi: float = 90,
+    beyond: bool = False,
 ) -> StrikeAnimation:
     """Animate a strike in slow motion: arm, whip, path of the tip, and the target, which turns green when it is hit.
 
@@ -81,23 +95,25 @@ def animate(
         trajectory, model: The strike, and the model that it was rolled out with.
         target: Target of the strike, or its position (2,), in space (3,) [m].
         speed: 1 is real time, 0.25 four times slower.
+        fps: Frames per second.
         width, dpi: Width and dpi of the frames [inches], [pixels per inch].
+        beyond: The strike is beyond its limits: it is shown as no hit.
 
     Raises:
-        InputError: speed, width or dpi is not a positive number, or the target has other coordinates than the model.
+        InputError: A number is not positive, or the target has other coordinates than the model.
     """
-    for name, value in (("speed", speed), ("width", width), ("dpi", dpi)):
+    for name, value in (("speed", speed), ("fps", fps), ("width", width), ("dpi", dpi)):
         if not 0 < value < np.inf:
             raise InputError(name, value, "a finite number > 0")
     goal = as_target(target)
     goal.check_fits(model)
     t = trajectory.t
-    times = np.append(np.arange(t[0], t[-1], speed / FPS), t[-1])  # (F,)
+    times = np.append(np.arange(t[0], t[-1], speed / fps), t[-1])  # (F,)
     q, tip_velocity = (at_times(times, t, x) for x in (trajectory.q, trajectory.tip_velocity))
     path_times = times if model.dimension == 2 else np.union1d(times, t)
     path = at_times(path_times, t, trajectory.tip)
     arms, whips = arm_and_whip(model, q)
-    hit_time = goal.hit_time(trajectory.approach(goal))
+    hit_time = None if beyond else goal.hit_time(trajectory.approach(goal))
     every = np.concatenate([arms.reshape(-1, model.dimension), whips.reshape(-1, model.dimension), trajectory.tip])
 
     with matplotlib.rc_context(STYLE):
@@ -121,7 +137,7 @@ def animate(
             fast = np.linalg.norm(tip_velocity[frame])
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
 
-        return StrikeAnimation(figure, (zone, trail, whip, arm, tip, title), len(times), show)
+        return StrikeAnimation(figure, (zone, trail, whip, arm, tip, title), len(times), show, fps)
 
 
 def _nothing(model: Model) -> list[list[float]]:
@@ -136,18 +152,14 @@ def _put(line: Any, places: np.ndarray) -> None:
 
 def _in_plane(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
     """Figure and axes that hold all places (..., 2), and the target in them."""
-    place, radius = np.array(target.position), target.hit_radius
-    every = np.concatenate([every, [place - radius, place + radius]])
-    low, high = every.min(axis=0) - 0.08, every.max(axis=0) + 0.08
+    low, high = box_around(every, target)
     figure = _figure(width, width * (high[1] - low[1]) / (high[0] - low[0]) + 0.6, dpi)
     ax = figure.subplots()
     ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]")
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    return (
-        figure,
-        ax,
-        ax.add_patch(Circle((place[0], place[1]), radius, color=COLORS["orange"], alpha=0.5, linewidth=0)),
-    )
+    x, y = target.position
+    zone = Circle((x, y), target.hit_radius, color=COLORS["orange"], alpha=0.5, linewidth=0)
+    return figure, ax, ax.add_patch(zone)
 
 
 def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:

@@ -47,7 +47,6 @@ def write_film(
     count: int,
     size: tuple[int, int],
     fps: float,
-    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write frames (height, width, 3) of uint8 as an H.264 film.
 
@@ -56,7 +55,6 @@ def write_film(
         frames, count: What the film shows, and how many there are.
         size: Width and height [pixels], both even.
         fps: Frames per second.
-        progress: Called as `progress(frames done, frames in all)` after each frame.
 
     Raises:
         OSError: It cannot be written.
@@ -73,10 +71,8 @@ def write_film(
     )
     writer.send(None)
     try:
-        for i, frame in enumerate(frames):
+        for frame in frames:
             writer.send(frame)
-            if progress is not None:
-                progress(i + 1, count)
     except OSError:
         raise OSError("ffmpeg ended before the last frame; the disk may be full") from None
     finally:

@@ -1,4 +1,4 @@
-"""Figures of a strike and of a search, drawn with matplotlib's objects.
+"""Figures of a strike over time and of a search, drawn with matplotlib's objects.
 
 Every `plot_...` function draws into axes that it is given and returns them, so that figures can be composed freely;
 `matplotlib.rc_context(STYLE)` gives them the look of the saved ones. Where none are given, those of a strike make a
@@ -13,38 +13,28 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import expect
 from whiptool.goals.target import Target, as_target
-from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.objective import Trial, why_lost
-from whiptool.viz.direction import LOOK, asked_of, draw_direction
-from whiptool.viz.plots_space import draw_views, plot_in_space
-from whiptool.viz.posture import at_times
+from whiptool.viz.plots_strike import draw_strike
 from whiptool.viz.style import (
     COLORS,
     CYCLE,
     JOINT_COLORS,
     STYLE,
-    TIME,
     legend_above,
     length_text,
     save_figure,
-    ticks,
     verbatim,
 )
 from whiptool.words import counted
 
-_POSTURES = 12  # as in Fig. 10a
-_STRIKE_SIZE, _TIME_SIZE, _TWO_TIMES_SIZE = (7.4, 6.6), (7.6, 4.0), (7.6, 6.4)  # [in]; a strike's shape sets its width
+_TIME_SIZE, _TWO_TIMES_SIZE = (7.6, 4.0), (7.6, 6.4)  # [in]
 
 
 def planned_end(trajectory: Trajectory) -> float | None:
@@ -102,138 +92,11 @@ def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequenc
     return ax
 
 
-def plot_strike(
-    trajectory: Trajectory, model: Model, target: Target | Sequence[float], *, ax: Axes | None = None
-) -> Axes:
-    """Draw postures of arm and whip at equal intervals, the tip's path, and the posture at the closest approach.
-
-    A strike in space gets four views in a new figure: side, top, front and perspective.
-
-    Args:
-        trajectory: The strike.
-        model: The model that it was rolled out with.
-        target: Target of the strike, or (x, y) or (x, y, z) [m].
-        ax: Axes to draw into; None: axes of a new figure of a size that fits. Of a figure with several axes,
-            `layout="constrained"` keeps room for legend and colour bar. A strike in space is drawn in perspective into
-            3-D axes, and as seen from the side into others.
-
-    Returns:
-        The axes; of four views those in perspective.
-
-    Raises:
-        InputError: The target has other coordinates than the model.
-    """
-    expect(Trajectory, trajectory=trajectory)
-    expect(Model, model=model)
-    expect(Axes, type(None), ax=ax)
-    goal = as_target(target)
-    if model.dimension == 3:
-        return _plot_strike_in_space(trajectory, model, goal, ax)
-    if ax is None:
-        with matplotlib.rc_context(STYLE):
-            return _fit_width(plot_strike(trajectory, model, goal, ax=_new_axes(_STRIKE_SIZE)))
-    goal.check_fits(model)
-    near, t = trajectory.approach(np.array(goal.position)), trajectory.t
-    t_near = float(near.time[0])
-    # What comes after the closest approach would cover what led to it
-    until = t_near if t_near > 0.3 * t[-1] else float(t[-1])
-    _draw_postures(ax, trajectory, model, until)
-    ax.plot(*trajectory.tip[t <= until].T, color="0.45", linewidth=0.9, zorder=1.5, label="path of the tip")
-    ax.plot(*trajectory.tip[t >= until].T, color="0.6", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
-    _draw_target(ax, goal)
-    _draw_nearest(ax, trajectory, model, t_near)
-    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
-    if trajectory.diverged:
-        title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
-    ax.set(xlabel="x, forward [m]", ylabel="y, up [m]", title=title)
-    _scale_alike(ax)
-    legend_above(ax, ncols=2)
-    return ax
-
-
-def _draw_postures(ax: Axes, trajectory: Trajectory, model: Model, until: float) -> None:
-    """Arm and whip at even steps up to an instant [s], coloured by time, with a colour bar."""
-    t, n = trajectory.t, model.arm.n
-    times = np.linspace(t[0], until, _POSTURES)
-    points = joint_points(model, at_times(times, t, trajectory.q))  # (12, n + 1, 2)
-    norm = Normalize(t[0], max(until, t[0] + 1e-3))
-    for x, width in ((points[:, : n + 1], 3.2), (points[:, n:], 1.5)):
-        ax.add_collection(
-            LineCollection(
-                list(x),
-                colors=TIME(norm(times)),
-                linewidths=width,
-                alpha=0.75,
-                capstyle="round",
-                joinstyle="round",
-                zorder=2,
-            )
-        )
-    figure = ax.get_figure()
-    assert figure is not None
-    figure.colorbar(
-        ScalarMappable(norm, TIME),
-        cax=ax.inset_axes((1.03, 0.15, 0.04, 0.7)),  # with ax=ax it would lie next to the legend if that is wider
-        label=f"time [s], a posture every {times[1] - times[0]:.3f} s",
-    )
-
-
-def _draw_target(ax: Axes, goal: Target) -> None:
-    """The target's disc of the hit radius, and its entry in the legend."""
-    x, y = goal.position
-    disc, rim = (x, y), COLORS["orange"]
-    ax.add_patch(Circle(disc, goal.hit_radius, facecolor=rim, alpha=0.35, edgecolor="none", zorder=1))
-    ax.add_patch(Circle(disc, goal.hit_radius, fill=False, edgecolor=rim, linewidth=1.6, zorder=3))
-    label = f"target, hit radius {goal.hit_radius:g} m"
-    ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=rim, markersize=9, label=label)
-    if goal.direction is not None:
-        draw_direction(ax, goal)
-        ax.plot([], [], "-", label=asked_of(goal), **LOOK)
-
-
-def _draw_nearest(ax: Axes, trajectory: Trajectory, model: Model, t_near: float) -> None:
-    """Arm and whip at the closest approach, in black, and the tip."""
-    n = model.arm.n
-    p = joint_points(model, at_times(np.array([t_near]), trajectory.t, trajectory.q))[0]
-    ax.plot(*p[: n + 1].T, color=COLORS["black"], linewidth=5, zorder=4)
-    ax.plot(*p[n:].T, color=COLORS["black"], linewidth=2.4, zorder=4, label=f"closest approach, {t_near:.3f} s")
-    ax.plot(*p[: n + 1].T, "o", color="white", markeredgecolor=COLORS["black"], markersize=5, zorder=5)
-    ax.plot(*p[-1], "o", color=COLORS["vermilion"], markersize=6, zorder=6, label="tip")
-
-
-def _scale_alike(ax: Axes) -> None:
-    """The same scale and the same ticks along x and y."""
-    ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
-    ax.margins(0.06)
-    extent = np.ptp([ax.get_xlim(), ax.get_ylim()], axis=1).max()
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(ticks(0.25 if extent < 2 else 0.5 if extent < 5 else 1.0, extent))
-
-
-def _plot_strike_in_space(
-    trajectory: Trajectory, model: Model, target: Target | Sequence[float], ax: Axes | None
-) -> Axes:
-    if ax is not None:
-        return plot_in_space(trajectory, model, target, ax)
-    from matplotlib import pyplot
-
-    with matplotlib.rc_context(STYLE):
-        return draw_views(pyplot.figure(), trajectory, model, target)
-
-
 def _new_axes(size: tuple[float, float]) -> Axes:
     """Axes of a new figure of this size [in]."""
     from matplotlib import pyplot
 
     return pyplot.figure(figsize=size, layout="constrained").subplots()
-
-
-def _fit_width(ax: Axes) -> Axes:
-    """Make a figure with one strike as wide as the strike asks for at the figure's height."""
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.set_figwidth(1.9 + 5.4 * float(np.clip(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()), 0.75, 2)))
-    return ax
 
 
 def _new_pair() -> np.ndarray:
@@ -464,7 +327,8 @@ def save_strike_figures(
         sizes = {"distance": _TIME_SIZE, "tracking": _TWO_TIMES_SIZE, "torque": _TIME_SIZE}
         sizes |= {"gains": _TWO_TIMES_SIZE} if trajectory.K.any() or trajectory.B.any() else {}
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
-        figures["strike"] = _strike_figure(trajectory, model, target)
+        figures["strike"] = Figure()
+        draw_strike(figures["strike"], trajectory, model, target)
         plot_distance(trajectory, target, ax=figures["distance"].subplots())
         plot_tracking(trajectory, model, axes=figures["tracking"].subplots(2, sharex=True))
         plot_torque(trajectory, model, ax=figures["torque"].subplots())
@@ -474,16 +338,6 @@ def save_strike_figures(
         for figure in figures.values():
             figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
-
-
-def _strike_figure(trajectory: Trajectory, model: Model, target: Target) -> Figure:
-    if model.dimension == 3:
-        figure = Figure()
-        draw_views(figure, trajectory, model, target)
-        return figure
-    figure = Figure(_STRIKE_SIZE, layout="constrained")
-    _fit_width(plot_strike(trajectory, model, target, ax=figure.subplots()))
-    return figure
 
 
 def save_convergence(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from whiptool.viz.opengl import add_bar, add_rod, draws_in_software, gl_context
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
+_DPI = 90.0  # of films that matplotlib draws
 
 
 def render_video(
@@ -33,7 +34,6 @@ def render_video(
     fps: float = 25.0,
     speed: float = 0.25,
     size: tuple[int, int] = (960, 540),
-    progress: Callable[[int, int], None] | None = None,
     beyond: bool = False,
 ) -> str:
     """Write a film of a strike, seen from the side, or in space from the front right and above.
@@ -45,8 +45,7 @@ def render_video(
         trajectory, model: The strike, and the model that it was rolled out with.
         target: Target of the strike, or its position (2,) or (3,) [m].
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
-        size: Width and height [pixels], both even.
-        progress: Called as `progress(frames done, frames in all)` after each frame.
+        size: Width and height [pixels], both even; of what matplotlib draws, the height is what the strike asks for.
         beyond: The strike is beyond its limits: it is shown as no hit.
 
     Returns:
@@ -63,18 +62,20 @@ def render_video(
         raise InputError("size", size, "an even width and height of 16 pixels or more")
     goal = as_target(target)
     film = film_of(trajectory, model, goal, fps=fps, speed=speed, size=size, beyond=beyond)
+    count, shown = len(film.q), film.size
     try:
         used, frames = "mujoco", _mujoco_frames(film, goal)
         frames = itertools.chain([next(frames)], frames)  # the first frame shows whether OpenGL works
     except Exception as error:  # drivers and MuJoCo fail in many ways
         logger.warning("no OpenGL (%s: %s): the video is drawn by matplotlib", type(error).__name__, error)
-        from whiptool.viz.drawn_film import drawn_film
+        from whiptool.viz.animation import animate
 
-        used, frames = "matplotlib", drawn_film(film, goal)
+        drawn = animate(trajectory, model, goal, speed=speed, fps=fps, width=size[0] / _DPI, dpi=_DPI, beyond=beyond)
+        used, frames, count, shown = "matplotlib", drawn.frames(), drawn.count, drawn.size
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished:
-        write_film(unfinished, frames, count=len(film.q), size=film.size, fps=fps, progress=progress)
+        write_film(unfinished, frames, count=count, size=shown, fps=fps)
     return used
 
 

@@ -1,14 +1,16 @@
-"""Figures of a strike in space: in three projections and in perspective, drawn with matplotlib's objects.
+"""Figures of a strike: postures of arm and whip, and the tip's path, drawn with matplotlib's objects.
 
-`whiptool.viz.plots.plot_strike` draws them; as there, every function draws into axes that it is given.
+A strike in the plane has one view; one in space has three projections and a perspective. As in `whiptool.viz.plots`,
+functions draw into axes that they are given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -20,33 +22,32 @@ from matplotlib.patches import Circle
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from whiptool.errors import expect
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
 from whiptool.viz.posture import arm_and_whip, at_times
-from whiptool.viz.style import COLORS, SPEED, legend_above, length_text, ticks
+from whiptool.viz.style import COLORS, SPEED, STYLE, legend_above, length_text, ticks
 
-Plane: TypeAlias = Literal["xz", "xy", "yz"]
-
-AXES = ("x, forward [m]", "y, left [m]", "z, up [m]")
-PLANES: dict[Plane, tuple[int, int]] = {"xz": (0, 2), "xy": (0, 1), "yz": (1, 2)}  # to the right, up
+AXES = {2: ("x, forward [m]", "y, up [m]"), 3: ("x, forward [m]", "y, left [m]", "z, up [m]")}
+VIEWS = {"side": (0, 2), "top": (0, 1), "front": (1, 2)}  # coordinates to the right and up
 AZIMUTH, ELEVATION = -55.0, 20.0  # from where a strike is seen in perspective, as matplotlib counts them [deg]
-_NAMES: dict[Plane, str] = {"xz": "side", "xy": "top", "yz": "front"}
 _POSTURES = 10
 _SEGMENTS = 600  # of the tip's path
 _NARROWEST = 0.6  # share of the widest side of what is shown that every side has
-_LONGEST = 4.3  # [in], the widest side of what is shown, in a separate figure
+_LONGEST = 4.3  # [in], the widest side of what is shown in four views
+_HEIGHT = 6.6  # [in] of a figure with one view, whose shape sets its width
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What of a strike in space is drawn, in numbers; places are (x, y, z) [m] in the base's axes.
+    """What of a strike is drawn, in numbers; places are in d coordinates [m] in the base's axes.
 
     Args:
-        arms, whips: Postures at equal intervals up to the closest approach, the last is the one there: the arm from
-            the base to the hand, (P, a + 2, 3), the whip from the hand to the tip, (P, N + 1, 3).
-        path: Path of the tip, (S, 3).
+        arms, whips: Postures at equal intervals up to the closest approach, the last is the one there, see
+            `arm_and_whip`: the arm, (P, ..., d), the whip from the hand to the tip, (P, N + 1, d).
+        path: Path of the tip, (S, d).
         path_times: [s], (S,).
         speed: Speed of the tip [m/s], (S,).
         until: When the closest approach is, or the end where that is at the start [s].
@@ -66,9 +67,14 @@ class Drawn:
     when: float
 
     @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.path.shape[1]
+
+    @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of what is shown [m], (3,) each; no side is much shorter than the widest."""
-        moved = [self.arms.reshape(-1, 3), self.whips.reshape(-1, 3), self.path]
+        """Lowest and highest corner of what is shown [m], (d,) each; no side is much shorter than the widest."""
+        moved = [self.arms.reshape(-1, self.dimension), self.whips.reshape(-1, self.dimension), self.path]
         return box_around(np.concatenate(moved), self.target)
 
     @property
@@ -78,26 +84,26 @@ class Drawn:
 
     @property
     def before(self) -> tuple[np.ndarray, np.ndarray]:
-        """Path of the tip up to the closest approach [m], (S', 3), and its speed there [m/s], (S',)."""
+        """Path of the tip up to the closest approach [m], (S', d), and its speed there [m/s], (S',)."""
         seen = self.path_times <= self.until
         return self.path[seen], self.speed[seen]
 
     @property
     def after(self) -> np.ndarray:
-        """Path of the tip from the closest approach on [m], (S'', 3)."""
+        """Path of the tip from the closest approach on [m], (S'', d)."""
         return self.path[self.path_times >= self.until]
 
 
 def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Drawn:
-    """Return what is drawn of a strike in space.
+    """Return what is drawn of a strike.
 
     Args:
         trajectory: The strike.
-        model: The model in space that it was rolled out with.
-        target: Target of the strike, or (x, y, z) [m].
+        model: The model that it was rolled out with.
+        target: Target of the strike, or (x, y) or (x, y, z) [m].
 
     Raises:
-        InputError: The target is not in space.
+        InputError: The target has other coordinates than the model.
     """
     goal = as_target(target)
     goal.check_fits(model)
@@ -122,9 +128,9 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
     )
 
 
-def plot_projection(ax: Axes, strike: Drawn, plane: Plane) -> Axes:
-    """Draw a strike as seen along the axis that is not in the plane: `xz` the side, `xy` the top, `yz` the front."""
-    i, j = PLANES[plane]
+def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
+    """Draw two coordinates of a strike, to the right and up; see `VIEWS`."""
+    (i, j), axes = seen, AXES[strike.dimension]
     shown, place, radius = [i, j], np.array(strike.target.position), strike.target.hit_radius
     for posture, style in _posture_styles(strike):
         ax.plot(*posture[:, shown].T, **style)
@@ -136,8 +142,9 @@ def plot_projection(ax: Axes, strike: Drawn, plane: Plane) -> Axes:
     ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
     draw_direction(ax, strike.target, shown)
     low, high = strike.box
-    ax.set(xlabel=AXES[i], ylabel=AXES[j], xlim=(low[i], high[i]), ylim=(low[j], high[j]))
-    ax.set_aspect("equal", adjustable="box")
+    ax.set(xlabel=axes[i], ylabel=axes[j], aspect="equal")
+    ax.set_xlim(low[i], high[i], auto=True)  # where the aspect widens them matplotlib warns of limits that are fixed
+    ax.set_ylim(low[j], high[j], auto=True)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(ticks(*_tick(strike)))
     return ax
@@ -166,7 +173,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
 
 
 def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest corner (3,) [m] of what shows all places (..., 3) and a target.
+    """Return the lowest and the highest corner (d,) [m] of what shows all places (..., d) and a target.
 
     There is some room around them, and no side is much shorter than the widest.
     """
@@ -191,20 +198,49 @@ def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: f
     ax.set_proj_type("persp", focal_length=0.8)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
     ax.set_box_aspect(tuple(high - low), zoom=zoom)
-    ax.set(xlabel=AXES[0], ylabel=AXES[1], zlabel=AXES[2])
+    ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), AXES[3], strict=True)))
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0.97, 0.97, 0.98, 1.0))  # pyrefly: ignore[missing-attribute]  # typed as in the plane
 
 
-def plot_in_space(trajectory: Trajectory, model: Model, target: Target | Sequence[float], ax: Axes) -> Axes:
-    """Draw a strike in space into axes: in perspective if they are 3-D, else seen from the side."""
+def plot_strike(
+    trajectory: Trajectory, model: Model, target: Target | Sequence[float], *, ax: Axes | None = None
+) -> Axes:
+    """Draw postures of arm and whip at equal intervals, the tip's path coloured by its speed, and the posture at the
+    closest approach.
+
+    A strike in space gets four views in a new figure: side, top, front and perspective.
+
+    Args:
+        trajectory: The strike.
+        model: The model that it was rolled out with.
+        target: Target of the strike, or (x, y) or (x, y, z) [m].
+        ax: Axes to draw into; None: axes of a new figure of a size that fits. Of a figure with several axes,
+            `layout="constrained"` keeps room for legend and colour bar. A strike in space is drawn in perspective into
+            3-D axes, and as seen from the side into others.
+
+    Returns:
+        The axes; of four views those in perspective.
+
+    Raises:
+        InputError: The target has other coordinates than the model.
+    """
+    expect(Trajectory, trajectory=trajectory)
+    expect(Model, model=model)
+    expect(Axes, type(None), ax=ax)
+    if ax is None:
+        from matplotlib import pyplot
+
+        with matplotlib.rc_context(STYLE):
+            return draw_strike(pyplot.figure(), trajectory, model, target)
     strike = drawn(trajectory, model, target)
     if isinstance(ax, Axes3D):
         plot_perspective(ax, strike)
         bar: dict[str, Any] = {"ax": ax, "shrink": 0.6, "pad": 0.1}
     else:
-        plot_projection(ax, strike, "xz")
-        bar = {"cax": ax.inset_axes((1.03, 0.15, 0.04, 0.7))}
+        plot_projection(ax, strike, (0, strike.dimension - 1))
+        ax.set_aspect("equal", adjustable="datalim")  # a box that shrinks would leave a blank
+        bar = {"cax": ax.inset_axes((1.03, 0.15, 0.04, 0.7))}  # with ax=ax it would lie next to a legend that is wider
     figure = ax.get_figure()
     assert figure is not None
     figure.colorbar(ScalarMappable(strike.norm, SPEED), label="speed of the tip [m/s]", **bar)
@@ -213,17 +249,24 @@ def plot_in_space(trajectory: Trajectory, model: Model, target: Target | Sequenc
     return ax
 
 
-def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Axes3D:
-    """Draw a strike from the side, from above, from the front and in perspective, to one scale.
+def draw_strike(figure: Figure, trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Axes:
+    """Draw a strike into a figure without axes, whose size is set to what the strike asks for; see `plot_strike`."""
+    strike = drawn(trajectory, model, target)
+    if strike.dimension == 3:
+        return _draw_views(figure, strike)
+    low, high = strike.box
+    width = 1.9 + 5.4 * float(np.clip((high - low)[0] / (high - low)[1], 0.75, 2))
+    figure.set_size_inches(width, _HEIGHT)
+    figure.set_layout_engine("constrained")
+    return plot_strike(trajectory, model, target, ax=figure.subplots())
 
-    Args:
-        figure: Without axes; its size is set to what the strike asks for.
-        trajectory, model, target: As in `drawn`.
+
+def _draw_views(figure: Figure, strike: Drawn) -> Axes3D:
+    """Draw a strike from the side, from above, from the front and in perspective, to one scale.
 
     Returns:
         The axes in perspective; the others are `figure.axes[:3]`: side, top, front.
     """
-    strike = drawn(trajectory, model, target)
     low, high = strike.box
     wide, deep, tall = (high - low) * _LONGEST / (high - low).max()  # [in]
     second_row = 0 if strike.target.direction is None else 0.22  # of the legend [in]
@@ -243,23 +286,21 @@ def draw_views(figure: Figure, trajectory: Trajectory, model: Model, target: Tar
         width_ratios=[wide, deep],
         height_ratios=[tall, deep],
     )
-    cells: dict[Plane, Any] = {"xz": grid[0, 0], "xy": grid[1, 0], "yz": grid[0, 1]}
-    views: dict[Plane, Axes] = {
-        plane: plot_projection(figure.add_subplot(cell), strike, plane) for plane, cell in cells.items()
-    }
-    for plane, ax in views.items():
-        ax.text(0.03, 0.97, _NAMES[plane], transform=ax.transAxes, va="top", color="0.35", fontweight="bold")
-    views["xz"].set(xlabel="", title=strike.title)
-    views["xz"].tick_params(labelbottom=False)
-    views["yz"].set(ylabel="")
-    views["yz"].tick_params(labelleft=False)
-    legend_above(views["xz"], ncols=4)
+    cells: dict[str, Any] = {"side": grid[0, 0], "top": grid[1, 0], "front": grid[0, 1]}
+    views = {name: plot_projection(figure.add_subplot(cell), strike, VIEWS[name]) for name, cell in cells.items()}
+    for name, ax in views.items():
+        ax.text(0.03, 0.97, name, transform=ax.transAxes, va="top", color="0.35", fontweight="bold")
+    views["side"].set(xlabel="", title=strike.title)
+    views["side"].tick_params(labelbottom=False)
+    views["front"].set(ylabel="")
+    views["front"].tick_params(labelleft=False)
+    legend_above(views["side"], ncols=4)
     rest = (left + wide + 0.1, 0.1, beside + deep + right - 0.2, bottom + deep + 0.05)  # [in]
     sides = np.array([width, height, width, height])
     perspective = figure.add_axes(tuple(rest / sides), projection="3d", facecolor="none", zorder=-1)
     figure.colorbar(
         ScalarMappable(strike.norm, SPEED),
-        cax=views["yz"].inset_axes((1.05, 0.12, 0.045, 0.76)),
+        cax=views["front"].inset_axes((1.05, 0.12, 0.045, 0.76)),
         label="speed of the tip [m/s]",
     )
     assert isinstance(perspective, Axes3D)
@@ -282,9 +323,9 @@ def _posture_styles(strike: Drawn) -> list[tuple[np.ndarray, dict[str, Any]]]:
     lines.append((whip[-1:], {**dots, "color": COLORS["vermilion"], "markersize": 6, "label": "tip"}))
     target = {**dots, "color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
     label = f"target, hit radius {strike.target.hit_radius:g} m"
-    lines.append((np.full((1, 3), np.nan), {**target, "label": label}))
+    lines.append((np.full((1, strike.dimension), np.nan), {**target, "label": label}))
     if strike.target.direction is not None:
-        lines.append((np.full((1, 3), np.nan), {**LOOK, "label": asked_of(strike.target)}))
+        lines.append((np.full((1, strike.dimension), np.nan), {**LOOK, "label": asked_of(strike.target)}))
     return lines
 
 

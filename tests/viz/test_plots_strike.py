@@ -17,7 +17,7 @@ from spatial_arms import of_universal_nodes
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.models.trajectory import Trajectory
-from whiptool.viz import plots, plots_space
+from whiptool.viz import plots, plots_strike
 from whiptool.viz.report import Picture
 
 NAH = preset("nah2023")
@@ -51,7 +51,7 @@ def lines_of(ax) -> dict[str, np.ndarray]:
 
 def test_four_views_show_the_posture_at_the_closest_approach(model):
     path, target = struck(model)
-    ax = plots.plot_strike(path, model, target)
+    ax = plots_strike.plot_strike(path, model, target)
     arm, whip = nearest_posture(path, model, target)
     columns = {"side": [0, 2], "top": [0, 1], "front": [1, 2]}
     views = {view.texts[0].get_text(): view for view in ax.figure.axes[:3]}
@@ -83,7 +83,7 @@ def pixels(ax, point) -> np.ndarray:
 
 def test_the_perspective_has_one_scale_and_nearer_is_larger():
     path, target = struck(NAH)
-    ax = plots.plot_strike(path, NAH, target, ax=Figure().add_subplot(projection="3d"))
+    ax = plots_strike.plot_strike(path, NAH, target, ax=Figure().add_subplot(projection="3d"))
     shown = np.array([proj3d.proj_transform(*p, ax.get_proj())[:2] for p in path.tip[::30]])
     flat = [pixels(ax, p) for p in path.tip[::30]]
     # x' = f x / (d - depth): two unknowns, the same for all points and both directions
@@ -97,7 +97,7 @@ def test_the_perspective_has_one_scale_and_nearer_is_larger():
 
 def test_the_path_is_coloured_by_the_speed_up_to_the_closest_approach(model):
     path, target = struck(model)
-    ax = plots_space.plot_in_space(path, model, target, Figure().subplots())
+    ax = plots_strike.plot_strike(path, model, target, ax=Figure().subplots())
     (drawn,) = [c for c in ax.collections if isinstance(c, LineCollection)]
     near = path.approach(target)
     ends = np.array(drawn.get_segments())
@@ -111,14 +111,14 @@ def test_the_path_is_coloured_by_the_speed_up_to_the_closest_approach(model):
     bar = ax.child_axes[0]
     assert bar.get_ylabel() == "speed of the tip [m/s]"
     assert [ax.get_xlabel(), ax.get_ylabel()] == ["x, forward [m]", "z, up [m]"]
-    three = plots_space.plot_in_space(path, model, target, Figure().add_subplot(projection="3d"))
+    three = plots_strike.plot_strike(path, model, target, ax=Figure().add_subplot(projection="3d"))
     (drawn,) = [c for c in three.collections if isinstance(c, Line3DCollection) and c.get_array() is not None]
     assert three.get_zlabel() == "z, up [m]"
 
 
 def test_a_figure_of_views_has_no_blank_third(model):
     path, target = struck(model)
-    ax = plots.plot_strike(path, model, target)
+    ax = plots_strike.plot_strike(path, model, target)
     ax.figure.savefig(data := io.BytesIO(), dpi=50, bbox_inches=None)
     image = plt.imread(io.BytesIO(data.getvalue()))[..., :3]
     inked = (image < 0.9).any(axis=2)
@@ -131,9 +131,9 @@ def test_a_figure_of_views_has_no_blank_third(model):
 def test_a_planar_target_is_refused_in_space_and_the_other_way_round():
     path, _ = struck(NAH)
     with pytest.raises(InputError, match="three coordinates x y z"):
-        plots.plot_strike(path, NAH, (1.3, 0.0))
+        plots_strike.plot_strike(path, NAH, (1.3, 0.0))
     with pytest.raises(InputError, match="two coordinates x y"):
-        plots.plot_strike(path, preset("lemon2024"), (1.3, 0.0, 0.2))
+        plots_strike.plot_strike(path, preset("lemon2024"), (1.3, 0.0, 0.2))
     with pytest.raises(InputError, match="in space"):
         plots.plot_distance(path, (1.3, 0.0))
 
@@ -144,13 +144,13 @@ def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
     files = plots.save_strike_figures(tmp_path, path, model, target, "by hand")
     assert {file.name for file in files} == {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")}
     figure = Figure()
-    plots_space.draw_views(figure, path, model, target)
+    plots_strike.draw_strike(figure, path, model, target)
     assert Picture(figure, "strike").source.startswith("data:image/svg+xml")
 
 
 def test_a_strike_that_diverged_is_drawn():
     path, target = struck(NAH)
     cut = {x: getattr(path, x)[:40] for x in path.__dataclass_fields__ if x != "diverged"}
-    ax = plots.plot_strike(Trajectory(**cut, diverged=True), NAH, target)
+    ax = plots_strike.plot_strike(Trajectory(**cut, diverged=True), NAH, target)
     assert ax.figure.axes[0].get_title(loc="left").startswith("diverged at 0.0780 s")
     plt.close(ax.figure)
