@@ -16,11 +16,11 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays, read_json, read_text
 from whiptool.goals.zone import Region
-from whiptool.identification.pendulum_files import read_angles
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.tables import read_toml
 from whiptool.models.trajectory import Trajectory
 from whiptool.optimizers.library import StrikeLibrary
+from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 
 
@@ -62,7 +62,7 @@ LOADERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], object]]] = 
     "trajectory": (lambda path: some_trajectory().save(path), Trajectory.load),
     "region": (saved_region, Region.load),
     "library": (saved_library, StrikeLibrary.load),
-    "angles": (saved_angles, read_angles),
+    "angles": (saved_angles, read_swings),
     "recording": (saved_recording, StrikeRecording.load),
 }
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 import tomli_w
 from pendulum_data import DATA
+from pendulum_swing import pendulum
 
 from whiptool.commands import identify
-from whiptool.commands.identify_pendulum import full_names
+from whiptool.commands.identify import full_names
 from whiptool.errors import InputError
 from whiptool.identification import problem, solver
-from whiptool.identification.pendulum import Pendulum
-from whiptool.identification.pendulum_files import read_pendulum, write_pendulum
+from whiptool.identification.bare_arm import read_bare_arm, write_bare_arm
 from whiptool.models.parameters import ArmLink
 
-TWO = Pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)
+TWO = pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)
 
 
 def test_names_of_one_link_and_of_all():
@@ -52,7 +52,7 @@ def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
     assert found["link.length[0]"]["value"] == pytest.approx(0.1732, abs=2e-3)
     assert found["link.com[1]"]["class"] == "flat"
     assert not result["starts"][0]["failed"]
-    assert read_pendulum(tmp_path / "run" / "identified.toml").n == 2
+    assert read_bare_arm(tmp_path / "run" / "identified.toml").arm.n == 2
     assert "held out" in (tmp_path / "run" / "report.html").read_text()
 
 
@@ -63,13 +63,13 @@ def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
         ("--clamp 0", "--clamp"),
         ("--nodes 3 --model {folder}/two.toml", "--nodes"),
         ("--model {folder}/two.toml", "--free"),
-        ("--model {folder}/two.toml --free com --held-out 7.npz", "--held-out"),
+        ("--model {folder}/two.toml --free com --held-out 7.npz", "7.npz"),
         ("--model {folder}/one.toml --free com", "2 links"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, words, said):
-    write_pendulum(TWO, tmp_path / "two.toml")
-    write_pendulum(Pendulum((ArmLink(0.2, 0.2),)), tmp_path / "one.toml")
+    write_bare_arm(TWO.model, tmp_path / "two.toml")
+    write_bare_arm(pendulum((ArmLink(0.2, 0.2),)).model, tmp_path / "one.toml")
     np.savez(tmp_path / "swing.npz", dt=0.01, angle=np.zeros((30, 2)))
     options = [*words.format(folder=tmp_path).split(), "--drive", "free", "--out", str(tmp_path / "run")]
     assert identify.main([str(tmp_path / "swing.npz"), *options]) == 2
@@ -84,7 +84,7 @@ def test_a_fit_that_did_not_converge_ends_with_its_own_status(tmp_path, capsys, 
     length, t = 0.3, np.arange(0, 1, 0.01)
     swing = 0.05 * np.cos(np.sqrt(9.81 / length) * t)
     np.savez(tmp_path / "swing.npz", dt=0.01, angle=swing[:, None])
-    write_pendulum(Pendulum((ArmLink(0.2, 1.2 * length, 1.2 * length, 1e-9),)), tmp_path / "one.toml")
+    write_bare_arm(pendulum((ArmLink(0.2, 1.2 * length, 1.2 * length, 1e-9),)).model, tmp_path / "one.toml")
     few = {"max_iterations": 1}
     monkeypatch.setattr(problem, "solve", lambda *given, **how: solver.solve(*given, **{**how, **few}))
     words = [tmp_path / "swing.npz", "--drive", "free", "--model", tmp_path / "one.toml", "--free", "com"]

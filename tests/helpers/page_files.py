@@ -16,10 +16,9 @@ from command_line import called
 from films import film
 from human_data import write_made_up
 from page_commands import Command, parts_of
-from pendulum_swing import swing
+from pendulum_swing import pendulum, swing
 from swings import Whip
 
-from whiptool.identification.pendulum import Pendulum
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_to_table
 from whiptool.models import ArmLink, Model, preset, write_model
@@ -242,9 +241,9 @@ def a_killed_search(folder: Path) -> None:
 def pendulums_swings(folder: Path) -> None:
     """Twelve swings of a double pendulum, by its encoders, and a guess of its links."""
     rng, links = np.random.default_rng(0), (ArmLink(0.2, 0.2), ArmLink(0.1, 0.2))
-    double = Pendulum(links, (1e-3, 1e-3), 0.2, (1e-3, 1e-3), 9.81)
+    double = pendulum(links, (1e-3, 1e-3), 0.2, (1e-3, 1e-3), 9.81)
     swings = [swing(double, np.array([rng.uniform(-1.0, 1.0, 2), np.zeros(2)]), rng) for _ in range(12)]
-    np.savez(folder / "double.npz", t=swings[0].t, angle=np.array([one.angles for one in swings]))
+    np.savez(folder / "double.npz", t=swings[0].t, angle=np.array([one.points[..., 0] for one in swings]))
     guess = tomli_w.dumps({"links": [{"mass": m, "length": 0.2, "dry_friction": 1e-3} for m in (0.2, 0.1)]})
     (folder / "links.toml").write_text(guess, encoding="utf-8")
 

@@ -4,14 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.bare_arm import BareArm
+from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.models.parameters import ArmLink, ArmParameters
+from whiptool.recording.strike_recording import StrikeRecording
 
 
-def swing(pendulum: Pendulum, start: np.ndarray, rng: np.random.Generator | None = None) -> AngleRecording:
+def pendulum(links: tuple[ArmLink, ...], *numbers) -> Plant:
+    """An arm without a whip."""
+    return Plant(BareArm(ArmParameters(links), *numbers))
+
+
+def angles_of(
+    t: np.ndarray, angles: np.ndarray, start: np.ndarray | None = None, sigma: float = 1e-3, source: str = ""
+) -> StrikeRecording:
+    """The recording of the angles (T, links) of a pendulum."""
+    markers = tuple(f"link{i + 1}" for i in range(angles.shape[1]))
+    return StrikeRecording(t, angles[..., None], markers, sigma, first_state=start, source=source)
+
+
+def swing(plant: Plant, start: np.ndarray, rng: np.random.Generator | None = None) -> StrikeRecording:
     """A free swing of 1.5 s, as the model itself predicts it; with a generator, with 1 mrad of noise."""
-    t = np.arange(0, 1.5, 0.005)
-    empty = AngleRecording(t, np.zeros((len(t), pendulum.n)), start)
-    P = Predictor([empty], pendulum, drive="free", shared=["gravity"])
-    angles = P(pendulum, {}, P.start, derivatives=False)[0].value.reshape(-1, pendulum.n)
-    return AngleRecording(t, angles + (0 if rng is None else 1e-3 * rng.standard_normal(angles.shape)), start)
+    t, n = np.arange(0, 1.5, 0.005), plant.model.arm.n
+    P = Predictor([angles_of(t, np.zeros((len(t), n)), start)], plant, drive="free", shared=["gravity"])
+    angles = P(plant, {}, P.start, derivatives=False)[0].value.reshape(-1, n)
+    return angles_of(t, angles + (0 if rng is None else 1e-3 * rng.standard_normal(angles.shape)), start)

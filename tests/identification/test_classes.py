@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pendulum_swing import angles_of, pendulum
 
 from whiptool.identification.classes import classify
-from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.plant import Plant
 from whiptool.identification.problem import FitOptions, Problem
 from whiptool.identification.results import is_explained
 from whiptool.identification.solver import Block, Ending, Solution
@@ -16,34 +17,34 @@ from whiptool.identification.variables import room, variable, variables_of
 from whiptool.models.parameters import ArmLink
 
 SIGMA = 1e-3  # [rad]
-TRUE = Pendulum((ArmLink(0.2, 0.2, 0.09, 8e-4), ArmLink(0.1, 0.2, 0.1, 4e-4)))
+TRUE = pendulum((ArmLink(0.2, 0.2, 0.09, 8e-4), ArmLink(0.1, 0.2, 0.1, 4e-4)))
 SPREAD = [f"link.{name}[{i}]" for i in range(2) for name in ("com", "inertia")]
 
 
-def spread_otherwise(inertia: float) -> Pendulum:
+def spread_otherwise(inertia: float) -> Plant:
     """The true pendulum but for how its links' masses are spread, which no swing shows; the last link's inertia given.
 
     What is seen of two links: m2 c2, I2 + m2 c2^2, m1 c1 + m2 l1, and I1 + m1 c1^2 + m2 l1^2.
     """
-    upper, lower = TRUE.links
+    upper, lower = TRUE.model.arm.links
     first, second = lower.mass * lower.com, lower.inertia + lower.mass * lower.com**2
     mass = first**2 / (second - inertia)
     carried = mass - lower.mass
     com = upper.com - carried * upper.length / upper.mass
     about = upper.inertia + upper.mass * upper.com**2 - carried * upper.length**2 - upper.mass * com**2
-    return Pendulum((ArmLink(upper.mass, upper.length, com, about), ArmLink(mass, lower.length, first / mass, inertia)))
+    return pendulum((ArmLink(upper.mass, upper.length, com, about), ArmLink(mass, lower.length, first / mass, inertia)))
 
 
-def assessed(plant: Pendulum, free: list[str], truth: Pendulum) -> Uncertainty:
+def assessed(plant: Plant, free: list[str], truth: Plant) -> Uncertainty:
     """Uncertainty at a plant of two noisy recordings of the true one."""
     rng, t = np.random.default_rng(0), np.linspace(0, 1.5, 151)
     options, angles = FitOptions(drive="free", loss=None), np.zeros((len(t), 2))
-    empty = [AngleRecording(t, angles, np.array([q, [0.0, 0.0]]), SIGMA) for q in ([1.0, 1.5], [-0.8, 0.6])]
+    empty = [angles_of(t, angles, np.array([q, [0.0, 0.0]]), SIGMA) for q in ([1.0, 1.5], [-0.8, 0.6])]
     variables = variables_of(plant.values(), free, {}, {})
     simulated = Problem(empty, truth, free, variables, options)
     seen = simulated.predictor(truth, {}, simulated.predictor.start, derivatives=False)
     noisy = [x.value.reshape(-1, 2) + SIGMA * rng.standard_normal((len(t), 2)) for x in seen]
-    recordings = [AngleRecording(t, q, r.start, SIGMA) for q, r in zip(noisy, empty, strict=True)]
+    recordings = [angles_of(t, q, r.first_state, SIGMA) for q, r in zip(noisy, empty, strict=True)]
     problem = Problem(recordings, plant, free, variables, options)
     z = np.array([v.z(plant.values()[v.name]) for v in variables])
     return problem.assess(Solution(z, problem.predictor.start, 1.0, Ending.CONVERGED))

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pendulum_swing import angles_of, pendulum
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import CommandDrive, FreeDrive
-from whiptool.identification.pendulum import AngleRecording, Pendulum
+from whiptool.identification.drives import CommandDrive, FreeDrive, pieces
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl
@@ -18,13 +18,14 @@ from whiptool.models import preset
 from whiptool.models.kinematics import arm_frames, chain_motion
 from whiptool.models.parameters import ArmLink, WhipParameters
 from whiptool.models.strike import Strike
+from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
 
 LEMON, CONTROLLER = preset("lemon2024"), Controller()
 PLANT = Plant(LEMON, CONTROLLER)
 STRIKE = Strike((-1.2, 0.9), (1.2, 0.3), 0.7)
-ONE_LINK = Pendulum((ArmLink(mass=0.2, length=0.3),))
+ONE_LINK = pendulum((ArmLink(mass=0.2, length=0.3),))
 
 
 def recorded(markers: tuple[str, ...], t: np.ndarray, places: np.ndarray) -> StrikeRecording:
@@ -60,14 +61,14 @@ def test_every_link_is_where_the_whole_model_has_it():
 ])  # fmt: skip
 def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h, steps):
     t = np.linspace(first, last, 7)
-    swing = AngleRecording(t, np.zeros((7, 1)), np.zeros((2, 1)))
+    swing = angles_of(t, np.zeros((7, 1)), np.zeros((2, 1)))
     assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
 
 
 def test_a_rod_that_swings_a_little_is_a_harmonic_oscillator():
     """A uniform rod about its end: omega^2 = 3 g / (2 l)."""
     t = np.linspace(0, 2, 81)
-    swing = AngleRecording(t, np.zeros((81, 1)), np.array([[1e-3], [2e-3]]))
+    swing = angles_of(t, np.zeros((81, 1)), np.array([[1e-3], [2e-3]]))
     predictor = Predictor([swing], ONE_LINK, drive="free", shared=["gravity"])
     (found,) = predictor(ONE_LINK, {}, predictor.start, derivatives=False)
     omega = np.sqrt(3 * 9.81 / (2 * 0.3))
@@ -79,15 +80,15 @@ def test_a_piece_of_a_swing_begins_where_a_parabola_through_its_first_samples_sa
     t = np.linspace(2.0, 3.0, 401)
     s = t - t[0]
     angles = np.stack([0.3 - 1.5 * s + 40 * s**2, -0.2 + 2 * s - 25 * s**2], axis=1)
-    recording = AngleRecording(t, angles, np.zeros((2, 2)))
-    np.testing.assert_allclose(recording.parabola, [[0.3, -0.2], [-1.5, 2.0]], atol=1e-9)
-    first, second = recording.cut(0.5)
-    np.testing.assert_array_equal(first.start, np.zeros((2, 2)))  # as measured
+    recording = angles_of(t, angles, np.zeros((2, 2)))
+    np.testing.assert_allclose(first_state(t, angles), [[0.3, -0.2], [-1.5, 2.0]], atol=1e-9)
+    first, second = pieces(recording, 0.5)
+    np.testing.assert_array_equal(first.first_state, np.zeros((2, 2)))  # as measured
+    assert second.first_state is None
+    start = first_state(second.t, second.points[..., 0])
     begins = second.t[0] - 2.0
-    np.testing.assert_allclose(
-        second.start[0], [0.3 - 1.5 * begins + 40 * begins**2, -0.2 + 2 * begins - 25 * begins**2]
-    )
-    np.testing.assert_allclose(second.start[1], [-1.5 + 80 * begins, 2 - 50 * begins], atol=1e-8)
+    np.testing.assert_allclose(start[0], [0.3 - 1.5 * begins + 40 * begins**2, -0.2 + 2 * begins - 25 * begins**2])
+    np.testing.assert_allclose(start[1], [-1.5 + 80 * begins, 2 - 50 * begins], atol=1e-8)
     assert [len(piece.t) for piece in (first, second)] == [200, 201]
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from films import film
-from pendulum_swing import swing
+from pendulum_swing import pendulum, swing
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
@@ -15,7 +15,6 @@ from whiptool.dynamics.lumping import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.identification.fit import FitOptions, choose_nodes, fit
-from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.sampling import Readings
 from whiptool.identification.solver import Block, Ending, Loss, solve
@@ -37,7 +36,7 @@ FREE = tuple(TRUE)
 AWAY = LEMON.with_parameters({"whip.k": 0.3, "whip.b": 0.07, "whip.m": 0.015})
 PLANT = Plant(AWAY, CONTROLLER)
 PROFILED = Plant(LEMON, CONTROLLER, WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01))
-PENDULUM = Pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
+PENDULUM = pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
 
 
 def test_what_another_controller_struck_is_refused_at_once():

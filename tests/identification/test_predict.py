@@ -7,12 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 from films import film
-from pendulum_swing import swing
+from pendulum_swing import pendulum, swing
 
 from whiptool.dynamics.lumping import PROFILE
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, predict
-from whiptool.identification.pendulum import Pendulum
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl, oiac_preset
@@ -30,7 +29,7 @@ FREE = tuple(TRUE)
 AWAY = LEMON.with_parameters({"whip.k": 0.3, "whip.b": 0.07, "whip.m": 0.015})
 PLANT = Plant(AWAY, CONTROLLER)
 PROFILED = Plant(LEMON, CONTROLLER, WhipProfile(0.9, 0.2, 0.02, 0.007, 0.3, 0.4, 0.5, 0.1, 0.01))
-PENDULUM = Pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
+PENDULUM = pendulum((ArmLink(mass=0.2, length=0.2, friction=1e-4), ArmLink(mass=0.1, length=0.3)), (2e-4, 1e-4))
 
 CASES = {
     "command": (

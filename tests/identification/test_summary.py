@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 import pytest
+from pendulum_swing import angles_of, pendulum
 from scipy.stats import t as student
 
 from whiptool.identification import summary
 from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
-from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.identification.results import Fit, FittedStart, RecordingFit
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Ending, Solution
@@ -63,7 +63,7 @@ def parameter(name: str, value: float, kind: str = "well determined", **told) ->
 def fitted(uncertainty: Uncertainty, parameters: list[Parameter], **told) -> Fit:
     end = Solution(np.zeros(1), [], 2.0, Ending.STEPS, [(3.0, 1.0, 0.0), (2.0, 1.0, 0.1)], 5)
     usual = {
-        "plant": Pendulum((ArmLink(1.0, 1.0),)), "drive": "command", "nuisance": {"delay": 0.01}, "recordings": (),
+        "plant": pendulum((ArmLink(1.0, 1.0),)), "drive": "command", "nuisance": {"delay": 0.01}, "recordings": (),
         "held_out": (), "runs": (FittedStart({"whip.k": 1.0}, {"whip.k": 2.0}, end),), "wall_time": 1.5,
     }  # fmt: skip
     return Fit(parameters=tuple(parameters), uncertainty=uncertainty, **{**usual, **told})
@@ -289,7 +289,7 @@ def test_a_fit_as_plain_data():
     z = [math.log(6.0), math.log(2.0)]
     U = seen([K, M], z, [[100, -100]], [1, 1])
     recording, found = filmed(("tip", "handle"))
-    angles = AngleRecording(T, TIP, np.zeros((2, 2)), source="swing")
+    angles = angles_of(T, TIP, np.zeros((2, 2)), source="swing")
     swing = residuals_of(
         np.array([0.3, -0.4, 0.0]), weight=np.array([1.0, 0.5, 0.99]), predicted_from=0.5,
         own={"motion[0]": 1.0, "start[1]": 2.0},

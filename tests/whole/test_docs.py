@@ -185,14 +185,18 @@ def test_every_key_of_a_sidecar_is_documented():
 
 
 def test_every_key_of_a_pendulum_and_its_swings_is_documented():
-    from whiptool.identification.pendulum_files import EACH, LINK, SHARED, SIDECAR
+    from whiptool.identification.bare_arm import EACH, SHARED
+    from whiptool.models.parameters import ArmParameters
+    from whiptool.recording.readers.angles import SIDECAR
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
 
     def documented(header: str) -> list[str]:
         return [word for row in tables(text, header) for word in re.findall(r"`(?:links\[\])?\.?(\w+)`", row[0])]
 
-    assert sorted(documented("| key | unit | default | of a pendulum |")) == sorted((*LINK, *EACH, *SHARED))
+    assert sorted(documented("| key | unit | default | of a pendulum |")) == sorted(
+        (*ArmParameters.QUANTITIES, *EACH, *SHARED)
+    )
     assert sorted(documented("| key | unit | default | of a swing's file |")) == sorted(SIDECAR)
 
 

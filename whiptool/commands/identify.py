@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
 from whiptool.commands.fit_status import convergence_status
-from whiptool.commands.identify_pendulum import identify_pendulum
 from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
@@ -44,28 +43,28 @@ def _main(args: Sequence[str] | None) -> int:
     options = cli.parse_resumable(IdentifyOptions, command="identify", description=_EXAMPLE, args=args)
     with cli.options_named(options):
         cli.check_out(options)  # before hours of film are tracked
-        return identify_pendulum(options) if options.drive == "free" else _identify(options)
-
-
-def _identify(options: IdentifyOptions) -> int:
-    run = _Run(options)
-    with run.open_folder() as folder:
-        run.write_recordings(folder)
-        run.fit()
-        return run.report(folder)
+        run = _Run(options)
+        with run.open_folder() as folder:
+            run.write_recordings(folder)
+            run.fit()
+            return run.report(folder)
 
 
 def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
-    """Return the names of --free in full.
+    """Return the names of --free in full; of an arm without a whip `com` is that of every link.
 
     Raises:
         InputError: The plant knows none such, or several; it says which option helps, if one does.
     """
     from whiptool.dynamics.lumping import LUMPED
-    from whiptool.identification.inputs import full_name
+    from whiptool.identification.bare_arm import BareArm
+    from whiptool.identification.inputs import full_name, names_of
 
-    found = []
+    found, known = [], plant.values()
     for name in names:
+        if isinstance(plant.model, BareArm) and (each := names_of(name, known)):
+            found += [x for x in each if x not in found]
+            continue
         try:
             found.append(full_name(name, plant))
         except InputError as error:
@@ -80,6 +79,7 @@ class _Run:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
+        from whiptool.identification.gather import each_episode
         from whiptool.identification.inputs import read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, FitOptions
@@ -87,8 +87,9 @@ class _Run:
 
         self.options = options
         self.model = options.build_model()
-        fallback = options.build_controller()
-        names, held_out = split(options.recordings, options.held_out)
+        self.bare = options.drive == "free"  # an arm without a whip
+        fallback = None if self.bare else options.build_controller()
+        names, held_out = split(each_episode(options.recordings), options.held_out)
         profile = self._profile() if options.profile else None
         if not options.free:
             raise InputError("--free", "none", "one or more names", "such as k")
@@ -109,6 +110,7 @@ class _Run:
             starts=options.starts,
             seed=options.seed,
             knots=options.knots,
+            pieces=options.pieces,
         )
         self._check_fit()
         self.version = code_version()
@@ -147,7 +149,10 @@ class _Run:
         every = {name: opened(name, handle=handle, cameras=cameras) for name in (*names, *held_out)}
         self._check_films(every)  # before hours of film are tracked
         found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
-        recordings = [self._labelled(name, r.for_model(self.model)) for name, (r, _) in zip(every, found, strict=True)]
+        recordings = [r for r, _ in found]
+        if not self.bare:
+            pairs = zip(every, recordings, strict=True)
+            recordings = [self._labelled(name, r.for_model(self.model)) for name, r in pairs]
         self.files = list(every)
         self.synthetic = any(synthetic or "(virtual)" in recording.camera for recording, synthetic in found)
         _check_cameras(recordings)
@@ -165,6 +170,8 @@ class _Run:
         for name, film in recordings.items():
             if isinstance(film, StrikeRecording):
                 continue
+            if self.bare:
+                raise InputError("recording", name, "angles of links, with --drive free")
             if self.model.dimension == 3 and film.view is None:
                 fix = 'say camera = "NAME" in its sidecar, and cameras = "FILE" or --cameras FILE'
                 raise InputError("recording", name, "a film of a camera in space, for a model in space", fix)
@@ -195,7 +202,8 @@ class _Run:
             raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
         if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
             raise InputError("--prior", self.how.prior.names, "no numbers per node with --nodes", "give --profile")
-        self.plants = {N: self.plant.with_nodes(N) for N in nodes} or {self.model.whip.N: self.plant}
+        self.plants = {N: self.plant.with_nodes(N) for N in nodes}
+        self.plants = self.plants or {0 if self.bare else self.model.whip.N: self.plant}
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {}, {})  # starts of all are in order
         own = self.options.per_recording
@@ -226,7 +234,7 @@ class _Run:
         config = cli.configuration(
             self.options,
             "identify",
-            self.plant.model,
+            None if self.bare else self.plant.model,  # an arm without a whip is in the file of --model
             self.plant.controller,
             free=list(self.free),
             recordings=recordings,
@@ -253,7 +261,7 @@ class _Run:
         for N, plant in self.plants.items():
             self._say(
                 f"fitting {counted(len(self.free), 'parameter')} to {counted(len(self.recordings), 'recording')}, "
-                f"N = {N}, {counted(self.how.starts, 'start')}"
+                f"{'' if self.bare else f'N = {N}, '}{counted(self.how.starts, 'start')}"
             )
             fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
             inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
@@ -283,12 +291,12 @@ class _Run:
 
     def report(self, folder: RunFolder) -> int:
         """Write the fit and tell it, then draw the report."""
-        from whiptool.identification.plant import Plant
+        from whiptool.identification.bare_arm import write_bare_arm
         from whiptool.models.files import write_model
 
         plant, path = self.found.plant, folder.path
-        assert isinstance(plant, Plant)
-        write_model(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
+        write: Any = write_bare_arm if self.bare else write_model
+        write(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
         summary = self._summary(plant, path)
         folder.write_result(summary)
         status = convergence_status(self.found)
@@ -305,7 +313,8 @@ class _Run:
         from whiptool.viz.report import to_html
 
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
-        write_whole(path / REPORT, to_html("Identified whip", self._subtitle(), self._facts(), parts))
+        title = f"Identified {'arm' if self.bare else 'whip'}"
+        write_whole(path / REPORT, to_html(title, self._subtitle(), self._facts(), parts))
         return status
 
     def _say(self, line: str) -> None:
@@ -315,7 +324,6 @@ class _Run:
         from whiptool.identification.summary import fit_table
         from whiptool.impedance.files import controller_to_table
 
-        assert plant.controller is not None
         plane = None
         if self.plane is not None:
             plane = {
@@ -330,7 +338,7 @@ class _Run:
             "model": self.model.name,
             "N": self.N,
             "nodes": [{"N": n, "rmse": a, "held_out_rmse": b} for n, a, b in self.tried],
-            "controller": controller_to_table(plant.controller),
+            "controller": None if plant.controller is None else controller_to_table(plant.controller),
             "controller_assumed": self.assumed,
             "plane": plane,
             "synthetic": self.synthetic,
@@ -341,8 +349,9 @@ class _Run:
         }
 
     def _subtitle(self) -> str:
-        said = f"{', '.join(self.free)} of {self.model.name} with {self.N} nodes, fitted to {len(self.recordings)} "
-        kind = "passive swings" if self.options.drive == "passive" else "recorded strikes"
+        nodes = "" if self.bare else f" with {self.N} nodes"
+        said = f"{', '.join(self.free)} of {self.model.name}{nodes}, fitted to {len(self.recordings)} "
+        kind = {"passive": "passive swings", "free": "swings"}.get(self.options.drive, "recorded strikes")
         said += f"{kind}, driven by {_DRIVEN[self.options.drive]}. {self.found.status.value.capitalize()}."
         said += "" if self.warning is None else f" Warning: {self.warning}."
         return said + (" Some of the recordings are synthetic: no real camera took them." if self.synthetic else "")
@@ -400,6 +409,7 @@ _DRIVEN = {
     "hand": "the hand's measured pose",
     "handle": "the tracked handle",
     "passive": "nothing",
+    "free": "nothing",
 }
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.placement import PLACED
-from whiptool.identification.plant import Identifiable, Plant
+from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.models.planar_arm import AnyArm
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
@@ -92,7 +92,7 @@ def _joints_slip(q: np.ndarray, begun: np.ndarray, q_i: np.ndarray) -> str:
     return "the arm stands there at another time of the log: say joints_start" if len(later) else ""
 
 
-def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
+def check_beginnings(predictor: Predictor, plant: Plant) -> list[str]:
     """Refuse recordings whose readings a slip explains, and return what else is odd about their first readings.
 
     Args:
@@ -102,16 +102,16 @@ def check_beginnings(predictor: Predictor, plant: Identifiable) -> list[str]:
     Raises:
         InputError: Units, axes, joints or the time of the start are wrong, as far as the readings tell.
     """
-    if not isinstance(plant, Plant) or predictor.kind in ("passive", "free"):
+    if predictor.kind in ("passive", "free"):
         return []
     for recording in predictor.recordings:
-        if isinstance(recording, StrikeRecording) and predictor.kind in ("joints", "command"):
+        if predictor.kind in ("joints", "command"):
             check_joints(recording, plant.model.arm)
     if {*predictor.shared, *predictor.own} & {*PLACED[plant.model.dimension]}:
         return []  # where the recording lies is sought
     values, said = predictor(plant, {}, predictor.start, derivatives=False), []
     for i, (recording, found) in enumerate(zip(predictor.recordings, values, strict=True)):
-        if isinstance(recording, StrikeRecording) and recording.view is None:
+        if recording.view is None:
             said += _Beginning(predictor, plant, i, recording, found.value).judged()
     return said
 

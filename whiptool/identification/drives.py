@@ -7,6 +7,7 @@ with the plant's free numbers and with what is unknown about this recording.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,16 +19,17 @@ from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
+from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.lagged_motion import LaggedReference
 from whiptool.identification.log_gaps import check_covers
 from whiptool.identification.motion import BaseMotion, HandleMotion, JointMotion, SpatialJointMotion, StillMotion
-from whiptool.identification.pendulum import AngleRecording, Pendulum
-from whiptool.identification.plant import Identifiable, Plant, Quantities
+from whiptool.identification.plant import Plant, Quantities
 from whiptool.impedance.controller import Controller
 from whiptool.models.free_hand import hand_joints
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
+from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.resolution import displacements, stepped
 from whiptool.words import counted
@@ -101,11 +103,11 @@ class Drive:
         """Equal for drives that pack a plant alike."""
         return None
 
-    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+    def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         """The plant as the engine takes it, the same for all recordings; its quantities change by `slopes`."""
         raise NotImplementedError
 
-    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+    def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
         """What to roll out for a plant, packed, and this recording's unknowns."""
         raise NotImplementedError
 
@@ -134,9 +136,9 @@ def unknown_markers(recording: StrikeRecording) -> InputError:
     return InputError(f"{recording.called}: markers", ", ".join(recording.markers), rule, fix)
 
 
-def _node(marker: str, count: int) -> int | None:
-    """Index of `node1`, ...; None if it is not a node."""
-    digits = marker.removeprefix("node")
+def _numbered(marker: str, kind: str, count: int) -> int | None:
+    """Index of `node1`, ...; None if it is not a marker of that kind."""
+    digits = marker.removeprefix(kind)
     if digits == marker or not digits.isdigit() or not 1 <= int(digits) <= count:
         return None
     return int(digits) - 1
@@ -169,14 +171,12 @@ class CommandDrive(Drive):
         self._strike, self._arm = command.vector, plant.model.arm
         self._sag = 0.0 if recording.sag is None else recording.sag
 
-    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
-        assert isinstance(plant, Plant)
+    def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         assert plant.controller is not None
         assert isinstance(self.structure, Structure)
         return Packed(*_packed(self.structure, plant.model, plant.controller, slopes))
 
-    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
-        assert isinstance(plant, Plant)
+    def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
         assert isinstance(self.structure, Structure)
         S, n, m = self.structure, self.structure.n, len(packed.dp)
         p = packed.p.copy()
@@ -196,7 +196,7 @@ class CommandDrive(Drive):
         assert isinstance(self.structure, Structure)
         known = {"shoulder": ORIGIN, "handle": arm.n - 1, "tip": arm.n + self.structure.n_whip - 1}
         known |= {joint: i - 1 for i, joint in enumerate(arm.joints) if i}
-        node = _node(marker, self.structure.n_whip)
+        node = _numbered(marker, "node", self.structure.n_whip)
         return known.get(marker, None if node is None else arm.n + node)
 
 
@@ -343,8 +343,7 @@ class SwingDrive(Drive):
         """The model as it is held, by the hand alone where no arm was measured."""
         return replace(plant.held, arm=self._arm) if self._own_arm else plant.held
 
-    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
-        assert isinstance(plant, Plant)
+    def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(self.structure, SwingStructure)
         each = [{name: of[block] for name, block in self._NAMES.items()} for of in (plant.quantities(), *slopes)]
         p, *dp = (self.structure.pack(numbers) for numbers in each)
@@ -356,8 +355,7 @@ class SwingDrive(Drive):
         turning = np.array([float(of["clamp"][0]) if "clamp" in of else 0.0 for of in slopes])
         return Packed(p, np.reshape(dp, (len(slopes), len(p))), hanging, turning)
 
-    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
-        assert isinstance(plant, Plant)
+    def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
         assert isinstance(self.structure, SwingStructure)
         n, m, a, p = self.structure.coordinates, len(packed.dp), self._arm.n, packed.p
         k = len(self.motion.start)
@@ -391,7 +389,7 @@ class SwingDrive(Drive):
 
     def link_of(self, marker: str) -> int | None:
         known = {"handle": AT_BASE, "tip": self.structure.n - 1}
-        return known.get(marker, _node(marker, self.structure.n))
+        return known.get(marker, _numbered(marker, "node", self.structure.n))
 
 
 def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
@@ -408,29 +406,33 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
 
 
 class FreeDrive(Drive):
-    """A pendulum that swings from an unknown start."""
+    """An arm without a whip that swings from an unknown start."""
 
     def __init__(
-        self, recording: AngleRecording, plant: Pendulum, *, free: Sequence[str], h: float, unknown: bool
+        self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
     ) -> None:
-        if recording.angles.shape[1] != plant.n:
-            raise InputError("angles", recording.angles.shape, f"(T, {plant.n}), as many links as the pendulum has")
-        dry = any(plant.dry_friction) or any("friction_velocity" in name or "dry_friction" in name for name in free)
-        drag = any(plant.drag) or any("drag" in name for name in free)
+        model = plant.model
+        assert isinstance(model, BareArm)
+        if recording.points.shape[1] != model.arm.n:
+            given, rule = f"{recording.points.shape[1]} links", f"{model.arm.n}, as many as the model has"
+            raise InputError(f"{recording.called}: angles", given, rule)
+        dry = any(model.dry_friction) or any("friction_velocity" in name or "dry_friction" in name for name in free)
+        drag = any(model.drag) or any("drag" in name for name in free)
         used = [name for name, there in (("dry_friction", dry), ("drag", drag)) if there]
-        self.structure = SwingStructure.of(n=plant.n, moving=False, point_masses=False, used=used)
+        self.structure = SwingStructure.of(n=model.arm.n, moving=False, point_masses=False, used=used)
         self.start = float(recording.t[0])
         self.steps = math.ceil((recording.t[-1] - self.start) / h - 1e-9)
-        joints = np.diff(recording.start, axis=1, prepend=0.0)  # relative, as the chain counts them
-        self._start = joints.ravel()
-        self.unknowns = {"start": np.zeros(2 * plant.n)} if unknown else {}
+        begun = recording.first_state
+        begun = first_state(recording.t, recording.points[..., 0]) if begun is None else begun
+        self._start = np.diff(begun, axis=1, prepend=0.0).ravel()  # relative, as the chain counts angles
+        self.unknowns = {"start": np.zeros(2 * model.arm.n)} if unknown else {}
 
-    def pack(self, plant: Identifiable, slopes: Sequence[Quantities]) -> Packed:
+    def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(self.structure, SwingStructure)
         p, *dp = (self.structure.pack(numbers) for numbers in (plant.quantities(), *slopes))
         return Packed(p, np.reshape(dp, (len(slopes), len(p))))
 
-    def shot(self, plant: Identifiable, packed: Packed, unknowns: np.ndarray) -> Shot:
+    def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
         m = len(packed.dp)
         dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(packed.p)))])
         dx0 = np.zeros((len(dp), len(self._start)))
@@ -438,7 +440,21 @@ class FreeDrive(Drive):
         return Shot(packed.p, dp, self._start + (unknowns if len(unknowns) else 0), dx0)
 
     def link_of(self, marker: str) -> int | None:
-        return int(marker)
+        return _numbered(marker, "link", self.structure.n)
+
+
+def pieces(swing: StrikeRecording, length: float) -> list[StrikeRecording]:
+    """Pieces of `length` seconds of the angles of an arm, all but the first without a measured first state.
+
+    A long swing of several links forgets its start; pieces do not, and a fit that begins with them converges.
+    """
+    count = max(1, round((swing.t[-1] - swing.t[0]) / length))
+    ends = np.linspace(0, len(swing.t), count + 1).astype(int)
+    found = []
+    for first, last in itertools.pairwise(ends):
+        cut = {name: getattr(swing, name)[first:last] for name in ("t", "points", "sigma", "t_points")}
+        found.append(replace(swing, **cut, first_state=swing.first_state if first == 0 else None))
+    return found
 
 
 def farthest(recording: StrikeRecording) -> str:
@@ -531,8 +547,8 @@ def _terms(free: Sequence[str], plant: Plant) -> list[str]:
 
 
 def make_drive(
-    recording: StrikeRecording | AngleRecording,
-    plant: Identifiable,
+    recording: StrikeRecording,
+    plant: Plant,
     *,
     kind: str,
     free: Sequence[str],
@@ -547,28 +563,16 @@ def make_drive(
     """
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))
-    if kind == "free":
-        if not isinstance(recording, AngleRecording) or not isinstance(plant, Pendulum):
-            raise InputError("drive", kind, "angle recordings of a pendulum")
-        return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
-    if not isinstance(recording, StrikeRecording) or not isinstance(plant, Plant):
-        raise InputError("drive", kind, "strike recordings of an arm and whip")
+    bare = isinstance(plant.model, BareArm)
+    if kind == "free" and not (bare and recording.angular):
+        raise InputError("drive", kind, "angles of an arm without a whip")
+    if kind != "free" and bare:
+        raise InputError("drive", kind, "free, for an arm without a whip")
     try:
-        return _strike_drive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)
+        if kind == "command":
+            return CommandDrive(recording, plant, free=free, h=h, unknown=unknown_start)
+        if kind == "free":
+            return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
+        return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)
     except InputError as error:
         raise (error if recording.source in str(error) else error.within(f"{recording.source}: ")) from None
-
-
-def _strike_drive(
-    recording: StrikeRecording,
-    plant: Plant,
-    *,
-    kind: str,
-    free: Sequence[str],
-    h: float,
-    unknown: bool,
-    knots: float | None,
-) -> Drive:
-    if kind == "command":
-        return CommandDrive(recording, plant, free=free, h=h, unknown=unknown)
-    return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown, knots=knots)

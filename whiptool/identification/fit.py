@@ -8,13 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from whiptool.errors import InputError, expect
+from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.classes import classify
 from whiptool.identification.inputs import check_controllers, common_controller, full_name
-from whiptool.identification.pendulum import AngleRecording
 from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Identifiable, Plant, units
-from whiptool.identification.predict import Recording
+from whiptool.identification.plant import Plant, units
 from whiptool.identification.problem import FitOptions, Problem
 from whiptool.identification.results import Fit, FittedStart, RecordingFit, is_explained, judge_starts
 from whiptool.identification.solver import Ending, Solution
@@ -32,11 +31,11 @@ __all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "choose_nodes", "f
 
 
 def fit(
-    recordings: Sequence[Recording] | Recording,
-    plant: Identifiable | Model,
+    recordings: Sequence[StrikeRecording] | StrikeRecording,
+    plant: Plant | Model | BareArm,
     free: Sequence[str],
     *,
-    held_out: Sequence[Recording] = (),
+    held_out: Sequence[StrikeRecording] = (),
     options: FitOptions | None = None,
 ) -> Fit:
     """Fit parameters of a plant to recordings, by maximum likelihood or, with a prior, by maximum a posteriori.
@@ -59,20 +58,21 @@ def fit(
     if not isinstance(recordings, Sequence):
         recordings = [recordings]
     for recording in (*recordings, *held_out):
-        expect(StrikeRecording, AngleRecording, recordings=recording)
+        expect(StrikeRecording, recordings=recording)
     free = texts("free", free)
     if not free:
         raise InputError("free parameters", "none", "one or more names", "such as whip.k")
     if isinstance(plant, Model):
-        plant = Plant(plant, common_controller([x for x in recordings if isinstance(x, StrikeRecording)]))
-    elif not hasattr(plant, "values"):
+        plant = Plant(plant, common_controller(recordings))
+    elif isinstance(plant, BareArm):
+        plant = Plant(plant)
+    elif not isinstance(plant, Plant):
         raise InputError("plant", type(plant).__name__, "a Plant or a Model")
     recordings, held_out = _in_strike_plane(plant, recordings, held_out)
     known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
-    if options.check and options.drive == "command" and isinstance(plant, Plant) and plant.controller is not None:
-        struck = [x for x in (*recordings, *held_out) if isinstance(x, StrikeRecording)]
-        check_controllers(struck, plant.controller, free=free)
+    if options.check and options.drive == "command" and plant.controller is not None:
+        check_controllers([*recordings, *held_out], plant.controller, free=free)
     variables = variables_of(known, free, options.bounds, units(plant, free))
     problem = Problem(recordings, plant, free, variables, options)
     remarks = check_beginnings(problem.predictor, plant) if options.check else []
@@ -118,17 +118,17 @@ def fit(
 
 
 def _in_strike_plane(
-    plant: Identifiable, recordings: Sequence[Recording], held_out: Sequence[Recording]
-) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    plant: Plant, recordings: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]
+) -> tuple[Sequence[StrikeRecording], Sequence[StrikeRecording]]:
     """Return recordings in space projected on the one plane that they lie in, for a model in the plane.
 
     Raises:
         InputError: They lie in no such plane, as where another axis than y points up.
     """
-    if not isinstance(plant, Plant) or plant.model.dimension == 3:
+    if plant.model.dimension != 2:
         return recordings, held_out
     every = [*recordings, *held_out]
-    spatial = [r for r in every if isinstance(r, StrikeRecording) and r.view is None and r.points.shape[2] == 3]
+    spatial = [r for r in every if r.view is None and r.points.shape[2] == 3]
     upright = {id(r): r.for_model(plant.model) for r in spatial}
     plane = fit_plane(list(upright.values()))
     if plane is None:
@@ -160,7 +160,7 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
 
 
 def predict(
-    recordings: Sequence[Recording], plant: Identifiable, nuisance: Mapping[str, float], options: FitOptions
+    recordings: Sequence[StrikeRecording], plant: Plant, nuisance: Mapping[str, float], options: FitOptions
 ) -> list[RecordingFit]:
     """Recordings that were not fitted, and what the plant predicts of them.
 

@@ -122,7 +122,8 @@ _KNOWN = {"handle": "the handle's path was", "joints": "the measured joints were
 
 
 def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Section:
-    rows = [["recording", "", "frames", "RMS [mm]", "RMS / stated error", "down-weighted"]]
+    unit = "mrad" if any(f.angular for _, f, _ in pairs) else "mm"
+    rows = [["recording", "", "frames", f"RMS [{unit}]", "RMS / stated error", "down-weighted"]]
     in_pixels = any(f.view is not None for _, f, _ in pairs)
     if in_pixels:
         rows[0].insert(4, "RMS [pixels]")
@@ -152,10 +153,12 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
                 " They have their own unknowns: the first half of the frames fitted these, and the error is that of "
                 "the second half."
             )
+        if fit.drive == "free":
+            said += " A held-out swing begins where its first samples say, and nothing else of it is fitted."
         if fit.drive in _KNOWN:
             said += f" Of the motion of a held-out recording only {_KNOWN[fit.drive]} known."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]
-    similar = [_similarities(alike), Text(_RHO)] if alike or not in_pixels else []
+    similar = [_similarities(alike), Text(_RHO)] if alike or not (in_pixels or unit == "mrad") else []
     return Section("Fit and held-out error", [Text(said), Table(rows), *similar])
 
 
@@ -194,6 +197,8 @@ def _nodes(nodes: Sequence[tuple[int, float, float]], chosen: int) -> Section:
 
 
 def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
+    if recording.angular:
+        return _angles(recording, found, kind)
     t, measured, _, name = tip_paths(recording, found)
     path, axes_of = found.path[name], _axes(recording)
     side = [0, 1 if recording.view is not None else len(axes_of) - 1]  # forward and upward
@@ -236,8 +241,23 @@ def _overlay(recording: StrikeRecording, found: RecordingFit, kind: str) -> Pict
     return Picture(figure, caption)
 
 
+def _angles(recording: StrikeRecording, found: RecordingFit, kind: str) -> Picture:
+    figure = Figure(figsize=(10, 2.8), layout="constrained")
+    ax = figure.subplots()
+    inside = np.searchsorted(found.t, recording.t[-1])
+    for i, (name, path) in enumerate(found.path.items()):
+        measured = recording.points[:, recording.markers.index(name), 0]
+        ax.plot(recording.t, measured, ".", markersize=2, color=f"C{i}", label=f"{name} measured")
+        ax.plot(found.t[:inside], path[:inside, 0], linewidth=1, color=f"C{i}", label=f"{name} modelled")
+    ax.set(xlabel="time [s]", ylabel="angle [rad]")
+    ax.legend(fontsize=8, ncols=2)
+    return Picture(figure, f"{_name(recording)}, {kind}: {error_words([found])} RMS.")
+
+
 def _axes(recording: StrikeRecording) -> tuple[str, ...]:
     """Return the names of a recording's coordinates."""
+    if recording.angular:
+        return ("angle",)
     if recording.view is None:
         return ("x", "y", "z")[: recording.points.shape[2]]
     return ("u", "v") if recording.depth is None else ("u", "v", "depth")
@@ -274,6 +294,7 @@ def _residuals(pairs: Sequence[tuple[StrikeRecording, RecordingFit, str]]) -> Pi
         t, measured, predicted, name = tip_paths(recording, found)
         deep = axes == ("depth",)
         unit, factor = ("mm", 1e3) if recording.view is None or deep else ("pixels", 1.0)
+        unit = "mrad" if recording.angular else unit
         stated = 2 * factor * _stated(recording, name, t, deep=deep)
         ax.fill_between(t, -stated, stated, color="0.88", linewidth=0, label="±2 stated errors")
         for axis in axes:

@@ -11,8 +11,18 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_video, read_recording
+from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
+
+
+def each_episode(paths: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the paths, those of several swings of an arm replaced by `FILE#0`, `FILE#1` and so on."""
+    found: list[str] = []
+    for path in paths:
+        angles = Path(path).is_file() and find_format(path) == "angles"
+        found += [swing.source for swing in read_swings(path)] if angles else [path]
+    return tuple(found)
 
 
 def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> StrikeRecording | VideoSource:

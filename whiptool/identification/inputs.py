@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.dynamics.lumping import LUMPED
 from whiptool.errors import InputError
 from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Identifiable, Plant
+from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.files import controller_from_table, controller_to_table
@@ -61,7 +61,7 @@ def names_of(name: str, known: Collection[str]) -> list[str]:
     return ends or [full for full in known if f".{full.partition('[')[0]}".endswith(f".{name}")]
 
 
-def full_name(name: str, plant: Identifiable) -> str:
+def full_name(name: str, plant: Plant) -> str:
     """Return the name of a number, or of nuisance, as a plant knows it: `whip.k` of `k`.
 
     Raises:
@@ -72,7 +72,7 @@ def full_name(name: str, plant: Identifiable) -> str:
     if len(found) == 1:
         return found[0]
     quantity = name.removeprefix("whip.")
-    if isinstance(plant, Plant) and plant.profile is not None and quantity in LUMPED:
+    if plant.profile is not None and quantity in LUMPED:
         allowed = ", ".join(x for x in known if x.startswith("profile."))
         raise InputError("free parameter", name, allowed, "the profile gives the whip's l, m, k and b")
     per_node = f"whip.{quantity}[0]"

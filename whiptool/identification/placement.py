@@ -19,6 +19,7 @@ PLACED = {
     2: ("scale", "rotation", "shift_x", "shift_y"),
     3: ("scale", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z"),
 }  # by dimension
+NUISANCE_IN = {1: (), **{d: ("delay", "clock_rate", *names) for d, names in PLACED.items()}}  # 1: angles of links
 NUISANCE = ("delay", "clock_rate", *dict.fromkeys((*PLACED[2], *PLACED[3])))
 NEUTRAL = {name: float(name in ("scale", "clock_rate")) for name in NUISANCE}
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
 from whiptool.errors import InputError, expect
+from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.units import unit_of
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
@@ -25,28 +26,12 @@ _OF_WHIP = (*LUMPED, *_BESIDE_PROFILE, "node_inertia", "rest_angle_x")
 Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the generated code takes them
 
 
-class Identifiable(Protocol):
-    """Named numbers, and the blocks of numbers that the generated code takes."""
-
-    def values(self) -> dict[str, float]:
-        """Every number that can be freed, by name."""
-        ...
-
-    def changed(self, changes: Mapping[str, float]) -> Identifiable:
-        """A copy with some of `values()` changed."""
-        ...
-
-    def quantities(self) -> Quantities:
-        """Return the blocks of numbers that the generated code takes."""
-        ...
-
-
 @dataclass(frozen=True)
 class Plant:
     """A model and a controller whose parameters can be fitted; the whip has numbers per node or a profile.
 
     Args:
-        model: Whip, arm, gravity.
+        model: Whip, arm, gravity; or an arm without a whip, a `BareArm`.
         controller: Controller of the arm; needed where the command drives the whip.
         profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
         clamp: Direction of a clamp that holds the whip, 0 for straight down [rad]; the whip also bends at the clamp,
@@ -56,15 +41,17 @@ class Plant:
     `profile.length` and so on in place of those of the whip.
     """
 
-    model: Model
+    model: Model | Any  # a BareArm, where the whip is left out
     controller: Controller | None = None
     profile: WhipProfile | None = None
     clamp: float | None = None
 
     def __post_init__(self) -> None:
-        expect(Model, model=self.model)
+        expect(Model, BareArm, model=self.model)
         expect(Controller, type(None), controller=self.controller)
         expect(WhipProfile, type(None), profile=self.profile)
+        if isinstance(self.model, BareArm) and (self.controller or self.profile or self.clamp is not None):
+            raise InputError("model", "an arm without a whip", "a Model, with a controller, a profile or a clamp")
         if self.model.dimension == 3 and self.clamp is not None:
             raise InputError("clamp", self.clamp, "none, in space")
         if self.profile is not None:
@@ -166,6 +153,8 @@ class Plant:
 
     def quantities(self) -> Quantities:
         """Numbers of arm, whip, gravity and law by block."""
+        if isinstance(self.model, BareArm):
+            return self.model.quantities()
         model, blocks = self.held, {}
         blocks |= {f"arm.{name}": numbers for name, numbers in model.arm.numbers().items()}
         for name in _OF_WHIP:
@@ -181,16 +170,12 @@ class Plant:
         return blocks
 
 
-def units(plant: Identifiable, names: Sequence[str]) -> dict[str, str]:
+def units(plant: Plant, names: Sequence[str]) -> dict[str, str]:
     """Return the units of a plant's numbers by their names; those of gains are per length where joints slide, or of
     the hand's place."""
-    if not isinstance(plant, Plant):
-        return {name: unit_of(name) for name in names}
     arm, controller = plant.model.arm, plant.controller
-    of_arm = [joint in arm.slides for joint in arm.joints]
-    hand = controller is not None and controller.hand is not None
-    of_law = of_arm
-    if controller is not None and hand:
+    of_law = of_arm = [joint in arm.slides for joint in arm.joints]
+    if controller is not None and controller.hand is not None:
         of_law = [name[0] in "xyz" for name in controller.strike_space(arm).names if name.endswith("_i")]
     return {name: unit_of(name, of_law if name.startswith("law.") else of_arm) for name in names}
 
@@ -214,7 +199,7 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
     return dataclasses.replace(controller, law=controller.law.changed(law), **fields)
 
 
-def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
+def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
     """Derivative of every block of `quantities()` by each named number.
 
     Blocks are linear in the numbers of model and law, so that one unit's difference is their derivative; those of a
@@ -224,9 +209,8 @@ def slopes(plant: Identifiable, names: Sequence[str]) -> list[Quantities]:
         InputError: A name is unknown.
     """
     base, known = plant.quantities(), plant.values()
-    profile = plant.profile if isinstance(plant, Plant) else None
-    clamped = isinstance(plant, Plant) and plant.clamp is not None
-    by_profile = {} if profile is None else profile_slopes(profile, base["whip.m"].size, clamped)
+    profile = plant.profile
+    by_profile = {} if profile is None else profile_slopes(profile, base["whip.m"].size, plant.clamp is not None)
     found = []
     for name in names:
         if name not in known:

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive, unknown_markers
-from whiptool.identification.pendulum import AngleRecording
-from whiptool.identification.placement import NEUTRAL, NUISANCE, PLACED, by_placement, carried, placed
-from whiptool.identification.plant import Identifiable, Plant, slopes
+from whiptool.identification.placement import NEUTRAL, NUISANCE, NUISANCE_IN, by_placement, carried, placed
+from whiptool.identification.plant import Plant, slopes
 from whiptool.identification.sampling import Readings
 from whiptool.recording.camera import Camera
 from whiptool.recording.strike_recording import StrikeRecording
@@ -21,8 +21,6 @@ from whiptool.rollout.engine import find_engine, wanted_rung
 from whiptool.rollout.resolution import OF_A_STEP
 
 _INTERVAL = 1e-3  # [s] between samples of a path
-
-Recording = StrikeRecording | AngleRecording
 
 
 @dataclass(frozen=True)
@@ -65,8 +63,8 @@ class Predictor:
 
     def __init__(
         self,
-        recordings: Sequence[Recording],
-        plant: Identifiable,
+        recordings: Sequence[StrikeRecording],
+        plant: Plant,
         *,
         drive: str,
         shared: Sequence[str],
@@ -78,7 +76,7 @@ class Predictor:
             raise InputError("recordings", "none", "one or more")
         self.recordings, self.kind = [_as_modelled(recording, plant) for recording in recordings], drive
         self.shared, self.own = tuple(shared), tuple(own)
-        nuisance = ("delay", "clock_rate", *PLACED[plant.model.dimension if isinstance(plant, Plant) else 2])
+        nuisance = NUISANCE_IN[plant.model.dimension]
         known = [*plant.values(), *nuisance]
         for name in self.shared:
             if name not in known:
@@ -89,8 +87,6 @@ class Predictor:
         named = [*self.shared, *self.own]
         if len(set(named)) < len(named):
             raise InputError("free parameters", named, "different names, each shared or per recording")
-        if drive == "free" and set(named) & set(NUISANCE):
-            raise InputError("free parameters", named, "no delay and no camera, where encoders measured")
         if drive == "passive" and "delay" in named:
             raise InputError("free parameters", named, "no delay, which a free first state takes up")
         self._of_plant = [name for name in self.shared if name not in NUISANCE]
@@ -124,7 +120,7 @@ class Predictor:
         return named + self._own_nuisance
 
     def __call__(
-        self, plant: Identifiable, nuisance: dict[str, float], own: Sequence[np.ndarray], *, derivatives: bool
+        self, plant: Plant, nuisance: dict[str, float], own: Sequence[np.ndarray], *, derivatives: bool
     ) -> list[Prediction]:
         """Predictions of all recordings.
 
@@ -158,7 +154,7 @@ class Predictor:
             found.append(Prediction(value, by_shared, by_own, size, -by_nuisance["delay"]))
         return found
 
-    def many(self, i: int, plants: Sequence[Identifiable], delays: Sequence[float]) -> np.ndarray:
+    def many(self, i: int, plants: Sequence[Plant], delays: Sequence[float]) -> np.ndarray:
         """Readings of recording i with each of many plants and delays of its clock [s], (plants, K); NaN from where a
         path diverged."""
         d, read = self.drives[i], self._read[i]
@@ -171,7 +167,7 @@ class Predictor:
         return values
 
     def path(
-        self, i: int, plant: Identifiable, nuisance: dict[str, float], own: np.ndarray
+        self, i: int, plant: Plant, nuisance: dict[str, float], own: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
         [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad], or of a view pixels, (S, 2), and
@@ -255,10 +251,9 @@ class Predictor:
         return laid
 
 
-def _interval(plant: Identifiable) -> float:
+def _interval(plant: Plant) -> float:
     """Return the time between the samples of a path, a whole fraction of the period that a torque is held for [s]."""
-    controller = plant.controller if isinstance(plant, Plant) else None
-    period = None if controller is None else controller.control_period
+    period = None if plant.controller is None else plant.controller.control_period
     return _INTERVAL if period is None else period / math.ceil(period / _INTERVAL - 1e-9)
 
 
@@ -328,42 +323,32 @@ def _seen(view: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([pixels, inverse]), np.concatenate([slopes, deeper[:, None]], axis=1)
 
 
-def _as_modelled(recording: Recording, plant: Identifiable) -> Recording:
-    """A recording with joints and axes as the plant's model has them."""
-    if isinstance(recording, StrikeRecording) and isinstance(plant, Plant):
-        return recording.for_model(plant.model)
-    return recording
+def _as_modelled(recording: StrikeRecording, plant: Plant) -> StrikeRecording:
+    """A recording with joints and axes as the plant's model has them; angles of links are as they are."""
+    return recording if isinstance(plant.model, BareArm) else recording.for_model(plant.model)
 
 
-def _sharing(recording: Recording, recordings: Sequence[Recording]) -> int:
+def _sharing(recording: StrikeRecording, recordings: Sequence[StrikeRecording]) -> int:
     """Return how many recordings have the log of this one: those of several cameras that saw one strike."""
     if (log := _log(recording)) is None:
         return 1
     return sum(other is not None and np.array_equal(log, other) for other in map(_log, recordings))
 
 
-def _log(recording: Recording) -> np.ndarray | None:
+def _log(recording: StrikeRecording) -> np.ndarray | None:
     """Return what was measured of the arm or hand; None where nothing was."""
-    if not isinstance(recording, StrikeRecording):
-        return None
     return recording.joints_q if recording.hand_pose is None else recording.hand_pose
 
 
-def _readings(recording: Recording, drive: Drive) -> _Reading:
-    if isinstance(recording, AngleRecording):
-        n = recording.angles.shape[1]
-        t = np.repeat(recording.t[:, None], n, axis=1)
-        sigma = np.full((*t.shape, 1), recording.sigma)
-        names = [f"link{i + 1}" for i in range(n)]
-        return _Reading(names, list(range(n)), t, recording.angles[..., None], sigma, 0.0)
+def _readings(recording: StrikeRecording, drive: Drive) -> _Reading:
     links = {name: drive.link_of(name) for name in recording.markers}
     known = {name: link for name, link in links.items() if link is not None}
     if not set(known) - {"shoulder", "handle"}:
         raise unknown_markers(recording)
-    which, d = [recording.markers.index(name) for name in known], drive.structure.dimension
+    which = [recording.markers.index(name) for name in known]
+    d = 1 if recording.angular else drive.structure.dimension
     if recording.view is not None and d == 2:
         raise InputError(f"{recording.called}: points", "a camera's pixels", "places, for a model in the plane")
-    recording.check_coordinates(d)
     points, t = recording.points[:, which, :d], recording.t_points[:, which]
     sigma = np.repeat(recording.sigma[:, which, None], points.shape[2], axis=2)
     if recording.depth is not None:

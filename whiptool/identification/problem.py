@@ -9,17 +9,17 @@ from typing import cast
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import SwingDrive
-from whiptool.identification.pendulum import AngleRecording
+from whiptool.identification.drives import SwingDrive, pieces
 from whiptool.identification.placement import NEUTRAL, NUISANCE
-from whiptool.identification.plant import Identifiable
-from whiptool.identification.predict import Predictor, Recording
+from whiptool.identification.plant import Plant
+from whiptool.identification.predict import Predictor
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.parameters import number, whole
+from whiptool.recording.strike_recording import StrikeRecording
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
@@ -88,8 +88,8 @@ class Problem:
 
     def __init__(
         self,
-        recordings: Sequence[Recording],
-        plant: Identifiable,
+        recordings: Sequence[StrikeRecording],
+        plant: Plant,
         free: Sequence[str],
         variables: list[Variable],
         options: FitOptions,
@@ -107,7 +107,7 @@ class Problem:
         self._limit = options.loss
         self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
 
-    def _make(self, recordings: Sequence[Recording]) -> Predictor:
+    def _make(self, recordings: Sequence[StrikeRecording]) -> Predictor:
         o = self.options
         return Predictor(
             recordings, self.plant, drive=o.drive, shared=self.free, own=self._own, timestep=o.timestep, knots=o.knots
@@ -122,7 +122,7 @@ class Problem:
         """The shared free numbers by name."""
         return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}
 
-    def split(self, z: np.ndarray) -> tuple[Identifiable, dict[str, float]]:
+    def split(self, z: np.ndarray) -> tuple[Plant, dict[str, float]]:
         """The plant with these numbers, and the shared nuisance."""
         values = self.values(z)
         plant = self.plant.changed({k: v for k, v in values.items() if k not in NUISANCE})
@@ -148,8 +148,8 @@ class Problem:
             return self._solve_stage(self.predictor, z, own, fixed=fixed, known=known)
         stages = [self.predictor]
         if self.options.pieces:
-            swings = [r for r in self._recordings if isinstance(r, AngleRecording)]
-            stages = [self._make([p for r in swings for p in r.cut(length)]) for length in self.options.pieces] + stages
+            cut = [[p for r in self._recordings for p in pieces(r, length)] for length in self.options.pieces]
+            stages = [*map(self._make, cut), *stages]
         solution = None
         for stage in stages:
             solution = self._solve_stage(stage, z, stage.start, fixed=fixed, known=known)
@@ -347,7 +347,7 @@ class Problem:
                     t=t,
                     path=path,
                     size=p.size[judged],
-                    view=None if isinstance(r := P.recordings[i], AngleRecording) else r.view,
+                    view=P.recordings[i].view,
                     predicted_from=float(P.recordings[i].t[first]) if first > frames.min() else None,
                 )
             )

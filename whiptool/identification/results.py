@@ -12,7 +12,7 @@ from scipy.special import gammaincinv
 
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
-from whiptool.identification.plant import Identifiable, Plant
+from whiptool.identification.plant import Plant
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import Uncertainty
@@ -67,6 +67,11 @@ class RecordingFit:
     def deep(self) -> np.ndarray:
         """Which residuals are of depth, (K,)."""
         return (self.channels[:, 2] == DEPTH_AXIS) & (self.view is not None)
+
+    @property
+    def angular(self) -> bool:
+        """Whether angles of links were read."""
+        return next(iter(self.path.values())).shape[1] == 1
 
     @property
     def errors(self) -> np.ndarray:
@@ -173,7 +178,7 @@ class Fit(NoArray, instead="its parameters"):
         remarks: Remarks about unusual first readings of the recordings.
     """
 
-    plant: Identifiable
+    plant: Plant
     drive: str
     parameters: tuple[Parameter, ...]
     nuisance: dict[str, float]
@@ -213,13 +218,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def model(self) -> Model:
-        """The model with the fitted numbers.
-
-        Raises:
-            AttributeError: A pendulum was fitted, which has no model of arm and whip; see `plant`.
-        """
-        if not isinstance(self.plant, Plant):
-            raise AttributeError("a fitted pendulum has no model of arm and whip; its links are in `plant`")
+        """The model with the fitted numbers."""
         return self.plant.model
 
     @property

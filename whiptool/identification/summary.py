@@ -12,7 +12,6 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.classes import MISFIT, Parameter
-from whiptool.identification.predict import Recording
 from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
@@ -154,7 +153,7 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
 
 def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity | None:
     """How alike measured and predicted tip are; None where too little of it was seen, or a camera saw it."""
-    if recording.view is not None:
+    if recording.view is not None or recording.angular:
         return None
     t, measured, predicted, _ = tip_paths(recording, found)
     try:
@@ -181,11 +180,13 @@ def root_mean_square_depth(found: Sequence[RecordingFit]) -> float | None:
 
 
 def error_words(found: Sequence[RecordingFit]) -> str:
-    """Return the root mean square error of recordings in words: in mm, of cameras in pixels, too, and of depth."""
+    """Return the root mean square error of recordings in words: in mm or mrad, of cameras in pixels, too, and of
+    depth."""
     metres, pixels, depth = (of(found) for of in (root_mean_square, root_mean_square_pixels, root_mean_square_depth))
     said = [] if pixels is None else [f"{pixels:.3g} pixels"]
     said += [] if depth is None else [f"depth {1e3 * depth:.3g} mm"]
-    return f"{1e3 * (metres or 0.0):.3g} mm" + (f" ({', '.join(said)})" if said else "")
+    unit = "mrad" if any(r.angular for r in found) else "mm"
+    return f"{1e3 * (metres or 0.0):.3g} {unit}" + (f" ({', '.join(said)})" if said else "")
 
 
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
@@ -249,7 +250,7 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:-1]) + " and " + names[-1]
 
 
-def fit_table(fit: Fit, fitted: Sequence[Recording], held_out: Sequence[Recording]) -> dict[str, Any]:
+def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]) -> dict[str, Any]:
     """A fit as plain data for JSON: SI units, None where there is no number."""
     U = fit.uncertainty
     pairs = [(r, f, False) for r, f in zip(fitted, fit.recordings, strict=True)]
@@ -316,8 +317,8 @@ def _fault_table(fit: Fit, fault: ClockFault) -> dict[str, Any]:
     return {"source": _source(fit, fault.recording), **found, "p_value": fault.p_value}
 
 
-def _recording_table(recording: Recording, found: RecordingFit, held_out: bool) -> dict[str, Any]:
-    alike = similarity_of(recording, found) if isinstance(recording, StrikeRecording) else None
+def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: bool) -> dict[str, Any]:
+    alike = similarity_of(recording, found)
     own = {name: x for name, x in found.own.items() if not name.startswith("motion[")}  # hundreds of coefficients
     return {
         **recording.provenance,

@@ -48,6 +48,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
         middle of the first row's exposure. Several cameras make several recordings, each with its own clock. A camera
         that measures depth, such as a D435, adds the depth of each marker.
 
+    Of an arm without a whip it holds the angles of the links, (T, M, 1) and [rad] in place of [m].
+
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
         points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
@@ -83,6 +85,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             those of its joints do not matter.
         up: Upward axis of points in space, `y` or `z`, if their file names it; empty: that of the model.
         notes: Assumptions of the reader and data that it left out, in sentences.
+        first_state: Of an arm without a whip, its angles and their rates at t[0] as measured, (2, M) [rad, rad/s].
 
     Raises:
         InputError: Shapes do not fit, times do not increase, no point was seen, units or clocks are implausible, or
@@ -113,17 +116,18 @@ class StrikeRecording(NoArray, instead="its t and points"):
     joints_listed: bool = False
     up: str = ""
     notes: tuple[str, ...] = ()
+    first_state: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         t = _times("t", self.t)
         points = _numbers("points", self.points)
         markers = tuple(map(str, texts("markers", self.markers)))
-        if points.ndim != 3 or points.shape[:2] != (len(t), len(markers)) or points.shape[2] not in (2, 3):
+        if points.ndim != 3 or points.shape[:2] != (len(t), len(markers)) or points.shape[2] not in (1, 2, 3):
             raise InputError(
                 "points",
                 f"shape {points.shape}",
-                f"shape ({len(t)}, {len(markers)}, 2 or 3)",
+                f"shape ({len(t)}, {len(markers)}, 2 or 3), of angles 1",
             )
         if not markers or len(set(markers)) < len(markers) or not all(markers):
             raise InputError("markers", markers, "at least one name, all different, none empty")
@@ -134,7 +138,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         sigma, t_points = DEFAULT_SIGMA, np.broadcast_to(t[:, None], seen.shape)
         if self.view is None:
             farthest = np.abs(points[seen]).max()
-            if not farthest <= FARTHEST:
+            if not farthest <= FARTHEST and points.shape[2] > 1:
                 raise InputError("points", float(farthest), f"coordinates within {FARTHEST:g} m", FAR)
         else:
             _check_in_image(points, self.view)
@@ -191,6 +195,11 @@ class StrikeRecording(NoArray, instead="its t and points"):
         if self.hand_t is not None:
             put("hand_t", _times("hand_t", self.hand_t, longest=A_DAY))
             put("hand_pose", _poses(self.hand_pose, len(self.hand_t)))
+        if self.first_state is not None:
+            begun = _numbers("first_state", self.first_state)
+            if begun.shape != (2, len(markers)) or points.shape[2] != 1 or not np.isfinite(begun).all():
+                raise InputError("first_state", begun.shape, f"finite angles and rates, (2, {len(markers)}), of angles")
+            put("first_state", begun)
         if self.up not in ("", *TURNED):
             raise InputError("up", self.up, "the axis that points up, y or z, or empty")
         put("notes", tuple(map(str, self.notes)))
@@ -206,6 +215,11 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def seen(self) -> np.ndarray:
         """Which points were seen, (T, M)."""
         return ~np.isnan(self.points[..., 0])
+
+    @property
+    def angular(self) -> bool:
+        """Whether the points are angles of an arm's links."""
+        return self.points.shape[2] == 1
 
     @property
     def _logs(self) -> dict[str, np.ndarray]:
@@ -269,6 +283,9 @@ class StrikeRecording(NoArray, instead="its t and points"):
         Raises:
             InputError: They have fewer.
         """
+        if self.angular:
+            fix = "angles are those of an arm without a whip: drive free"
+            raise InputError(f"{self.called}: points", "angles", f"places of {d} coordinates", fix)
         if self.view is None and self.points.shape[2] < d:
             rule = f"{d} coordinates, places in space (columns t, tip_x, tip_y, tip_z; z up), for a model in space"
             fix = "record motion capture or two cameras, or take a model in the plane"
@@ -276,7 +293,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     def _upright(self, up: str) -> StrikeRecording:
         """The same recording, turned about the axis that points forward so that another one points up."""
-        if not self.up or self.up == up or self.points.shape[2] == 2:
+        if not self.up or self.up == up or self.points.shape[2] != 3:
             return self
         return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, up=up)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
@@ -136,7 +136,18 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         read_marker(self.tip)
 
     def _model(self) -> Model | None:
-        return None if self.drive == "free" else super()._model()  # a pendulum has its own files
+        return None if self.drive == "free" else super()._model()  # no law is that of an arm without a whip
+
+    def find_model(self) -> Model | Any:
+        """The model at which the fit starts: with --drive free an arm without a whip."""
+        from whiptool.identification.bare_arm import read_bare_arm
+
+        if self.drive != "free":
+            return super().find_model()
+        if not self.model.endswith(".toml"):
+            fix = "see the file formats"
+            raise InputError("--model", self.model, "the .toml file of an arm without a whip, with --drive free", fix)
+        return read_bare_arm(self.model)
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

@@ -1,7 +1,7 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
-How each format looks stands in its module: `tracks` (CSV), `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`, `footage`,
-and `whiptool.recording.npz`; what the TOML file next to any of them may hold, in `sidecar`.
+How each format looks stands in its module: `tracks` (CSV), `angles`, `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`,
+`footage`, and `whiptool.recording.npz`; what the TOML file next to any of them may hold, in `sidecar`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 from whiptool.errors import InputError, expect
 from whiptool.extras import add_installed
 from whiptool.given_files import whole_file
+from whiptool.recording.readers.angles import holds_angles, read_angles
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.deeplabcut import read_deeplabcut
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames
@@ -58,6 +59,7 @@ def _deeplabcut(path: Path, head: bytes) -> bool:
 
 READERS: dict[str, Format] = {
     "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
+    "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
     "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
     "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
     "mat": Format("MAT version 5", _named(".mat"), read_mat),

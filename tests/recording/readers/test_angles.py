@@ -1,22 +1,24 @@
-"""A pendulum's files: they read back the same, and mistakes are named."""
+"""Files of arms without a whip and of their angles: they read back the same, and mistakes are named."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import tomli_w
+from pendulum_swing import pendulum
 
 from whiptool.errors import InputError
-from whiptool.identification.pendulum import Pendulum
-from whiptool.identification.pendulum_files import read_angles, read_pendulum, write_pendulum
+from whiptool.identification.bare_arm import read_bare_arm, write_bare_arm
 from whiptool.models.parameters import ArmLink
+from whiptool.recording.readers import read_recording
+from whiptool.recording.readers.angles import read_swings
 
-TWO = Pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)
+TWO = pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)
 
 
 def test_a_pendulums_file_reads_back_the_same(tmp_path):
-    write_pendulum(TWO, tmp_path / "two.toml")
-    assert read_pendulum(tmp_path / "two.toml") == TWO
+    write_bare_arm(TWO.model, tmp_path / "two.toml")
+    assert read_bare_arm(tmp_path / "two.toml") == TWO.model
 
 
 @pytest.mark.parametrize(
@@ -32,7 +34,7 @@ def test_a_pendulums_file_reads_back_the_same(tmp_path):
 def test_mistakes_in_a_pendulums_file_are_named(tmp_path, table, said):
     (tmp_path / "bad.toml").write_text(tomli_w.dumps(table))
     with pytest.raises(InputError, match=said):
-        read_pendulum(tmp_path / "bad.toml")
+        read_bare_arm(tmp_path / "bad.toml")
 
 
 def test_npz_and_csv_tell_the_same_swing(tmp_path):
@@ -41,16 +43,16 @@ def test_npz_and_csv_tell_the_same_swing(tmp_path):
     velocity = np.stack([-5 * np.sin(5 * t), 3.5 * np.cos(7 * t)], axis=1)
     np.savez(tmp_path / "swing.npz", dt=0.01, angle=np.stack([angle, -angle]), velocity=np.stack([velocity, -velocity]))
     header = "t,angle1,angle2"
-    first, second = read_angles(tmp_path / "swing.npz")
+    first, second = read_swings(tmp_path / "swing.npz")
     assert (first.source, second.source) == (f"{tmp_path / 'swing.npz'}#0", f"{tmp_path / 'swing.npz'}#1")
-    np.testing.assert_allclose(first.start, [angle[0], velocity[0]])
-    np.testing.assert_allclose(second.angles, -angle)
+    np.testing.assert_allclose(first.first_state, [angle[0], velocity[0]])
+    np.testing.assert_allclose(second.points[..., 0], -angle)
     (tmp_path / "swing.toml").write_text(tomli_w.dumps({"every": 2, "sigma": 2e-3}))
-    assert len(read_angles(tmp_path / "swing.npz")[0].t) == 20
+    assert len(read_recording(tmp_path / "swing.npz").t) == 20
     side = {"zero": 180.0, "angle_units": "deg", "relative": True}
     relative = np.column_stack([t, np.rad2deg(np.diff(angle, axis=1, prepend=0.0)) + np.array([180.0, 0.0])])
     np.savetxt(tmp_path / "other.csv", relative, delimiter=",", header=header, comments="", fmt="%.17g")
     (tmp_path / "other.toml").write_text(tomli_w.dumps(side))
-    (other,) = read_angles(tmp_path / "other.csv")
-    np.testing.assert_allclose(other.angles, angle, atol=1e-12)
-    np.testing.assert_allclose(other.start, [angle[0], velocity[0]], atol=0.05)  # by a parabola
+    other = read_recording(tmp_path / "other.csv")
+    np.testing.assert_allclose(other.points[..., 0], angle, atol=1e-12)
+    np.testing.assert_allclose(other.first_state, [angle[0], velocity[0]], atol=0.05)  # by a parabola

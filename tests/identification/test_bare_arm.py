@@ -5,22 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pendulum_data import DATA
+from pendulum_swing import angles_of, pendulum
 
 from whiptool.identification.fit import FitOptions, fit
-from whiptool.identification.pendulum import AngleRecording, Pendulum
 from whiptool.models.parameters import ArmLink
+from whiptool.recording.strike_recording import StrikeRecording
 
 pytestmark = pytest.mark.skipif(
     not DATA.is_dir(), reason=f"no recorded pendulum in {DATA}; set WHIPTOOL_DATA to the folder that holds it"
 )
 
 
-def swings(name: str, *, every: int, last: int | None = None) -> list[AngleRecording]:
+def swings(name: str, *, every: int, last: int | None = None) -> list[StrikeRecording]:
     """All pieces of a file, every so many samples, up to sample `last`."""
     data = np.load(DATA / f"{name}.npz")
     t = np.arange(data["angle"].shape[1]) * float(data["dt"])
     return [
-        AngleRecording(t[:last:every], (q - np.pi)[:last:every], np.array([q[0] - np.pi, v[0]]), 2e-3, f"{name} {i}")
+        angles_of(t[:last:every], (q - np.pi)[:last:every], np.array([q[0] - np.pi, v[0]]), 2e-3, f"{name} {i}")
         for i, (q, v) in enumerate(zip(data["angle"], data["velocity"], strict=True))
     ]
 
@@ -31,7 +32,7 @@ def test_double_pendulum_predicts_the_held_out_pieces():
     train = [r for i, r in enumerate(swings("double", every=12)) if i not in held]
     unseen = [swings("double", every=1, last=1501)[i] for i in held]
     # two uniform rods of 0.2 m, as one would guess from afar
-    guess = Pendulum((ArmLink(mass=0.2, length=0.2), ArmLink(mass=0.1, length=0.2)), (1e-3, 1e-3))
+    guess = pendulum((ArmLink(mass=0.2, length=0.2), ArmLink(mass=0.1, length=0.2)), (1e-3, 1e-3))
     free = [f"link.{q}[{i}]" for q in ("mass", "com", "inertia", "friction", "dry_friction", "drag") for i in range(2)]
     options = FitOptions(drive="free", pieces=(0.3,), starts=3, dispersion=3.0)
     result = fit(train, guess, [*free, "link.length[0]"], held_out=unseen, options=options)
@@ -54,7 +55,7 @@ def test_double_pendulum_predicts_the_held_out_pieces():
 def test_single_pendulum_with_and_without_dry_friction():
     """Each piece held out in turn and predicted for 9 s: dry friction explains how small swings end."""
     pieces = swings("single", every=25)
-    guess = Pendulum((ArmLink(mass=0.2, length=0.3),))
+    guess = pendulum((ArmLink(mass=0.2, length=0.3),))
     options = FitOptions(drive="free", pieces=(1.0, 3.0))
     found = {}
     for dry in (True, False):
