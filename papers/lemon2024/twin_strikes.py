@@ -113,12 +113,12 @@ class TwinUnit(Unit):
                 command_delay=LATENCY / 2,
                 sample_delay=LATENCY / 2,
                 clock_offset=CLOCK_OFFSET,
+                seed=self.number,
             ),
             camera="d435-infrared" if self.images else "points",
             target=self.target,
             options=LoopOptions(rate=RATE, settle=SETTLE, delay=LATENCY, t_stay=self.scene.t_stay),
             at_once=not self.images,
-            seed=self.number,
         )
         try:
             struck = rig.strike(Strike.from_vector(self.strike))

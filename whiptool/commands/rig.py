@@ -159,6 +159,7 @@ def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
         HARDWARE if options.friction else Motor(),
         command_delay=options.latency / 2,
         sample_delay=options.latency / 2,
+        seed=options.seed,
     )
     camera = "d435-infrared" if options.camera == "twin" else options.camera
     target = options.build_target().position
@@ -169,7 +170,6 @@ def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
         camera=camera,
         target=target,
         options=loop,
-        seed=options.seed,
         interlock=interlock,
     )
 

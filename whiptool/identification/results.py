@@ -71,7 +71,7 @@ class RecordingFit:
     @property
     def angular(self) -> bool:
         """Whether angles of links were read."""
-        return next(iter(self.path.values())).shape[1] == 1
+        return any(path.shape[1] == 1 for path in self.path.values())
 
     @property
     def errors(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.rig.caps import CappedLoop
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.emulator.motor import Motor
+from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
@@ -91,8 +92,8 @@ def _play(loop: CappedLoop, truth: Model, motor: Motor, options: LoopOptions) ->
     """Return times, states and torques of every cycle of a loop on the twin's physics, and whether they diverged."""
     strike, period = loop.strike, 1.0 / options.rate
     twin = TwinOptions(truth, motor, start=strike.q_i, period=period, command_delay=options.delay, fineness=1)
-    servos = twin.make_servos()
-    physics = twin.make_physics(servos)
+    physics = Physics(twin)
+    servos = physics.servos
     for servo in servos:
         servo.set("operating_mode", CURRENT_MODE)
         servo.set("torque_enable", 1)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -108,8 +108,50 @@ def nothing_seen(a: int) -> Approach:
     return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
 
 
-class Rig(Protocol):
-    """Protocol of what can strike: hardware or a twin."""
+@dataclass(frozen=True)
+class TwinTruth:
+    """How a twin differs from the model; the code that plans and controls strikes does not see it.
+
+    Args:
+        model: The true arm and whip.
+        motor: The true motors.
+        command_delay, sample_delay: Command delay and sample delay of the line [s].
+        clock_offset: The camera's clock is late by this [s].
+        seed: Seed of the camera's noise.
+    """
+
+    model: Model
+    motor: Motor = field(default_factory=Motor)
+    command_delay: float = 0.0
+    sample_delay: float = 0.0
+    clock_offset: float = 0.0
+    seed: int = 0
+
+
+class Rig:
+    """What can strike, hardware or a twin: the control loop, the records, and what a stop leaves.
+
+    Args:
+        model: The nominal model of whip and arm.
+        controller: Controller of the strike.
+        target: Position of the target [m], which is visible in images.
+        options: Options of the loop.
+        interlock: Interlock that is set after a stop; default: a new one.
+    """
+
+    port = "twin"
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        *,
+        target: tuple[float, ...] | None = None,
+        options: LoopOptions | None = None,
+        interlock: Interlock | None = None,
+    ) -> None:
+        self.model, self.controller, self.target = model, controller, target
+        self.options, self.interlock = options or LoopOptions(), interlock or Interlock()
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
         """Strike once; the records go to a folder as they are made.
@@ -127,41 +169,65 @@ class Rig(Protocol):
             Locked: The arm was stopped before, and no person has released its interlock.
             InputError: Servos, line or camera are not as they must be.
         """
-        ...
+        self.interlock.check()
+        self._ask(strike)
+        with closing(StopSignals()) as signals:
+            return self._strike(strike, folder, believed, signals)
+
+    def _ask(self, strike: Strike) -> None:
+        """Ask a person whether the arm may move, where a person is asked."""
+
+    def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
+        raise NotImplementedError
+
+    def _loop(self, bus: DynamixelBus, clock: Clock) -> RigLoop:
+        joints = Joints(bus)
+        safety = Safety(joints, interlock=self.interlock)
+        return RigLoop(joints, self.model, self.controller, options=self.options, clock=clock, safety=safety)
+
+    def _recorded(self, run: Run, folder: Path | None, track: StrikeRecording | None = None) -> StrikeRecording:
+        """The recording of a strike, written at once: without a track the joints alone."""
+        from whiptool.impedance.files import controller_to_table
+
+        recording = build_recording(
+            run.cycles,
+            self.model,
+            track=track,
+            controller=controller_to_table(self.controller.reckoning_with(self.model)),
+            target=self.target,
+            t_stay=self.options.t_stay,
+            source=self.port,
+        )
+        if folder is not None:
+            recording.save(folder / RECORDING)
+        return recording
+
+    def _seen(self, struck: Struck, signals: StopSignals, look: Callable[[], StrikeRecording]) -> Struck:
+        """The strike with what the camera saw of it; the joints are on record already.
+
+        Raises:
+            StrikeInterrupted: A signal came meanwhile.
+        """
+        try:
+            with signals.interruptible():
+                return dataclasses.replace(struck, recording=look())
+        except KeyboardInterrupt:
+            reason = f"signal: {signals.received or 'Ctrl-C'} came after the strike, before its film was looked at"
+            self.interlock.trip(reason, lasting=False)
+            signals.answered = True
+            raise StrikeInterrupted(reason, struck, struck.run.torque) from None
 
 
-@dataclass(frozen=True)
-class TwinTruth:
-    """How a twin differs from the model; the code that plans and controls strikes does not see it.
-
-    Args:
-        model: The true arm and whip.
-        motor: The true motors.
-        command_delay, sample_delay: Command delay and sample delay of the line [s].
-        clock_offset: The camera's clock is late by this [s].
-    """
-
-    model: Model
-    motor: Motor = field(default_factory=Motor)
-    command_delay: float = 0.0
-    sample_delay: float = 0.0
-    clock_offset: float = 0.0
-
-
-class TwinRig:
+class TwinRig(Rig):
     """The emulator behind the real protocol, in lock-step, and a virtual camera.
 
     Args:
-        model: The nominal model of whip and arm.
-        controller: Controller of the strike.
+        model, controller: See `Rig`.
         truth: True model and motors; default: the model, ideal motors.
         camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
             tracked images have, without the images; `none`.
-        target: Position of the target [m], which is visible in the images.
-        options: Options of the loop.
         at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
-        seed: Seed of the camera's noise.
-        interlock: Interlock that is set after a stop; default: a new one.
+        shared: `target`, `options`, `interlock`, as `Rig` takes them.
     """
 
     def __init__(
@@ -171,58 +237,41 @@ class TwinRig:
         *,
         truth: TwinTruth | None = None,
         camera: str = "d435-infrared",
-        target: tuple[float, ...] | None = None,
-        options: LoopOptions | None = None,
         at_once: bool = False,
-        seed: int = 0,
-        interlock: Interlock | None = None,
+        **shared: Any,
     ) -> None:
-        self.model, self.controller, self.truth = model, controller, truth or TwinTruth(model)
-        options = options or LoopOptions()
-        self.options = dataclasses.replace(options, settle=0.0, go_back=False) if at_once else options
-        self.target, self._at_once, self._camera = target, at_once, camera
-        self.interlock = interlock or Interlock()
-        self._rng = np.random.default_rng(seed)
+        super().__init__(model, controller, **shared)
+        self.truth, self._at_once, self._camera = truth or TwinTruth(model), at_once, camera
+        if at_once:
+            self.options = dataclasses.replace(self.options, settle=0.0, go_back=False)
+        self._rng = np.random.default_rng(self.truth.seed)
         points = camera in ("points", "none")
         self.settings: Camera = camera_preset("d435-infrared" if points else camera)
 
-    def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """Strike once, and return what it left; see `Rig.strike`."""
-        self.interlock.check()
-        with closing(StopSignals()) as signals:
-            return self._strike(strike, folder, believed, signals)
-
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         """Strike, record the joints, and only then film: the picture takes longest, and a signal may end it."""
-        truth, period = self.truth, 1.0 / self.options.rate
-        start = strike.q_i if self._at_once else (0.0,) * self.model.arm.n
-        twin_options = TwinOptions(
-            model=truth.model,
-            motor=truth.motor,
-            start=start,
-            period=period,
-            command_delay=truth.command_delay,
-            sample_delay=truth.sample_delay,
-        )
+        truth, start = self.truth, strike.q_i if self._at_once else (0.0,) * self.model.arm.n
+        delays = {"command_delay": truth.command_delay, "sample_delay": truth.sample_delay}
+        options = TwinOptions(truth.model, truth.motor, start=start, period=1.0 / self.options.rate, **delays)
         began: list[float] = []
-        with Emulator(twin_options) as twin, twin.bus() as bus:
+        with Emulator(options) as twin, twin.bus() as bus:
 
             def on_cycle(k: int, phase: Phase) -> None:
                 if phase is Phase.STRIKE and not began:
                     began.append(float(twin.state()["t"]))
 
-            loop = _loop(self, bus, StepClock())
-            path = None if folder is None else folder / CYCLES
-            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed, signals=signals)
+            log = None if folder is None else folder / CYCLES
+            loop = self._loop(bus, StepClock())
+            run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
             moved = twin.trajectory()
         if not _came_to_its_strike(run):
             return carried_out(Struck(run, None))
         keep = (moved["t"] >= began[0] - 1e-9) & (moved["t"] <= began[0] + strike.D + self.options.t_stay + 1e-9)
         t, q, v, tau = (moved[name][keep] for name in ("t", "q", "v", "torque"))
         path = complete_trajectory(truth.model, self.controller, strike, States(t - began[0], q, v, tau))
-        struck = Struck(run, _recorded(self, run, "twin", folder), path)
+        struck = Struck(run, self._recorded(run, folder), path)
         if run.fault is None or run.fault.kind != "signal":
-            struck = _seen(self, struck, signals, lambda: _recorded(self, run, "twin", folder, self._film(path)))
+            struck = self._seen(struck, signals, lambda: self._recorded(run, folder, self._film(path)))
         return carried_out(struck)
 
     def _film(self, path: Trajectory) -> StrikeRecording | None:
@@ -272,15 +321,18 @@ class ServoLine:
     baud: int = 1_000_000
 
 
-class HardwareRig:
+class HardwareRig(Rig):
     """Dynamixel servos on a serial port, and a camera.
 
+    A camera that gives no frames is refused. One that is lost before the strike begins stops it; where it is lost
+    during the strike, the joints are kept and the session ends.
+
     Args:
-        model, controller, target, options: As for the twin.
+        model, controller: See `Rig`.
         line: To the servos.
         camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
         confirm: Asked before every strike; False ends the session. None: no question, unless the arm was stopped.
-        interlock: Interlock that is set after a stop; default: a new one.
+        shared: `target`, `options`, `interlock`, as `Rig` takes them.
     """
 
     def __init__(
@@ -290,27 +342,15 @@ class HardwareRig:
         line: ServoLine,
         *,
         camera: Any = None,
-        target: tuple[float, ...] | None = None,
-        options: LoopOptions | None = None,
         confirm: Callable[[Strike], bool] | None = None,
-        interlock: Interlock | None = None,
+        **shared: Any,
     ) -> None:
-        self.model, self.controller, self.target = model, controller, target
-        self.options, self.line = options or LoopOptions(), line
-        self.camera, self.confirm = camera, confirm
-        self.interlock = interlock or Interlock()
+        super().__init__(model, controller, **shared)
+        self.line, self.port, self.camera, self.confirm = line, line.port, camera, confirm
 
-    def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """Strike once, and return what it left; see `Rig.strike`.
-
-        A camera that gives no frames is refused. One that is lost before the strike begins stops it; where it is lost
-        during the strike, the joints are kept and the session ends.
-        """
-        self.interlock.check()
+    def _ask(self, strike: Strike) -> None:
         if self.confirm is not None and not self.confirm(strike):
             raise NotConfirmed(strike.vector.tolist())
-        with closing(StopSignals()) as signals:
-            return self._strike(strike, folder, believed, signals)
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         """Strike and film, record the joints, and only then look at the frames, which a signal may end."""
@@ -318,7 +358,7 @@ class HardwareRig:
 
         with ExitStack() as stack:
             ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
-            bus = stack.enter_context(DynamixelBus(self.line.port, list(ids), baud=self.line.baud))
+            bus = stack.enter_context(DynamixelBus(self.port, list(ids), baud=self.line.baud))
             bus.check(self.options.rate)
             filming = None if self.camera is None else stack.enter_context(Filming(self.camera))
             if filming is not None:
@@ -328,16 +368,15 @@ class HardwareRig:
                 if filming is not None:
                     filming.during(phase is Phase.STRIKE)
 
-            path = None if folder is None else folder / CYCLES
-            loop = _loop(self, bus, WallClock())
-            run = loop.run(strike, path=path, on_cycle=on_cycle, believed=believed, signals=signals)
+            log = None if folder is None else folder / CYCLES
+            loop = self._loop(bus, WallClock())
+            run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
             frames = [] if filming is None else filming.end()
         if not _came_to_its_strike(run):
             return carried_out(Struck(run, None))
-        port = self.line.port
-        struck = Struck(run, _recorded(self, run, port, folder))
+        struck = Struck(run, self._recorded(run, folder))
         if run.fault is None and frames:
-            struck = _seen(self, struck, signals, lambda: _recorded(self, run, port, folder, _tracked(frames, run)))
+            struck = self._seen(struck, signals, lambda: self._recorded(run, folder, _tracked(frames, run)))
         struck = carried_out(struck)
         if filming is not None and filming.lost:
             self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
@@ -360,53 +399,9 @@ def carried_out(struck: Struck) -> Struck:
     raise StrikeStopped(str(run.fault), struck, run.torque)
 
 
-def _loop(rig: TwinRig | HardwareRig, bus: DynamixelBus, clock: Clock) -> RigLoop:
-    joints = Joints(bus)
-    safety = Safety(joints, interlock=rig.interlock)
-    return RigLoop(joints, rig.model, rig.controller, options=rig.options, clock=clock, safety=safety)
-
-
 def _came_to_its_strike(run: Run) -> bool:
     """Whether there are joints of the strike that can be recorded."""
     return bool(np.isfinite(run.cycles.during(Phase.STRIKE).q).all(axis=1).sum() > 1)
-
-
-def _recorded(
-    rig: TwinRig | HardwareRig, run: Run, source: str, folder: Path | None, track: StrikeRecording | None = None
-) -> StrikeRecording:
-    """The recording of a strike, written at once: without a track the joints alone."""
-    from whiptool.impedance.files import controller_to_table
-
-    recording = build_recording(
-        run.cycles,
-        rig.model,
-        track=track,
-        controller=controller_to_table(rig.controller.reckoning_with(rig.model)),
-        target=rig.target,
-        t_stay=rig.options.t_stay,
-        source=source,
-    )
-    if folder is not None:
-        recording.save(folder / RECORDING)
-    return recording
-
-
-def _seen(
-    rig: TwinRig | HardwareRig, struck: Struck, signals: StopSignals, look: Callable[[], StrikeRecording]
-) -> Struck:
-    """The strike with what the camera saw of it; the joints are on record already.
-
-    Raises:
-        StrikeInterrupted: A signal came meanwhile.
-    """
-    try:
-        with signals.interruptible():
-            return dataclasses.replace(struck, recording=look())
-    except KeyboardInterrupt:
-        reason = f"signal: {signals.received or 'Ctrl-C'} came after the strike, before its film was looked at"
-        rig.interlock.trip(reason, lasting=False)
-        signals.answered = True
-        raise StrikeInterrupted(reason, struck, struck.run.torque) from None
 
 
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:

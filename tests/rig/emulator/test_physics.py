@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from whiptool.rig.emulator import TwinOptions
+from whiptool.rig.emulator.physics import Physics
 
 
 def test_a_dead_motor_lets_the_arm_swing_as_the_plain_simulation_does():
     # a pendulum's energy: torque off, no friction, the whip's own damping set aside by a short time
     options = TwinOptions(start=(0.4, 0.2))
-    physics = options.make_physics(options.make_servos())
+    physics = Physics(options)
     ref = physics._rollout
     physics.advance_to(0.2)
     import mujoco
@@ -28,11 +29,11 @@ def test_a_dead_motor_lets_the_arm_swing_as_the_plain_simulation_does():
 
 def test_sample_delay_shows_the_past():
     options = TwinOptions(start=(0.5, 0.0), sample_delay=0.01)
-    servos = options.make_servos()
-    physics = options.make_physics(servos)
+    physics = Physics(options)
+    servos = physics.servos
     plain = dataclasses.replace(options, sample_delay=0.0)
-    now = plain.make_servos()
-    reference = plain.make_physics(now)
+    reference = Physics(plain)
+    now = reference.servos
     physics.advance_to(0.1)
     reference.advance_to(0.09)
     assert servos[0].get("present_position") == now[0].get("present_position")
@@ -42,8 +43,8 @@ def test_sample_delay_shows_the_past():
 
 def test_command_delay_postpones_the_current():
     options = TwinOptions(command_delay=0.01)
-    servos = options.make_servos()
-    physics = options.make_physics(servos)
+    physics = Physics(options)
+    servos = physics.servos
     for s in servos:
         s.set("operating_mode", 0)
         s.set("goal_current", 0)

@@ -7,6 +7,7 @@ import pytest
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.rig.emulator import TwinOptions
+from whiptool.rig.emulator.physics import Physics
 
 
 def test_options_are_checked():
@@ -16,4 +17,4 @@ def test_options_are_checked():
         TwinOptions(ids=(1, 1))
     o = TwinOptions(model=wt.preset("lemon2024"), start=(0.1,))
     with pytest.raises(InputError, match="start"):
-        o.make_physics(o.make_servos())
+        Physics(o)

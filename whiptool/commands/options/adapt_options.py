@@ -268,12 +268,11 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
         return TwinRig(
             model,
             twin.controller,
-            truth=twin.truth(HARDWARE if options.friction else Motor()),
+            truth=replace(twin.truth(HARDWARE if options.friction else Motor()), seed=seed),
             camera=camera,
             target=target,
             options=loop,
             at_once=True,
-            seed=seed,
             interlock=interlock,
         )
 

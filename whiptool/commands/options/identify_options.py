@@ -145,8 +145,11 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if self.drive != "free":
             return super().find_model()
         if not self.model.endswith(".toml"):
-            fix = "see the file formats"
-            raise InputError("--model", self.model, "the .toml file of an arm without a whip, with --drive free", fix)
+            allowed, fix = (
+                "the .toml file of a pendulum, an arm without a whip, with --drive free",
+                "see the file formats",
+            )
+            raise InputError("--model", self.model, allowed, fix)
         return read_bare_arm(self.model)
 
     def needs(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ class ServoChain:
     """
 
     def __init__(self, servos: Sequence[Servo], on_goal: Callable[[], None] | None = None) -> None:
-        self.servos, self._beat = list(servos), on_goal or (lambda: None)
+        self.servos, self._beat = servos, on_goal or (lambda: None)
 
     def _on_goal(self) -> None:
         if any(servo.torque_on for servo in self.servos):
@@ -46,23 +46,15 @@ class ServoChain:
         """Replies to an instruction, in the order in which they go over the line; none where silence is right."""
         for servo in self.servos:
             servo.heard()
-        many = {
-            SYNC_READ: self._sync_read,
-            FAST_SYNC_READ: self._fast_sync_read,
-            SYNC_WRITE: self._sync_write,
-            BULK_READ: self._bulk_read,
-            FAST_BULK_READ: self._fast_bulk_read,
-            BULK_WRITE: self._bulk_write,
-        }.get(packet.instruction)
-        if many is not None:
-            return many(packet.parameters) if packet.id == BROADCAST else []
+        if packet.instruction in (*_READS, SYNC_WRITE, BULK_WRITE):
+            return self._many(packet) if packet.id == BROADCAST else []
         if packet.id == BROADCAST:
             alive = sorted((s for s in self.servos if not (s.dead or s.deaf)), key=lambda s: s.get("id"))
             replies = [self._one(servo, packet, broadcast=True) for servo in alive]
         else:
             servo = self.find(packet.id)
             replies = [self._one(servo, packet)] if servo else []
-        if packet.instruction == ACTION or (packet.instruction == WRITE and _reaches_goal(packet.parameters)):
+        if packet.instruction == ACTION or beats(packet):
             self._on_goal()
         return [reply for reply in replies if reply]
 
@@ -118,13 +110,18 @@ class ServoChain:
 
     # -- several servos at once ----------------------------------------------------------------------------------
 
-    def _sync_read(self, data: bytes) -> list[bytes]:
-        parts = self._parts(_sync(data))
-        return [status(id, error, answer) for id, error, answer in parts if answer is not None]
-
-    def _bulk_read(self, data: bytes) -> list[bytes]:
-        parts = self._parts(_bulk(data))
-        return [status(id, error, answer) for id, error, answer in parts if answer is not None]
+    def _many(self, packet: Packet) -> list[bytes]:
+        """Replies to an instruction to several servos."""
+        data = packet.parameters
+        if packet.instruction == SYNC_WRITE:
+            return self._sync_write(data)
+        if packet.instruction == BULK_WRITE:
+            return self._bulk_write(data)
+        parse, fast = _READS[packet.instruction]
+        wanted = parse(data)
+        if fast:
+            return self._fast(wanted)
+        return [status(id, error, answer) for id, error, answer in self._parts(wanted) if answer is not None]
 
     def _parts(self, wanted: list[tuple[int, int, int]]) -> list[tuple[int, int, bytes | None]]:
         """(id, error, data) of each servo asked; data None: it does not answer."""
@@ -137,12 +134,6 @@ class ServoChain:
                 error, answer = servo.read(address, length)
                 parts.append((id, servo.alert | error, answer))
         return parts
-
-    def _fast_sync_read(self, data: bytes) -> list[bytes]:
-        return self._fast(_sync(data))
-
-    def _fast_bulk_read(self, data: bytes) -> list[bytes]:
-        return self._fast(_bulk(data))
 
     def _fast(self, wanted: list[tuple[int, int, int]]) -> list[bytes]:
         """Each servo adds its part when the one before has sent its own: a dead one ends the reply there."""
@@ -196,12 +187,14 @@ def _bulk(data: bytes) -> list[tuple[int, int, int]]:
     """Likewise of a bulk read."""
     if len(data) % 5:
         return []
-    return [(data[i], *_pair(data[i + 1 : i + 5])) for i in range(0, len(data), 5)]
+    found = [(data[i], _words(data[i + 1 : i + 5])) for i in range(0, len(data), 5)]
+    return [(id, address, length) for id, (address, length) in found]
 
 
-def _pair(data: bytes) -> tuple[int, int]:
-    address, length = _words(data)
-    return address, length
+# how what is asked for is parsed, and whether the reply is that of a fast read
+_READS = {
+    SYNC_READ: (_sync, False), FAST_SYNC_READ: (_sync, True), BULK_READ: (_bulk, False), FAST_BULK_READ: (_bulk, True),
+}  # fmt: skip
 
 
 def _reaches_goal(parameters: bytes) -> bool:

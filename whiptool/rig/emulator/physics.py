@@ -5,95 +5,42 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model
-from whiptool.rig.emulator.servo import Servo
+from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.whole_files import write_npz
 
+RECORD_PERIOD = 1e-3  # [s]
 STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
-
-
-@dataclass(frozen=True)
-class Stepping:
-    """How MuJoCo steps.
-
-    Args:
-        timestep: Timestep [s]; default: the reference rollout's.
-        integrator: One of MuJoCo's; default: the reference rollout's.
-        period: Control period [s]; the step is made a whole part of it, as the reference rollout does.
-    """
-
-    timestep: float | None = None
-    integrator: str | None = None
-    period: float | None = None
-
-
-@dataclass(frozen=True)
-class Delays:
-    """Of the line to the servos: a goal acts so long after it was written, the registers show the state of so long ago.
-
-    Both in seconds.
-    """
-
-    command: float = 0.0
-    sample: float = 0.0
 
 
 class Physics:
     """Arm and whip, driven by servos' motors.
 
     The equations are the reference rollout's: the same compiled MuJoCo model, integrator and step, the same forces of
-    drag and friction. The motors add a limit of current, friction, and inertia.
+    drag and friction. The motors add a limit of current, friction, and inertia. Where time runs with the wall clock, it
+    passes without integration while torque is off and nothing moves.
 
     Args:
-        model: Whip, arm, gravity.
-        servos: One per arm joint.
-        start: Arm posture [rad] at the start, the whip hanging; default: straight down.
-        stepping: How MuJoCo steps.
-        delays: Delays of the line.
-        record_period: A sample of the trajectory every so often [s].
-        record: Keep the trajectory.
-        rests: Time passes without integration while torque is off and nothing moves.
+        options: What is emulated.
+        record: Keep the trajectory, a sample every `RECORD_PERIOD`.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        servos: Sequence[Servo],
-        *,
-        start: Sequence[float] | None = None,
-        stepping: Stepping = Stepping(),
-        delays: Delays = Delays(),
-        record_period: float = 1e-3,
-        record: bool = True,
-        rests: bool = False,
-    ) -> None:
-        if len(servos) != model.arm.n:
-            raise InputError("servos", len(servos), f"{model.arm.n}, one per arm joint")
-        self.model, self.servos = model, list(servos)
-        self._rollout = ReferenceRollout(
-            model, Controller(), timestep=stepping.timestep, integrator=stepping.integrator
-        )
-        self.timestep, period = self._rollout.timestep, stepping.period
-        if period is not None:
-            self.timestep = period / math.ceil(period / self.timestep - 1e-9)
-        self._mj, self.data = self._rollout.mj, self._rollout.data
+    def __init__(self, options: TwinOptions, *, record: bool = True) -> None:
+        self.options, self.model, self.servos = options, options.model, options.make_servos()
+        rollout = ReferenceRollout(self.model, Controller(), timestep=options.timestep, integrator=options.integrator)
+        self.timestep = options.period / math.ceil(options.period / rollout.timestep - 1e-9)
+        self._rollout, self._mj, self.data = rollout, rollout.mj, rollout.data
         self._mj.opt.timestep = self.timestep
-        for i, servo in enumerate(self.servos):
-            self._mj.dof_armature[i] = servo.motor.inertia
-        self._delays = delays
-        self._record_steps = max(1, round(record_period / self.timestep))
-        self._rests, self._kept = rests, None if record else 0
-        self.reset(start)
+        self._mj.dof_armature[: self.model.arm.n] = options.motor.inertia
+        self._record_steps = max(1, round(RECORD_PERIOD / self.timestep))
+        self._kept = None if record else 0
+        self.reset(options.start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
         """Back to time 0 and rest."""
@@ -121,7 +68,7 @@ class Physics:
     @property
     def at_rest(self) -> bool:
         """Whether time passes without integration; slower than `STILL` is stiction, not movement."""
-        if not self._rests or any(self.currents) or any(servo.torque_on for servo in self.servos):
+        if self.options.lockstep or any(self.currents) or any(servo.torque_on for servo in self.servos):
             return False  # the acceleration of a step with current says nothing of the next one without
         speed, acceleration = STILL
         return bool(np.abs(self.data.qvel).max() < speed and np.abs(self.data.qacc).max() < acceleration)
@@ -149,7 +96,7 @@ class Physics:
         mj, data, servos, h = self._mj, self.data, self.servos, self.timestep
         a = len(servos)
         motors = [servo.motor for servo in servos]
-        delayed = self._delays.sample > 0
+        delayed = self.options.sample_delay > 0
         has_forces = self._rollout.has_forces
         fixed_mode = all(servo.memory[11] == 0 for servo in servos)
         goals, aged = self._wanted(), self.steps
@@ -160,7 +107,7 @@ class Physics:
                 for i, servo in enumerate(servos):
                     servo.q, servo.v = (servo.q, servo.v) if servo.stuck else (q[i], v[i])
                 goals = self._wanted()
-            acting = self._delay(goals) if self._delays.command else goals
+            acting = self._delay(goals) if self.options.command_delay else goals
             for i, motor in enumerate(motors):
                 # with torque off the bridge is open: no current, whatever the speed
                 current = motor.current(acting[i], v[i]) if servos[i].torque_on else 0.0
@@ -191,7 +138,7 @@ class Physics:
         """The goals of `command_delay` ago."""
         queue = self._goals
         if not queue or queue[-1][1] != goals:
-            queue.append((self.t + self._delays.command, goals))
+            queue.append((self.t + self.options.command_delay, goals))
         while queue and queue[0][0] <= self.t + 1e-12:
             self._acting = queue[0][1]
             if len(queue) == 1:
@@ -203,8 +150,8 @@ class Physics:
         """Bring the servos' registers up to date."""
         a = len(self.servos)
         q, v, t = self.data.qpos[:a], self.data.qvel[:a], self.t
-        if self._delays.sample and self._past:
-            while len(self._past) > 1 and self._past[1][0] <= t - self._delays.sample + 1e-12:
+        if self.options.sample_delay and self._past:
+            while len(self._past) > 1 and self._past[1][0] <= t - self.options.sample_delay + 1e-12:
                 self._past.popleft()
             _, q, v = self._past[0]
         for i, servo in enumerate(self.servos):
@@ -221,7 +168,3 @@ class Physics:
         t, q, v, current, torque = (np.array(x) for x in zip(*self._rows, strict=True))
         tip = joint_points(self.model, q)[:, -1]
         return {"t": t, "q": q, "v": v, "current": current, "torque": torque, "tip": tip}
-
-    def save(self, path: Path | str) -> None:
-        """Write `trajectory()` to an NPZ file, without pickle."""
-        write_npz(Path(path), self.trajectory())

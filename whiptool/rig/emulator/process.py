@@ -22,7 +22,6 @@ from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.server import Server
 from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.stop_signals import signals_held
-from whiptool.whole_files import write_npz
 
 
 class Client(Protocol):
@@ -117,10 +116,6 @@ class Emulator:
     def trajectory(self) -> dict[str, np.ndarray]:
         """What arm and whip did: t (T,) [s], q, v (T, n), current [A], torque [N m] (T, a), tip (T, 2) [m]."""
         return self._ask("trajectory")
-
-    def save(self, path: Path | str) -> None:
-        """Write `trajectory()` to an NPZ file, without pickle."""
-        write_npz(Path(path), self.trajectory())
 
     def reset(self, start: Sequence[float] | None = None) -> None:
         """As new, at time 0, all faults mended; `port` may change."""

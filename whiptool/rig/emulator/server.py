@@ -20,6 +20,7 @@ from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator.faults import Fault, Faults, mangle
 from whiptool.rig.emulator.instructions import ServoChain, beats
 from whiptool.rig.emulator.packets import Packet, Parser
+from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.emulator.twin_options import TwinOptions
 
 # With the wall clock [s]:
@@ -69,8 +70,8 @@ class Server:
     ) -> None:
         self.options, self.control, self._clock = options, control, clock
         self._lost = 0.0  # [s] of wall-clock time that this machine was too slow for
-        self.servos = options.make_servos()
-        self.physics = options.make_physics(self.servos, record=control is not None)
+        self.physics = Physics(options, record=control is not None)
+        self.servos = self.physics.servos
         self.chain = ServoChain(self.servos, self._beat)
         self._master = self._slave = -1
         self.port = self._open()
@@ -277,37 +278,35 @@ class Server:
 
     def _command(self, name: str, *args: Any) -> bool:
         """Carry out a command of the control connection and answer it; False: stop."""
-        answer: Any = None
-        if name == "quit":
-            self.control.send(None)
-            return False
-        if name == "add":
-            self.faults.add(args[0])
-            self._happen()
-        elif name == "advance":
-            self.advance(args[0])
-        elif name == "state":
-            answer = self.state()
-        elif name == "given":
-            answer = self._given
-        elif name == "count":
-            self._taken = self._given = 0
-        elif name == "trajectory":
-            answer = self.physics.trajectory()
-        elif name == "reset":
-            self._reset(args[0])
-            answer = self.port
-        self.control.send(answer)
-        return True
+        commands: dict[str, Callable[..., Any]] = {
+            "quit": lambda: None,
+            "add": self._add,
+            "advance": self.advance,
+            "state": self.state,
+            "given": lambda: self._given,
+            "count": self._count,
+            "trajectory": self.physics.trajectory,
+            "reset": self._reset,
+        }
+        self.control.send(commands[name](*args))
+        return name != "quit"
 
-    def _reset(self, start: Sequence[float] | None) -> None:
-        """Everything as new, at time 0; an unplugged adapter is plugged in again."""
-        self.servos[:] = self.chain.servos[:] = self.physics.servos[:] = self.options.make_servos()
+    def _add(self, fault: Fault) -> None:
+        self.faults.add(fault)
+        self._happen()
+
+    def _count(self) -> None:
+        self._taken = self._given = 0
+
+    def _reset(self, start: Sequence[float] | None) -> str:
+        """Everything as new, at time 0; an unplugged adapter is plugged in again. Return the port."""
+        self.servos[:] = self.options.make_servos()  # the chain has the same list
         self.physics.reset(self.options.start if start is None else start)
         if self._master < 0:
             self.port = self._open()
         termios.tcflush(self._slave, termios.TCIOFLUSH)
         self._fresh()
+        return self.port
 
     def state(self) -> dict[str, Any]:
         """What an outside observer knows: time, motors, registers, when a motor was last asked for current [s], and,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from whiptool.errors import InputError
@@ -10,7 +9,6 @@ from whiptool.models.parameters import Model, number
 from whiptool.models.presets import preset
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
 from whiptool.rig.emulator.motor import Motor
-from whiptool.rig.emulator.physics import Delays, Physics, Stepping
 from whiptool.rig.emulator.servo import Protection, Servo
 
 
@@ -76,15 +74,3 @@ class TwinOptions:
             )
             for id in self.ids
         ]
-
-    def make_physics(self, servos: Sequence[Servo], *, record: bool = True) -> Physics:
-        """What they move; `record`: whether it keeps its trajectory."""
-        return Physics(
-            self.model,
-            servos,
-            start=self.start,
-            stepping=Stepping(self.timestep, self.integrator, self.period),
-            delays=Delays(self.command_delay, self.sample_delay),
-            rests=not self.lockstep,
-            record=record,
-        )
