@@ -62,34 +62,53 @@ def fit(
     free = texts("free", free)
     if not free:
         raise InputError("free parameters", "none", "one or more names", "such as whip.k")
-    if isinstance(plant, Model):
-        plant = Plant(plant, common_controller(recordings))
-    elif isinstance(plant, BareArm):
-        plant = Plant(plant)
-    elif not isinstance(plant, Plant):
-        raise InputError("plant", type(plant).__name__, "a Plant or a Model")
+    plant = _as_plant(plant, recordings)
     recordings, held_out = _in_strike_plane(plant, recordings, held_out)
-    known = {**plant.values(), **NEUTRAL}
     free = [full_name(name, plant) for name in free]
     if options.check and options.drive == "command" and plant.controller is not None:
         check_controllers([*recordings, *held_out], plant.controller, free=free)
-    variables = variables_of(known, free, options.bounds, units(plant, free))
+    variables = variables_of({**plant.values(), **NEUTRAL}, free, options.bounds, units(plant, free))
     problem = Problem(recordings, plant, free, variables, options)
-    remarks = check_beginnings(problem.predictor, plant) if options.check else []
-    rng = np.random.default_rng(options.seed)
-    first = np.array([v.off_bounds(v.z(known[v.name])) for v in variables])
-    runs = []
-    for i in range(options.starts):
-        start = first
-        if i:
-            drawn = rng.uniform(-1, 1, len(first))
-            spread = np.where([v.log for v in variables], np.log(options.dispersion), 1.0)
-            start = np.array([v.off_bounds(z) for v, z in zip(variables, first + spread * drawn, strict=True)])
-        solution = problem.solve(start)
-        runs.append(FittedStart(problem.values(start), problem.values(solution.z), solution))
+    remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
+    starts = _starts(problem)
+    runs = _solved(problem, starts)
+    fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check else None
+    return _found(problem, runs, held_out, clock_fault=fault, remarks=remarks, began=began)
+
+
+def _as_plant(plant: Plant | Model | BareArm, recordings: Sequence[StrikeRecording]) -> Plant:
+    """Return a plant; a model has the controller of the recordings."""
+    if isinstance(plant, Model):
+        return Plant(plant, common_controller(recordings))
+    if isinstance(plant, BareArm):
+        return Plant(plant)
+    if not isinstance(plant, Plant):
+        raise InputError("plant", type(plant).__name__, "a Plant or a Model")
+    return plant
+
+
+def _starts(problem: Problem) -> list[np.ndarray]:
+    """Return where the fit starts: at the plant as given, then at random points around it."""
+    options, variables = problem.options, problem.variables
+    known, rng = {**problem.plant.values(), **NEUTRAL}, np.random.default_rng(options.seed)
+    starts = [np.array([v.off_bounds(v.z(known[v.name])) for v in variables])]
+    spread = np.where([v.log for v in variables], np.log(options.dispersion), 1.0)
+    while len(starts) < options.starts:
+        drawn = starts[0] + spread * rng.uniform(-1, 1, len(variables))
+        starts.append(np.array([v.off_bounds(z) for v, z in zip(variables, drawn, strict=True)]))
+    return starts
+
+
+def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]:
+    """Return where every start led, the best first.
+
+    Raises:
+        InputError: The model diverges at all of them.
+    """
+    ends = [problem.solve(start) for start in starts]
+    pairs = zip(starts, ends, strict=True)
+    runs = [FittedStart(problem.values(start), problem.values(end.z), end) for start, end in pairs]
     runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
-    if np.isfinite(runs[0].solution.cost) and (again := _refined(problem, runs[0].solution)) is not runs[0].solution:
-        runs[0] = FittedStart(runs[0].start, problem.values(again.z), again)
     best = runs[0].solution
     if best.status is Ending.DIVERGED:
         raise InputError(
@@ -98,14 +117,30 @@ def fit(
             f"numbers with which the recordings' strikes can be rolled out ({counted(len(runs), 'start')} diverged)",
             "give others, or check the strikes: angles in radians, D in seconds",
         )
-    clock_fault = _clock_fault(problem, first, best) if options.check else None
+    if np.isfinite(best.cost) and (again := _refined(problem, best)) is not best:
+        runs[0] = FittedStart(runs[0].start, problem.values(again.z), again)
+    return runs
+
+
+def _found(
+    problem: Problem,
+    runs: Sequence[FittedStart],
+    held_out: Sequence[StrikeRecording],
+    *,
+    clock_fault: ClockFault | None,
+    remarks: tuple[str, ...],
+    began: float,
+) -> Fit:
+    """Return what came of a fit, its best run first."""
+    best, options = runs[0].solution, problem.options
     uncertainty, compared = problem.assess(best), tuple(problem.compare(best))
     withdrawn = not is_explained(uncertainty, compared, clock_fault)
     fitted, nuisance = problem.split(best.z)
+    starts = [runs[0].start[name] for name in problem.free]
     return Fit(
         plant=fitted,
         drive=options.drive,
-        parameters=tuple(classify(uncertainty, [runs[0].start[name] for name in free], withdrawn=withdrawn)),
+        parameters=tuple(classify(uncertainty, starts, withdrawn=withdrawn)),
         nuisance=nuisance,
         uncertainty=uncertainty,
         recordings=compared,
@@ -113,7 +148,7 @@ def fit(
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
         clock_fault=clock_fault,
-        remarks=tuple(remarks),
+        remarks=remarks,
     )
 
 

@@ -137,17 +137,10 @@ def assess(
         raise InputError(
             "fit", "an end where the model diverges", "finite derivatives", "start nearer, or bound what is free"
         )
-    _, s, directions = np.linalg.svd(rows, full_matrices=False)
-    s = np.concatenate([s, np.zeros(G - len(s))])
-    if len(directions) < G:
-        directions = np.linalg.svd(rows)[2]
+    s, directions = _by_singular_value(rows)
     flat = s < np.maximum(1 / FLAT, 1e-9 * s.max(initial=0.0))
     kept = directions[~flat]
     covariance = (kept.T / s[~flat] ** 2) @ kept * np.outer(units, units)
-    norms = np.linalg.norm(rows, axis=0)
-    seen = norms > 0
-    unit = np.linalg.svd(rows[:, seen] / norms[seen], compute_uv=False) if seen.any() else np.ones(1)
-    condition = float(unit[0] / unit[-1]) if seen.all() and unit[-1] > 0 else float("inf")
     root = (kept.T / s[~flat]) * units[:, None]
     errors, freedom, sandwich = _sandwich(blocks, channels, times, root, variance, freedom, prior)
     return Uncertainty(
@@ -159,13 +152,31 @@ def assess(
         directions=directions,
         units=units,
         flat=flat,
-        condition_number=condition,
+        condition_number=_condition(rows),
         residual_variance=variance,
         freedom=freedom,
         sandwich=sandwich,
         whiteness=_whiteness(blocks, channels),
         errors=errors,
     )
+
+
+def _by_singular_value(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the singular values of rows (K, G), largest first, and the direction of each, (G,), (G, G)."""
+    G = rows.shape[1]
+    _, s, directions = np.linalg.svd(rows, full_matrices=False)
+    if len(directions) < G:
+        directions = np.linalg.svd(rows)[2]
+    return np.concatenate([s, np.zeros(G - len(s))]), directions
+
+
+def _condition(rows: np.ndarray) -> float:
+    """Return the condition number of rows whose columns are scaled to unit length; infinite where a column is zero."""
+    norms = np.linalg.norm(rows, axis=0)
+    if not (norms > 0).all():
+        return float("inf")
+    unit = np.linalg.svd(rows / norms, compute_uv=False)
+    return float(unit[0] / unit[-1]) if unit[-1] > 0 else float("inf")
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:

@@ -176,17 +176,7 @@ class RigLoop:
         try:
             with ExitStack() as own:
                 heard = own.enter_context(StopSignals()) if signals is None else signals.listen()
-                with self.safety as safety:
-                    try:
-                        first = safety.arm(heard.interruptible)
-                        self._cycles(strike, first, log, heard, on_cycle)
-                        safety.disarm()
-                    except (SafetyError, Unplugged) as error:
-                        reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
-                        if safety.state != State.FAULT:
-                            safety.fault(reason)
-                    except KeyboardInterrupt:
-                        safety.fault(SafetyError("signal", f"{heard.received or 'Ctrl-C'} came"))
+                self._armed(strike, log, heard, on_cycle)
                 if heard.received and self.safety.state != State.FAULT:  # it came after the last cycle
                     self.safety.fault(SafetyError("signal", f"{heard.received} came"))
                 heard.answered = self.safety.state == State.FAULT
@@ -204,6 +194,22 @@ class RigLoop:
             overruns=self._overruns,
             torque=self.safety.torque,
         )
+
+    def _armed(
+        self, strike: Strike, log: CycleLog, heard: StopSignals, on_cycle: Callable[[int, Phase], None] | None
+    ) -> None:
+        """Arm, go through all cycles, disarm; a fault or a signal is what the safety says afterwards."""
+        with self.safety as safety:
+            try:
+                first = safety.arm(heard.interruptible)
+                self._cycles(strike, first, log, heard, on_cycle)
+                safety.disarm()
+            except (SafetyError, Unplugged) as error:
+                reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
+                if safety.state != State.FAULT:
+                    safety.fault(reason)
+            except KeyboardInterrupt:
+                safety.fault(SafetyError("signal", f"{heard.received or 'Ctrl-C'} came"))
 
     def check(self, strike: Strike, believed: Model | None = None) -> None:
         """Rehearse a strike; see `whiptool.rig.rehearsal`.

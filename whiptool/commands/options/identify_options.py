@@ -145,11 +145,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         if self.drive != "free":
             return super().find_model()
         if not self.model.endswith(".toml"):
-            allowed, fix = (
-                "the .toml file of a pendulum, an arm without a whip, with --drive free",
-                "see the file formats",
-            )
-            raise InputError("--model", self.model, allowed, fix)
+            allowed = "a pendulum's .toml file, with --drive free"
+            raise InputError("--model", self.model, allowed, "see the file formats")
         return read_bare_arm(self.model)
 
     def needs(self) -> tuple[str, ...]:

@@ -185,10 +185,10 @@ def _format(path: Path | str, name: str | None) -> Format:
 
 
 def _checked(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
-    """The options, if the reader takes any; readers with a sidecar check their names themselves."""
-    parameters = inspect.signature(reader).parameters.values()
-    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+    """The options, if the reader takes them; readers with a sidecar check their names themselves."""
+    parameters = inspect.signature(reader).parameters
+    if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return options
-    for key in options:
+    for key in set(options) - set(parameters):
         raise InputError("option " + key, options[key], "none; this format says everything itself")
     return options

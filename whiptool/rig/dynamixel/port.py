@@ -112,7 +112,6 @@ def port_class() -> type[Any]:
     Raises:
         InputError: The SDK is not installed.
     """
-
     usual: Any = sdk().PortHandler
 
     class Port(usual):
@@ -165,13 +164,12 @@ def port_class() -> type[Any]:
                 thrown, self.held = thrown + len(self.held), b""
             return thrown
 
-        def _wait(self, seconds: float) -> bool:
+        def _wait(self, seconds: float | None) -> bool:
             return bool(select.select([self.ser.fileno()], [], [], seconds)[0])
 
         def _take(self) -> None:
-            fd = self.ser.fileno()
-            select.select([fd], [], [])
-            self.held = os.read(fd, 4096)
+            self._wait(None)
+            self.held = os.read(self.ser.fileno(), 4096)
             if not self.held:
                 raise OSError("end of file")
             self.received += len(self.held)
