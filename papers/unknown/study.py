@@ -20,7 +20,7 @@ from papers.unknown.rods import ROPE, RodPort, drawn_rope
 from whiptool import Adaptation, Target, draw_twin
 from whiptool.adaptation.adapter import PLAN
 from whiptool.adaptation.materials import USUAL, stock_of_material
-from whiptool.adaptation.plan_search import Effort
+from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.ports import Port, Seen, TipPort
 from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.commands.options.adapt_options import AdaptOptions, prepare
@@ -52,7 +52,7 @@ MATERIALS = {PLANE: USUAL, SPACE: ("cotton", "nylon", "polypropylene", "manila")
 REGIONS = {PLANE: GoalRegion(Disc((1.15, 0.0), 0.1)), SPACE: usual_region(preset(SPACE), 0.05)}
 CLEAR = {PLANE: 0.05, SPACE: 0.15}  # [m] by which a goal has to be within the whip's reach
 POOL = 200  # goals
-BRIEF = Effort(pool=64, polished=4, steps=4, whips=4, population=4, rounds=1)
+BRIEF = PlanningEffort(pool=64, polished=4, steps=4, whips=4, population=4, rounds=1)
 
 
 def families(model: str) -> tuple[str, ...]:

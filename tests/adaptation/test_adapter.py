@@ -12,7 +12,7 @@ from films import film
 
 from whiptool.adaptation.adapter import PLAN as PLANNED
 from whiptool.adaptation.adapter import RECORDING, Adapter, Options
-from whiptool.adaptation.plan_search import Effort, Plan
+from whiptool.adaptation.plan_search import Plan, PlanningEffort
 from whiptool.adaptation.planner import FIRST, NEXT, UNSURE
 from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.prior import Belief, default_prior
@@ -43,9 +43,9 @@ class Told(Adapter):
     """Plans of a stated probability, their efforts written down."""
 
     probability = 0.9
-    efforts: list[Effort]
+    efforts: list[PlanningEffort]
 
-    def _sought(self, rng, effort: Effort, sag):
+    def _sought(self, rng, effort: PlanningEffort, sag):
         self.__dict__.setdefault("efforts", []).append(effort)
         return dataclasses.replace(PLAN, probability=self.probability)
 
@@ -59,7 +59,7 @@ def told(
     return adapter
 
 
-def run(prior: Belief, probability: float = 0.9, **changes) -> list[Effort]:
+def run(prior: Belief, probability: float = 0.9, **changes) -> list[PlanningEffort]:
     adapter = told(prior, probability=probability, **changes)
     adapter.ask()
     adapter.tell(still(1))

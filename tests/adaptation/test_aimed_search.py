@@ -16,7 +16,7 @@ from whiptool.adaptation.aimed_search import AimedSearch
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.plan_search import Demands, Effort, Passes
+from whiptool.adaptation.plan_search import Demands, Passes, PlanningEffort
 from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import update
@@ -35,7 +35,7 @@ from whiptool.strike_map.striker import Striker
 
 STOCK = stock_of_material("cotton")
 LIMITS = (ArmLimits.of(MODEL.arm, prescribed=True), Clearance(MODEL, -1.7))
-FEW = Effort(pool=64, polished=4, steps=20, whips=4, population=4, rounds=1)
+FEW = PlanningEffort(pool=64, polished=4, steps=20, whips=4, population=4, rounds=1)
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +140,7 @@ def test_a_rope_in_space_is_hit_as_aimed_after_one_wiggle(prior, reachable):
     truth = CompiledRollout(twin.model, CONTROLLER, timestep=2.5e-4)
     port = TipPort(twin, target, fps=100.0)
     assert truth.approach(strike[None], np.array(target.position)).distance[0] > 0.05
-    effort = Effort(pool=256, polished=8, steps=20, whips=8, population=4, rounds=2)
+    effort = PlanningEffort(pool=256, polished=8, steps=20, whips=8, population=4, rounds=2)
     options = Options(max_strikes=1, wiggle=True, limits=LIMITS, first=effort, later=effort)
     adapter = Adapter(prior, target, options)
     while (asked := adapter.ask()) is not None:

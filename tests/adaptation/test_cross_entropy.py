@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.adaptation.cross_entropy import search_around
+from whiptool.adaptation.cross_entropy import CrossEntropy
 
 WIDTH, START = np.array([2.0, 0.5]), np.array([0.3, -0.2])
 
@@ -22,10 +22,8 @@ class Given:
 
 
 def search(worth, rng, *, rounds: int, population: int = 8, value: float = 0.0, sure=lambda top: False, within=None):
-    return search_around(
-        START, value, worth, rng=rng, width=WIDTH, spread=0.1, population=population, rounds=rounds,
-        within=within or (lambda x: x), sure=sure,
-    )  # fmt: skip
+    around = CrossEntropy(WIDTH, 0.1, population, rounds, within or (lambda x: x), sure)
+    return around.around(START, value, worth, rng)
 
 
 def test_a_better_round_moves_and_has_the_spread_of_its_best_quarter():

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from whiptool.adaptation import plan_search, planar_search, planner
-from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
 from whiptool.adaptation.planar_search import PlanarSearch
 from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan, surest
 from whiptool.adaptation.prior import Belief
@@ -76,7 +76,7 @@ def belief(error: float) -> Belief:
 
 
 def planned(
-    error: float = 0.1, target: Target | None = None, seed: int = 0, effort: Effort = NEXT, past=(), **asked
+    error: float = 0.1, target: Target | None = None, seed: int = 0, effort: PlanningEffort = NEXT, past=(), **asked
 ) -> Plan:
     goal = target or Target(tuple(AT), 0.06, speed=asked.pop("speed", None))
     demands = Demands(**{"bounds": BOUNDS, **asked})
@@ -108,7 +108,7 @@ def test_probability_and_expected_miss_are_those_of_the_belief(error, monkeypatc
 
 def test_a_strike_that_arrives_along_another_direction_hits_with_no_probability():
     """The toy's tip moves along (0.6, 0.8) at 4 D; the point alone is hit almost surely."""
-    sure = {"error": 0.02, "effort": Effort(whips=4, rounds=2)}
+    sure = {"error": 0.02, "effort": PlanningEffort(whips=4, rounds=2)}
     along, across, fast = (
         planned(**sure, target=Target(tuple(AT), 0.06, **asked))
         for asked in ({"direction": (0.6, 0.8)}, {"direction": (-0.8, 0.6)}, {"direction": (0.6, 0.8), "speed": 5.0})
@@ -123,7 +123,7 @@ def test_the_probability_is_stated_over_other_whips_than_those_that_chose(monkey
     drawn = []
     sample = Belief.sample
     monkeypatch.setattr(Belief, "sample", lambda self, rng, size: drawn.append(size) or sample(self, rng, size))
-    planned(effort=Effort(whips=12))
+    planned(effort=PlanningEffort(whips=12))
     assert drawn == [12, 64]
 
 
@@ -248,7 +248,7 @@ def test_a_strike_that_misses_all_whips_by_a_quarter_of_the_radius_is_good_enoug
 
 
 def test_past_strikes_and_their_neighbours_are_candidates():
-    effort = Effort(pool=1, polished=1, steps=0, whips=2, population=2, rounds=0)
+    effort = PlanningEffort(pool=1, polished=1, steps=0, whips=2, population=2, rounds=0)
     found = planned(1e-6, past=[tuple(MIDDLE)], effort=effort)
     np.testing.assert_allclose(found.strike, MIDDLE)
     assert found.reason.startswith("best of 10 candidates")
@@ -258,13 +258,13 @@ def test_past_strikes_and_their_neighbours_are_candidates():
 def test_neighbours_and_draws_scatter_by_parts_of_the_ranges():
     """Around past strikes 0.05 of a range, around the best 0.04."""
     s, whips = search(1e-6), belief(1e-6).sample(np.random.default_rng(0), 2)
-    everything = Effort(pool=1, polished=999, steps=0, whips=2, population=2, rounds=0)
+    everything = PlanningEffort(pool=1, polished=999, steps=0, whips=2, population=2, rounds=0)
     strikes, _, number = s.look(np.random.default_rng(0), [tuple(MIDDLE)] * 60, everything, whips)
     assert number == 60 * 9 + 1
     around = (strikes[:number] - MIDDLE) / WIDTH
     around = around[np.abs(around).max(axis=1) > 0]
     np.testing.assert_allclose(np.sqrt((around[:-1] ** 2).mean(axis=0)), 0.05, rtol=0.15)
-    one = Effort(pool=1, polished=1, steps=0, whips=2, population=300, rounds=1)
+    one = PlanningEffort(pool=1, polished=1, steps=0, whips=2, population=300, rounds=1)
     strikes, scores, _ = s.look(np.random.default_rng(24), [], one, whips)
     draws = (strikes[-300:] - strikes[0]) / WIDTH
     np.testing.assert_allclose(draws.std(axis=0), 0.04, rtol=0.15)
@@ -273,7 +273,7 @@ def test_neighbours_and_draws_scatter_by_parts_of_the_ranges():
 
 def test_rounds_refine_over_the_samples():
     one = {"pool": 30, "polished": 1, "steps": 0, "whips": 8, "population": 16}
-    misses = [planned(1e-6, effort=Effort(**one, rounds=rounds)).mean_miss for rounds in (0, 12)]
+    misses = [planned(1e-6, effort=PlanningEffort(**one, rounds=rounds)).mean_miss for rounds in (0, 12)]
     assert misses[1] < min(0.02, misses[0])
 
 
@@ -329,7 +329,7 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
 def test_the_surest_of_several_searches_is_taken(looks, best, number):
     asked = []
 
-    def look(effort: Effort) -> Plan:
+    def look(effort: PlanningEffort) -> Plan:
         asked.append(effort)
         probability, allowed = looks[len(asked) - 1]
         return Plan((float(len(asked)),), probability, None, None, None, "a strike", 100.0, allowed)
@@ -343,5 +343,5 @@ def test_the_surest_of_several_searches_is_taken(looks, best, number):
 def test_efforts_are_checked():
     for name in ("pool", "polished", "whips"):
         with pytest.raises(InputError, match=name):
-            Effort(**{name: 0})
-        Effort(**{name: 1})
+            PlanningEffort(**{name: 0})
+        PlanningEffort(**{name: 1})

@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.plan_search import Effort
+from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.ports import Seen, TipPort, checked, seen_of
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.twins import draw_twin
@@ -107,7 +107,7 @@ def test_a_bare_recording_is_refused_by_the_loop():
 
     model, controller = preset("lemon2024"), Controller(oiac_preset("table4"))
     prior = default_prior(model, controller, whip="uniform")
-    brief = Effort(pool=4, polished=1, steps=0, whips=2, rounds=0)
+    brief = PlanningEffort(pool=4, polished=1, steps=0, whips=2, rounds=0)
     adaptation = Adaptation(prior, Careless(), Target((1.2, 0.1)), Options(first=brief))
     with pytest.raises(InputError, match="seen_of"):
         adaptation.run()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from whiptool.adaptation.plan_search import Effort
+from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.planner import plan
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
@@ -116,7 +116,7 @@ def test_a_plan_counts_with_the_sag():
     """Of an arm that sags by 50 mrad; a plan that does not count with it misses."""
     sure = default_prior(MODEL, CONTROLLER, whip="uniform")
     sure = dataclasses.replace(sure, covariance=1e-8 * sure.covariance)
-    brief = Effort(pool=96, polished=4, steps=4, whips=4, population=4, rounds=1)
+    brief = PlanningEffort(pool=96, polished=4, steps=4, whips=4, population=4, rounds=1)
     stands = lambda q: np.broadcast_to(3 * SAG, q.shape)  # noqa: E731
     truth, target = CompiledRollout(MODEL, CONTROLLER, sag=stands), Target((1.2, 0.1))
     misses = []

@@ -13,7 +13,7 @@ from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
-from whiptool.adaptation.plan_search import Demands, Effort, Passes, Plan
+from whiptool.adaptation.plan_search import Demands, Passes, Plan, PlanningEffort
 from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import update, usable
@@ -34,7 +34,7 @@ from whiptool.rollout.compiled import CompiledRollout
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = (1.2, 0.1)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)
-QUICK = Effort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)
+QUICK = PlanningEffort(pool=96, polished=4, steps=4, whips=12, population=6, rounds=2)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import robot_lab
 
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.plan_search import Effort
+from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
 from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
@@ -134,7 +134,7 @@ def test_a_log_of_another_robots_joints_is_refused(lab, tmp_path, capsys):
     assert "knee" in said
 
 
-LITTLE = Effort(pool=32, polished=2, steps=4, whips=4, population=4, rounds=0)
+LITTLE = PlanningEffort(pool=32, polished=2, steps=4, whips=4, population=4, rounds=0)
 AROUND = np.array([*STRIKES[0].q_i, *STRIKES[0].q_f])
 BOUNDS = StrikeBounds((*(AROUND - 0.3), 0.5), (*(AROUND + 0.3), 0.6))
 GOAL = Target((1.0, 0.2, 0.6))

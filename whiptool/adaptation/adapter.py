@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.adaptation.first_look import choose_wiggle, hanging
 from whiptool.adaptation.judgement import judge, judge_seen
-from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
 from whiptool.adaptation.planner import FIRST, NEXT, plan, surest
 from whiptool.adaptation.ports import Seen, checked, seen_of
 from whiptool.adaptation.posterior import AFTER, Learned, driven_by, tip_mislabelled, update
@@ -71,8 +71,8 @@ class Options:
     bounds: StrikeBounds | None = None
     limits: Given = ()
     check: Callable[[Strike, Model], str | None] | None = None
-    first: Effort = FIRST
-    later: Effort = NEXT
+    first: PlanningEffort = FIRST
+    later: PlanningEffort = NEXT
     retries: int = 1
 
     def __post_init__(self) -> None:
@@ -283,7 +283,7 @@ class Adapter:
         assert controller is not None
         return None if controller.prescribed else expected_sag(controller.law, self._recordings)
 
-    def _sought(self, rng: np.random.Generator, effort: Effort, sag: Sag | None) -> Plan:
+    def _sought(self, rng: np.random.Generator, effort: PlanningEffort, sag: Sag | None) -> Plan:
         demands = self.options.demands(self.belief.at().model)
         return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
 

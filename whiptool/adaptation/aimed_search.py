@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from whiptool.adaptation.plan_search import Effort, Search
+from whiptool.adaptation.plan_search import PlanningEffort, Search
 from whiptool.goals.goals import Goals
 from whiptool.strike_map.corrections import refine
 from whiptool.strike_map.turning import Front
@@ -32,7 +32,7 @@ class AimedSearch(Search):
         return Front(self.rollout.model)
 
     def candidates(
-        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
         """See `Search.candidates`."""
         starts = self.starts(rng, effort)
@@ -48,7 +48,7 @@ class AimedSearch(Search):
         """See `Search.allows`; limits are judged over the whole strike."""
         return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
-    def starts(self, rng: np.random.Generator, effort: Effort) -> np.ndarray:
+    def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
         """Random strikes whose tips pass the goal best with the mean: those within limits of peaks, (B, m).
 
         An arm whose first joint turns all of it strikes in all directions alike: at every instant of a path it is

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 LEAST_ELITE = 2  # strikes that the spread is learned from, at least
 
 
-def search_around(
-    best: np.ndarray,
-    value: float,
-    worth: Callable[[np.ndarray], np.ndarray],
-    *,
-    rng: np.random.Generator,
-    width: np.ndarray,
-    spread: float,
-    population: int,
-    rounds: int,
-    within: Callable[[np.ndarray], np.ndarray],
-    sure: Callable[[float], bool],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the strikes that were drawn around the best one (D, m) and the score of each (D,).
-
-    A round that finds a better strike goes on from there, with the mean of the last spread and of the round's best
-    quarter's distance from there; else the spread shrinks to three fifths.
+@dataclass(frozen=True)
+class CrossEntropy:
+    """How such a search goes.
 
     Args:
-        best: Strike to begin at, (m,).
-        value: Worth of the strike.
-        worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
-        rng: Generator of the draws.
         width: Width of the box of strikes, by number, (m,).
         spread: Standard deviation of the first draws, in parts of the width.
         population: Strikes in a round.
@@ -39,18 +22,40 @@ def search_around(
         within: Brings strikes (B, m) to where they may be.
         sure: Whether a strike of this worth needs no better one.
     """
-    centre, top, spreads = best, value, np.full(len(best), spread)
-    strikes, values = np.empty((0, len(best))), np.empty(0)
-    for _ in range(rounds):
-        if sure(top):
-            break
-        draws = within(centre + spreads * width * rng.standard_normal((population, len(best))))
-        found = worth(draws)
-        strikes, values = np.vstack([strikes, draws]), np.concatenate([values, found])
-        elite = draws[np.argsort(-found)[: max(LEAST_ELITE, population // 4)]]
-        if found.max() > top:
-            centre, top = draws[int(found.argmax())], float(found.max())
-            spreads = 0.5 * spreads + 0.5 * np.abs(elite - centre).mean(axis=0) / width
-        else:
-            spreads = 0.6 * spreads
-    return strikes, values
+
+    width: np.ndarray
+    spread: float
+    population: int
+    rounds: int
+    within: Callable[[np.ndarray], np.ndarray]
+    sure: Callable[[float], bool]
+
+    def around(
+        self, best: np.ndarray, value: float, worth: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the strikes that were drawn around the best one (D, m) and the score of each (D,).
+
+        A round that finds a better strike goes on from there, with the mean of the last spread and of the round's best
+        quarter's distance from there; else the spread shrinks to three fifths.
+
+        Args:
+            best: Strike to begin at, (m,).
+            value: Worth of the strike.
+            worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
+            rng: Generator of the draws.
+        """
+        centre, top, spreads = best, value, np.full(len(best), self.spread)
+        strikes, values = np.empty((0, len(best))), np.empty(0)
+        for _ in range(self.rounds):
+            if self.sure(top):
+                break
+            draws = self.within(centre + spreads * self.width * rng.standard_normal((self.population, len(best))))
+            found = worth(draws)
+            strikes, values = np.vstack([strikes, draws]), np.concatenate([values, found])
+            elite = draws[np.argsort(-found)[: max(LEAST_ELITE, self.population // 4)]]
+            if found.max() > top:
+                centre, top = draws[int(found.argmax())], float(found.max())
+                spreads = 0.5 * spreads + 0.5 * np.abs(elite - centre).mean(axis=0) / self.width
+            else:
+                spreads = 0.6 * spreads
+        return strikes, values

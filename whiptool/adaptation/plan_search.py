@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.adaptation.cross_entropy import search_around
+from whiptool.adaptation.cross_entropy import CrossEntropy
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals.goals import Goals
@@ -24,28 +24,13 @@ from whiptool.strike_map.striker import Striker
 
 SURE = 0.25  # of the hit radius and the cone: a strike that misses all whips by no more is worth no better one
 _FAST = 10.0  # [m/s] of the tip of such a strike; where a speed is asked for, at least twice that
+BLUR = 0.005  # [m] by which the search smoothes where strikes pass, at least
+_PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits; and half a turn off the direction
+_FAR = 0.5  # [m], beyond which a miss is as good as any other
 
 
 @dataclass(frozen=True)
-class Worth:
-    """Score of a strike in the search, in addition to its hit probability.
-
-    Args:
-        blur: The search smoothes where strikes pass by this, at least [m].
-        pull: Probability that a metre of expected miss is worth, where nothing hits; and half a turn off the direction.
-        far: A miss beyond is as good as any other [m].
-    """
-
-    blur: float = 0.005
-    pull: float = 0.2
-    far: float = 0.5
-
-
-WORTH = Worth()
-
-
-@dataclass(frozen=True)
-class Effort:
+class PlanningEffort:
     """How much computation the planner spends.
 
     Args:
@@ -175,7 +160,7 @@ class Search(ABC):
 
     @abstractmethod
     def candidates(
-        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
         """Return strikes that pass the goal well with the mean, (B, m), and of how many they are the best."""
 
@@ -192,24 +177,16 @@ class Search(ABC):
         return None
 
     def look(
-        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort, whips: Sequence[Plant]
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
         """Return strikes, the score of each over the sampled whips, and how many candidates there were."""
         tried, number = self.candidates(rng, past, effort)
         scores = self.score(tried, whips)
         first = int(scores.argmax())
-        draws, values = search_around(
-            tried[first],
-            float(scores[first]),
-            lambda strikes: self.score(strikes, whips),
-            rng=rng,
-            width=self.striker.widths,
-            spread=self.spread,
-            population=effort.population,
-            rounds=effort.rounds,
-            within=self.striker.admissible,
-            sure=self.sure,
+        search = CrossEntropy(
+            self.striker.widths, self.spread, effort.population, effort.rounds, self.striker.admissible, self.sure
         )
+        draws, values = search.around(tried[first], float(scores[first]), lambda x: self.score(x, whips), rng)
         return np.vstack([tried, draws]), np.concatenate([scores, values]), number
 
     def mean(self, strikes: np.ndarray) -> Approach:
@@ -232,10 +209,10 @@ class Search(ABC):
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
         """Return hit probabilities less a penalty for the miss; what is beyond the limits scores below all others."""
         passes = self.each(strikes, whips)
-        score = passes.probability(self.goal, self.error, blur=WORTH.blur)
-        score = score - WORTH.pull * np.minimum(passes.distance, WORTH.far).mean(axis=1)
+        score = passes.probability(self.goal, self.error, blur=BLUR)
+        score = score - _PULL * np.minimum(passes.distance, _FAR).mean(axis=1)
         if self.goal.directions is not None:
-            score = score - WORTH.pull * passes.angle(self.goal).mean(axis=1) / math.pi
+            score = score - _PULL * passes.angle(self.goal).mean(axis=1) / math.pi
         beyond = self.beyond(strikes)
         return score - np.where(beyond > 0, 10 + beyond, 0)
 
@@ -243,8 +220,8 @@ class Search(ABC):
         """Whether a strike scores as much as one that passes the goal of every sampled whip by little."""
         little, turned = SURE * self.goal.hit_radius, SURE * self.goal.cone
         passes = Passes(np.full((1, 1), little), _arriving(self.goal, turned)[None, None])
-        best = float(passes.probability(self.goal, self.error, blur=WORTH.blur)[0]) - WORTH.pull * little
-        return score >= best - (0 if self.goal.directions is None else WORTH.pull * turned / math.pi)
+        best = float(passes.probability(self.goal, self.error, blur=BLUR)[0]) - _PULL * little
+        return score >= best - (0 if self.goal.directions is None else _PULL * turned / math.pi)
 
     def report(
         self,

@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.adaptation.plan_search import Effort, Search
+from whiptool.adaptation.plan_search import PlanningEffort, Search
 from whiptool.models.trajectory import Approach
 
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the limits that is kept free; more, where all strikes were refused
 CHECKED = 3  # strikes that are asked about before more is kept free
-
-
-@dataclass(frozen=True)
-class Squeeze:
-    """How strikes are brought within limits: by random steps that shrink, for derivatives do not see the limits.
-
-    Args:
-        rounds: Rounds of steps.
-        children: Strikes that are tried in each.
-        kept: Number of the best of them and the former ones that are kept.
-        shrink: Factor of the steps from round to round.
-        near: Miss on the mean [m] that steps along derivatives mend: no more random ones.
-        last_steps: Such steps.
-    """
-
-    rounds: int = 12
-    children: int = 64
-    kept: int = 8
-    shrink: float = 0.8
-    near: float = 0.015
-    last_steps: int = 3
-
-
-_SQUEEZE = Squeeze()
+# Strikes are brought within limits by random steps that shrink, for derivatives do not see the limits.
+_ROUNDS, _CHILDREN, _KEPT = 12, 64, 8  # of steps; strikes that are tried in each; the best of all that are kept
+_SHRINK = 0.8  # of the steps from round to round
+_NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps along derivatives mend: no more random ones
 
 
 class PlanarSearch(Search):
@@ -48,7 +27,7 @@ class PlanarSearch(Search):
     margins, checked, spread = MARGINS, CHECKED, 0.04
 
     def candidates(
-        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: Effort
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
         """See `Search.candidates`."""
         lower, upper = self.striker.bounds.box
@@ -62,7 +41,7 @@ class PlanarSearch(Search):
         tried = np.vstack([best, self.polish(best, effort.steps)])
         if self.striker.limits or self.goal.speed is not None:  # what is allowed is a thin part of the box
             squeezed = self.squeeze(tried, rng)
-            tried = np.vstack([squeezed, self.polish(squeezed, _SQUEEZE.last_steps)])
+            tried = np.vstack([squeezed, self.polish(squeezed, _LAST_STEPS)])
         return tried, len(pool)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
@@ -114,13 +93,13 @@ class PlanarSearch(Search):
     def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
         kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
-        for _ in range(_SQUEEZE.rounds):
-            if np.sort(rank)[: _SQUEEZE.kept // 2].max() <= _SQUEEZE.near:
+        for _ in range(_ROUNDS):
+            if np.sort(rank)[: _KEPT // 2].max() <= _NEAR:
                 break
-            parents = kept[rng.integers(len(kept), size=_SQUEEZE.children)]
+            parents = kept[rng.integers(len(kept), size=_CHILDREN)]
             children = parents + spread * self.striker.widths * rng.standard_normal(parents.shape)
             children = self.striker.admissible(children)
             kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
-            order = np.argsort(rank)[: _SQUEEZE.kept]
-            kept, rank, spread = kept[order], rank[order], spread * _SQUEEZE.shrink
-        return kept[np.argsort(rank)[: _SQUEEZE.kept]]
+            order = np.argsort(rank)[:_KEPT]
+            kept, rank, spread = kept[order], rank[order], spread * _SHRINK
+        return kept[np.argsort(rank)[:_KEPT]]

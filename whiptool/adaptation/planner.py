@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from whiptool.adaptation.aimed_search import AimedSearch
-from whiptool.adaptation.plan_search import Demands, Effort, Plan
+from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
 from whiptool.adaptation.planar_search import PlanarSearch
 from whiptool.adaptation.prior import Belief
 from whiptool.goals.target import Target
@@ -17,14 +17,15 @@ from whiptool.goals.target import Target
 JUDGED = 64  # whips over which the probability is stated
 UNSURE = 0.5  # probability of a hit of an allowed strike, below which one is looked for again
 
-FIRST = Effort(pool=256, polished=16, whips=32, population=12, rounds=6)  # there is time before the first strike
-NEXT = Effort()
-FIRST_IN_SPACE = Effort(pool=2048, polished=32, steps=20, population=12)  # limits and directions leave little
-NEXT_IN_SPACE = Effort(pool=512, steps=20)
+# There is time before the first strike; in space limits and directions leave little of the box of strikes.
+FIRST = PlanningEffort(pool=256, polished=16, whips=32, population=12, rounds=6)
+NEXT = PlanningEffort()
+FIRST_IN_SPACE = PlanningEffort(pool=2048, polished=32, steps=20, population=12)
+NEXT_IN_SPACE = PlanningEffort(pool=512, steps=20)
 RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is below 50 %
 
 
-def surest(look: Callable[[Effort], Plan], efforts: Iterable[Effort]) -> Plan:
+def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort]) -> Plan:
     """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
 
     Otherwise the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
@@ -50,7 +51,7 @@ def plan(
     rng: np.random.Generator,
     past: Sequence[Sequence[float]] = (),
     demands: Demands | None = None,
-    effort: Effort = NEXT,
+    effort: PlanningEffort = NEXT,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.

@@ -51,23 +51,10 @@ class Starts:
 STARTS = Starts()
 
 
-@dataclass(frozen=True)
-class Inconsistent:
-    """When a recording does not belong to the others.
-
-    Args:
-        implausible: Standard errors of the prior, root mean square over its numbers: no whip is like this.
-        outlying: Times the RMSE of the other recordings, if more than half of `TOO_FAR`.
-        unmoved: Of a camera that stood where it should [rad], [m].
-    """
-
-    implausible: float = 4.0
-    outlying: float = 3.0
-    unmoved: float = 0.02
-
-
 BEADS = (0.35, 0.8)  # parts of the length where a bead is sought, if not where it is expected
-_INCONSISTENT = Inconsistent()
+IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
+_OUTLYING = 3.0  # times the RMSE of the other recordings, if more than half of `TOO_FAR`
+_UNMOVED = 0.02  # [rad], [m], of a camera that stood where it should
 _HORIZONS = (0.5, 0.75)  # of a recording's frames, before all of them
 _POSE = {2: ("rotation", "shift_x", "shift_y"), 3: PLACED[3][1:]}  # by dimension
 _LEAST = 6  # frames
@@ -124,17 +111,26 @@ def update(
     Raises:
         InputError: A recording lacks its command or its tip.
     """
-    began = time.perf_counter()
-    guess = guess or prior
-    refused: dict[str, str] = {}
-    used: list[StrikeRecording] = []
+    began, refused, used = time.perf_counter(), dict[str, str](), list[StrikeRecording]()
     for recording in recordings:
         cut, reason = usable(recording, (contacts or {}).get(recording.source))
         if cut is None:
             refused[recording.source] = reason
         else:
             used.append(cut)
-    found = None
+    found = _consistent(prior, guess or prior, used, refused, (starts, screened, seed))
+    if found is None:
+        return Learned(prior, {}, refused, time.perf_counter() - began)
+    redundancy = _redundancy(found)
+    belief = _belief(prior, found, used, redundancy)
+    rmse = {r.source: r.rmse for r in found.recordings}
+    return Learned(belief, rmse, refused, time.perf_counter() - began, redundancy)
+
+
+def _consistent(
+    prior: Belief, guess: Belief, used: list[StrikeRecording], refused: dict[str, str], tries: tuple[int, int, int]
+) -> Fit | None:
+    """The best fit of the recordings that go together; the others move from `used` to `refused`, with the reason."""
     while used:
         options = FitOptions(
             drive=driven_by(prior.plant, used),
@@ -143,22 +139,17 @@ def update(
             max_iterations=25,
             tolerance=STARTS.close,
         )
-        found = _best(prior, guess, used, options, starts, screened, seed)
+        found = _best(prior, guess, used, options, tries)
         if found is None:
             refused[used.pop().source] = "no plausible whip could be fitted to it"
             continue
         worst = _inconsistent(prior, found, used)
         if worst is None:
-            break
+            return found
         bad = used.pop(worst)
         refused[bad.source] = _why(prior, bad, found.recordings[worst].rmse, options)
-        guess, found = prior, None
-    if found is None:
-        return Learned(prior, {}, refused, time.perf_counter() - began)
-    redundancy = _redundancy(found)
-    belief = _belief(prior, found, used, redundancy)
-    rmse = {r.source: r.rmse for r in found.recordings}
-    return Learned(belief, rmse, refused, time.perf_counter() - began, redundancy)
+        guess = prior
+    return None
 
 
 def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
@@ -239,15 +230,13 @@ def _median(recording: StrikeRecording, noise: np.ndarray) -> StrikeRecording:
 
 
 def _best(
-    prior: Belief,
-    guess: Belief,
-    recordings: list[StrikeRecording],
-    options: FitOptions,
-    starts: int,
-    screened: int,
-    seed: int,
+    prior: Belief, guess: Belief, recordings: list[StrikeRecording], options: FitOptions, tries: tuple[int, int, int]
 ) -> Fit | None:
-    """The first fit that explains all frames or was found twice, or the best; None where none came to an end."""
+    """The first fit that explains all frames or was found twice, or the best; None where none came to an end.
+
+    `tries`: starts, screened samples and seed, as of `update`.
+    """
+    starts, screened, seed = tries
     found: list[Fit | None] = []
     for way in (_fit, _grown):
         found.append(way(recordings, guess.at(), prior.names, options))
@@ -354,14 +343,14 @@ def _inconsistent(prior: Belief, found: Fit, recordings: Sequence[StrikeRecordin
     others = rmse[[i for i, r in enumerate(recordings) if i != worst and not _at_rest(r)]]
     limit = TOO_FAR
     if len(others):
-        limit = min(TOO_FAR, max(TOO_FAR / 2, _INCONSISTENT.outlying * float(np.median(others))))
+        limit = min(TOO_FAR, max(TOO_FAR / 2, _OUTLYING * float(np.median(others))))
     return None if rmse[worst] <= limit and _plausible(prior, found) else worst
 
 
 def _plausible(prior: Belief, found: Fit) -> bool:
     """Whether the prior allows what was fitted."""
     off = found.uncertainty.z - prior.z
-    return bool(off @ np.linalg.solve(prior.covariance, off) <= _INCONSISTENT.implausible**2 * len(off))
+    return bool(off @ np.linalg.solve(prior.covariance, off) <= IMPLAUSIBLE**2 * len(off))
 
 
 def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: FitOptions) -> str:
@@ -378,7 +367,7 @@ def _why(prior: Belief, bad: StrikeRecording, rmse: float, options: FitOptions) 
     turned = float(np.linalg.norm(turns))
     if posed.recordings[0].rmse > TOO_FAR / 2 or turned > np.pi / 4 or not _plausible(prior, posed):
         return said + ": is the marker that was tracked the tip?"
-    if max(turned, float(np.linalg.norm(shift))) < _INCONSISTENT.unmoved:
+    if max(turned, float(np.linalg.norm(shift))) < _UNMOVED:
         return said + "; alone it would fit: a whip other than that of the other recordings?"
     by, to = (", ".join(x) for x in ([f"{np.degrees(t):+.1f}" for t in turns], [f"{s:+.3f}" for s in shift]))
     return said + f", unless the camera was turned by {by} deg and moved by ({to}) m"

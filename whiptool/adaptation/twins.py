@@ -97,33 +97,33 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
     numbers, name = stock.draw(rng), f"{family}-{seed}"
-    in_space = model.dimension == 3  # there the arm is a robot's, which follows its command exactly
     if family == "kin":
-        friction = rng.uniform(0.0, 0.01, model.arm.n)
-        arm = model.arm if in_space else _with_friction(model, friction)
         whip = uniform_whip(numbers, model.whip)
         if own is not None:
             whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
-        kin = Model(whip, arm, model.gravity, name)
-        return Twin(family, int(seed), kin, controller, latency, 0.0, noise)
+        friction = rng.uniform(0.0, 0.01, model.arm.n)
+        arm = model.arm if model.dimension == 3 else _with_friction(model, friction)
+        return Twin(family, int(seed), Model(whip, arm, model.gravity, name), controller, latency, 0.0, noise)
     size = 2.0 if family == "stranger" else 1.0
-    strange = _strange_whip(numbers, rng, size)
-    if in_space:
-        strange = _joined_in_space(strange, model.whip)
-        offset = float(size * rng.uniform(-0.008, 0.008))
-        true = Model(strange, model.arm, model.gravity, name)
-        return Twin(family, int(seed), true, controller, latency, offset, noise)
+    whip, arm = _strange_whip(numbers, rng, size), model.arm
+    if model.dimension == 3:  # there the arm is a robot's, which follows its command exactly
+        whip = _joined_in_space(whip, model.whip)
+    else:
+        arm, controller = _strange_arm(model, controller, rng, size)
+    offset = float(size * rng.uniform(-0.008, 0.008))
+    return Twin(family, int(seed), Model(whip, arm, model.gravity, name), controller, latency, offset, noise)
+
+
+def _strange_arm(
+    model: Model, controller: Controller, rng: np.random.Generator, size: float
+) -> tuple[AnyArm, Controller]:
+    """An arm with other masses and more friction, and its controller with another gain; `size` 1 is strange."""
     factors = np.exp(size * rng.uniform(-0.08, 0.08, model.arm.n)).tolist()
     heavier = {f"arm.{x}[{i}]": f for x in ("mass", "inertia") for i, f in enumerate(factors)}
     named = model.parameters()
-    arm = _with_friction(
-        model.with_parameters({name: named[name] * f for name, f in heavier.items()}),
-        size * rng.uniform(0.0, 0.01, model.arm.n),
-    )
-    gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
-    offset = float(size * rng.uniform(-0.008, 0.008))
-    true = Model(strange, arm, model.gravity, name)
-    return Twin(family, int(seed), true, _with_gain(controller, gain), latency, offset, noise)
+    other = model.with_parameters({name: named[name] * f for name, f in heavier.items()})
+    arm = _with_friction(other, size * rng.uniform(0.0, 0.01, model.arm.n))
+    return arm, _with_gain(controller, float(np.exp(size * rng.uniform(-0.08, 0.08))))
 
 
 def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: float) -> WhipParameters:

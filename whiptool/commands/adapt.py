@@ -155,7 +155,7 @@ def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
 
 def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
     """What came of a strike, as it comes."""
-    from whiptool.adaptation.report import lines
+    from whiptool.adaptation.run_report import lines
 
     before = next((s.learned.belief for s in reversed(steps) if s.learned), None)
     note("\n".join(lines(step, prior, before)))
@@ -164,7 +164,7 @@ def _tell(steps: list[Step], step: Step, prior: Belief) -> None:
 
 def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> str:
     """Return the report as one HTML page."""
-    from whiptool.adaptation.report import sections
+    from whiptool.adaptation.run_report import sections
     from whiptool.runs import code_version
     from whiptool.viz.report import to_html
 

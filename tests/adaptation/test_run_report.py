@@ -11,11 +11,11 @@ import pytest
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.plan_search import Effort, Plan
+from whiptool.adaptation.plan_search import Plan, PlanningEffort
 from whiptool.adaptation.ports import Seen, TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
-from whiptool.adaptation.report import PANELS, SHOWN, _Number, lines, sections
+from whiptool.adaptation.run_report import PANELS, SHOWN, _Number, lines, sections
 from whiptool.adaptation.steps import Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.goals.target import Target
@@ -200,7 +200,7 @@ def test_a_whip_that_diverges_has_no_path(prior):
 
 
 def test_a_real_adaptation(prior):
-    quick = Effort(pool=32, polished=2, steps=2, whips=4, population=4, rounds=1)
+    quick = PlanningEffort(pool=32, polished=2, steps=2, whips=4, population=4, rounds=1)
     port = TipPort(draw_twin("kin", 0, MODEL, CONTROLLER), TARGET.position)
     uniform = default_prior(MODEL, CONTROLLER, whip="uniform")
     told: list[str] = []
