@@ -34,14 +34,14 @@ from tqdm import tqdm
 
 from whiptool.goals.zone import Disc, sample
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Interception, TargetCamera
+from whiptool.interception.interceptor import HORIZON, LATENCY, PLAN_TIME, Interception, Interceptor, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.motions import GRAVITY, PendulumMotion, TargetMotion, find_motion
-from whiptool.interception.planning import HORIZON, LATENCY, PLAN_TIME, intercept, plan
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.models import preset
 from whiptool.models.closest import closest_on_segments
 from whiptool.rollout import CompiledRollout
+from whiptool.strike_map.striker import Striker
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
 ZONE = Disc((1.2, 0.0), 0.3)
@@ -133,7 +133,10 @@ def follow(library: Library, update: str, target: MovingTarget, seed: int) -> Se
     """Planned at the decision; what later frames change is `update`."""
     t, points = target.frames(np.random.default_rng([seed, 1]))
     rng, plans, times, began = np.random.default_rng([seed, 2]), [], [], time.perf_counter()
-    for chosen in intercept(zip(t, points, strict=True), library, decide=0.0, rng=rng, camera=CAMERA, update=update):
+    following = Interceptor(library, camera=CAMERA).follow(
+        zip(t, points, strict=True), decide=0.0, rng=rng, update=update
+    )
+    for chosen in following:
         plans.append(chosen)
         times.append(time.perf_counter() - began)
         began = time.perf_counter()
@@ -155,7 +158,7 @@ def oracle(library: Library, target: MovingTarget, seed: int) -> Sent:
 
 def planned(track: TargetTrack, library: Library, seed: int) -> Sent:
     """A plan with a given track."""
-    chosen = plan(track, library, now=0.0, latency=PLAN_TIME + LATENCY, rng=np.random.default_rng([seed, 2]))
+    chosen = Interceptor(library).plan(track, now=0.0, rng=np.random.default_rng([seed, 2]))
     return Sent(chosen, chosen.wall_time if chosen else 0.0)
 
 
@@ -215,11 +218,11 @@ def main() -> None:
     arguments = parser.parse_args()
     count = 20 if arguments.quick else arguments.targets
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=PLANNER)
-    truth = CompiledRollout(MODEL, CONTROLLER, timestep=TRUTH)
+    truth, striker = CompiledRollout(MODEL, CONTROLLER, timestep=TRUTH), Striker(rollout)
     began = time.perf_counter()
-    libraries = {"any q_i": Library.build(rollout), "waiting": Library.build(rollout, q_i=WAITING)}
+    libraries = {"any q_i": Library.build(striker), "waiting": Library.build(striker, q_i=WAITING)}
     building = (time.perf_counter() - began) / len(libraries)
-    others = Library.build(rollout, size=OTHERS, seed=OTHER_SEED)
+    others = Library.build(striker, size=OTHERS, seed=OTHER_SEED)
     ways: dict[str, Callable[[MovingTarget, int], Sent]] = {}
     for name, library in libraries.items():
         updates = UPDATES if name == "waiting" else {"none": UPDATES["none"]}

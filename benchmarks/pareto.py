@@ -37,7 +37,7 @@ from whiptool.models import preset
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import run_search
-from whiptool.optimizers.cmaes_search import cmaes_search
+from whiptool.optimizers.evolutionary_search import cmaes_search
 from whiptool.optimizers.front import ParetoFront, dominated_by, oriented
 from whiptool.optimizers.pareto_search import pareto_search
 from whiptool.rollout import CompiledRollout

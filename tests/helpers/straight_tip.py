@@ -5,13 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from whiptool.interception.library import Library
 from whiptool.interception.motions import find_motion
 from whiptool.interception.tracks import TargetTrack
 from whiptool.models import preset
-from whiptool.models.strike import strike_names
+from whiptool.models.strike import StrikeBounds, strike_names
+from whiptool.strike_map.striker import Striker
 
 MODEL = preset("lemon2024")
 NAMES = strike_names(MODEL.arm)
@@ -23,7 +23,7 @@ SPEED = np.array([3.0, 1.0])  # of every tip [m/s]
 class Straight:
     """A rollout whose tips all fly straight and evenly: `tip(tau) = PUSH u + SPEED (tau - 0.5)`."""
 
-    model = MODEL
+    model, prescribed, space = MODEL, False, SimpleNamespace(kind="joint")
 
     def tip_path(self, strikes, *, t_stay, rate, names=()):
         t = np.arange(int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1) / rate
@@ -32,27 +32,18 @@ class Straight:
         slope = np.tile(PUSH[:, [NAMES.index(name) for name in names]], (*path.shape[:2], 1, 1))
         return t, path, slope
 
-    def approach(self, strikes, targets, *, t_stay):
-        return SimpleNamespace(diverged=strikes[:, 0] > 5)
+    def peaks_and_path(self, strikes, *, t_stay, rate):
+        _, path, _ = self.tip_path(strikes, t_stay=t_stay, rate=rate)
+        return SimpleNamespace(diverged=strikes[:, 0] > 5), path
 
 
-def library(strikes: np.ndarray, free: np.ndarray | None = None) -> Library:
-    t, path, _ = Straight().tip_path(strikes, t_stay=0.3, rate=250.0)
+def library(strikes: np.ndarray, rollout: Straight | None = None) -> Library:
+    rollout = rollout or Straight()
+    t, path, _ = rollout.tip_path(strikes, t_stay=0.3, rate=250.0)
+    velocity = np.gradient(path, 1 / 250, axis=1)
     owner, at = np.nonzero(np.isfinite(path[..., 0]))
-    return Library(
-        rollout=Straight(),
-        strikes=strikes,
-        box=(LOWER, UPPER),
-        free=np.ones(5, bool) if free is None else free,
-        limits=None,
-        t_stay=0.3,
-        speed=2.0,
-        owner=owner,
-        tau=t[at],
-        points=path[owner, at],
-        velocities=np.tile(SPEED, (len(at), 1)),
-        tree=cKDTree(path[owner, at]),
-    )
+    striker = Striker(rollout, bounds=StrikeBounds(tuple(LOWER), tuple(UPPER)), limits=None, t_stay=0.3)
+    return Library(striker, np.ones(5, bool), strikes, owner, t[at], path[owner, at], velocity[owner, at])
 
 
 MIDDLE = np.array([[-0.5, 0.5, 1.0, 0.5, 1.0]])

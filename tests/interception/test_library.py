@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.interception.library import RATE, Library, possible
+from whiptool.interception.library import RATE, Library, sure_paths
 from whiptool.limits.motor_limits import MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds
+from whiptool.strike_map.striker import Striker
 
 MODEL = preset("lemon2024")
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.0, 0.0, 0.5), (0.0, 1.0, 2.0, 1.0, 1.5))
@@ -21,7 +22,7 @@ MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=1
 class Circling:
     """Tips on circles of radius 1 m with the angle `q_f[0] t^2`: their speed is `2 q_f[0] t`. Torques are |q_i|."""
 
-    model = MODEL
+    model, prescribed, space = MODEL, False, SimpleNamespace(kind="joint")
 
     def tip_path(self, strikes, *, t_stay, rate, names=()):
         t = np.arange(int((strikes[:, -1].max() + t_stay) * rate + 1e-9) + 1) / rate
@@ -29,17 +30,18 @@ class Circling:
         path = np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
         return t, np.where(t[:, None] <= strikes[:, -1, None, None] + t_stay + 1e-9, path, np.nan), None
 
-    def approach(self, strikes, targets, *, t_stay):
-        assert (targets == 0).all()
-        return SimpleNamespace(
+    def peaks_and_path(self, strikes, *, t_stay, rate):
+        near = SimpleNamespace(
             diverged=strikes[:, 4] > 1.4,
             max_torque=np.abs(strikes[:, :2]),
             max_joint_speed=np.zeros((len(strikes), 2)),
         )
+        return near, self.tip_path(strikes, t_stay=t_stay, rate=rate)[1]
 
 
-def build(**options) -> Library:
-    return Library.build(Circling(), **{"size": 50, "bounds": BOUNDS, "t_stay": 0.2, **options})
+def build(limits: MotorLimits | None = None, **options) -> Library:
+    striker = Striker(Circling(), bounds=BOUNDS, limits=limits, t_stay=0.2)
+    return Library.build(striker, **{"size": 50, **options})
 
 
 def test_points_are_those_of_the_paths_where_the_tip_is_fast():
@@ -66,9 +68,9 @@ def test_strikes_are_uniform_in_the_box_and_those_of_the_seed():
     assert share.max() <= 1
     np.testing.assert_allclose(share.mean(axis=0), 0.5, atol=0.02)
     np.testing.assert_allclose(share.std(axis=0), 1 / np.sqrt(12), rtol=0.03)
-    np.testing.assert_array_equal(lib.box, (BOUNDS.lower, BOUNDS.upper))
+    np.testing.assert_array_equal(lib.striker.bounds.box, (BOUNDS.lower, BOUNDS.upper))
     assert lib.free.all()
-    assert 0.8 * 2000 < len(Library.build(Circling(), bounds=BOUNDS).strikes) < 2000
+    assert 0.8 * 2000 < len(Library.build(build().striker).strikes) < 2000
     assert len(build(size=1, seed=1, speed=0.5).strikes) == 1
     np.testing.assert_array_equal(build(size=40, seed=3).strikes, build(size=40, seed=3).strikes)
     assert (build(size=40, seed=3).strikes[0] != build(size=40, seed=4).strikes[0]).all()
@@ -88,17 +90,16 @@ def test_strikes_beyond_the_motor_or_that_diverge_are_left_out():
     assert build().strikes[:, -1].max() <= 1.4
     weak = build(limits=MotorLimits("weak", 0.6, 10.0, 1.0))
     assert np.abs(weak.strikes[:, :2]).max() <= 0.6
-    assert weak.limits is not None
     strikes = np.array([[-0.5, 0.5, 1, 0, 1.0], [-0.9, 0.5, 1, 0, 1.0], [-0.5, 0.5, 1, 0, 1.45]])
-    assert weak.possible(strikes).tolist() == [True, False, False]
+    assert sure_paths(weak.striker, strikes, rate=RATE)[0].tolist() == [True, False, False]
     exactly = weak.strikes[:1].copy()
     exactly[0, 0] = -0.6
-    assert weak.possible(exactly).all()
-    assert possible(Circling(), strikes, None, 0.2).tolist() == [True, True, False]
+    assert sure_paths(weak.striker, exactly, rate=RATE)[0].all()
+    assert sure_paths(build().striker, strikes, rate=RATE)[0].tolist() == [True, True, False]
 
 
 def test_what_no_strike_can_do_is_refused():
-    with pytest.raises(InputError, match="limits: got 'feeble'"):
+    with pytest.raises(InputError, match="limits: got \"the feeble's"):
         build(limits=MotorLimits("feeble", 1e-3, 10.0, 1.0))
     with pytest.raises(InputError, match=r"speed: got 100.0; allowed: at most 6\.[0-9]+ m/s"):
         build(size=1000, speed=100.0)

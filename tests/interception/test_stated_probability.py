@@ -3,47 +3,42 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import erf
 
-from whiptool.interception.aiming import Aim
+from whiptool.interception.interceptor import Aim, Interceptor
 from whiptool.interception.motions import find_motion
 from whiptool.interception.tracks import TargetTrack
+from whiptool.limits.all_limits import AllLimits
 
 SPREAD, RADIUS, SPEED, TAU = 0.05, 0.035, 10.0, 0.3  # [m], [m], [m/s], [s]
 POINT = np.array([1.0, 0.0])
 
 
-@dataclass
 class Rollout:
     """A tip that flies straight along an angle, the strike's first number, past a point at a distance, its second."""
 
-    def tip_path(self, x, *, t_stay, rate):
+    diverged = staticmethod(lambda x: np.zeros(len(x), bool))
+
+    def peaks_and_path(self, x, *, t_stay, rate):
         t = np.arange(int((x[:, -1].max() + t_stay) * rate) + 1) / rate
         along = np.stack([np.cos(x[:, 0]), np.sin(x[:, 0])], axis=1)
         across = np.stack([-along[:, 1], along[:, 0]], axis=1)
         aside = POINT + x[:, 1:2] * across
-        return t, aside[:, None] + SPEED * (t - TAU)[:, None] * along[:, None], None
-
-
-@dataclass
-class Library:
-    """Of such strikes, all possible."""
-
-    rollout: Rollout
-    t_stay: float = 0.3
-
-    def possible(self, x):
-        return np.ones(len(x), bool)
+        path = aside[:, None] + SPEED * (t - TAU)[:, None] * along[:, None]
+        return SimpleNamespace(diverged=self.diverged(x)), path
 
 
 def aim(spread: float = SPREAD) -> Aim:
     """A target at rest near the point, its place known to `spread` in each coordinate."""
     track = TargetTrack(find_motion("still"), POINT, spread**2 * np.eye(2))
-    return Aim(track, Library(Rollout()), 0.0, 2.0, RADIUS, 0.0, None)
+    striker = SimpleNamespace(rollout=Rollout(), t_stay=0.3, limits=AllLimits(None))
+    library: Any = SimpleNamespace(striker=striker)
+    return Aim(Interceptor(library, RADIUS), track, 0.0, 0.0, 2.0)
 
 
 def best(strikes: np.ndarray, *, seed: int, samples: int):
@@ -90,10 +85,10 @@ def test_the_expected_miss_is_that_of_monte_carlo():
     assert np.mean([one.probability for one in stated]) == pytest.approx(share, abs=4 * 0.5 / np.sqrt(512 * 100))
 
 
-def test_a_strike_that_the_motors_cannot_do_is_not_chosen():
+def test_a_strike_that_cannot_be_made_is_not_chosen():
     """However probable its hit."""
     judge = aim()
-    judge.library.possible = lambda strikes: strikes[:, 1] != 0
+    judge.library.striker.rollout.diverged = lambda strikes: strikes[:, 1] == 0
     chosen = judge.best(
         strikes(np.zeros(2), np.array([0.0, 0.2])),
         np.zeros(2),

@@ -17,7 +17,7 @@ from whiptool.models.strike import Strike, StrikeBounds, default_bounds
 from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import METHODS, Status, find_method, search
-from whiptool.optimizers.genetic_search import fitness
+from whiptool.optimizers.evolutionary_search import fitness
 from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
 from whiptool.rollout import CompiledRollout, ReferenceRollout

@@ -7,22 +7,23 @@ import sys
 
 import numpy as np
 import pytest
+from interceptions import intercept, plan, refresh
 from repository import ROOT
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.interception.aiming import Interception, TargetCamera
+from whiptool.interception.interceptor import Interception, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.motions import PendulumMotion, find_motion
-from whiptool.interception.planning import intercept, plan, refresh
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
 from whiptool.models.closest import closest_on_segments
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.strike_map.striker import Striker
 
 SIGMA = 0.005
 FRAMES = np.arange(31) / 60 - 0.5
@@ -197,7 +198,7 @@ def rollout():
 
 @pytest.fixture(scope="module")
 def library(rollout):
-    return Library.build(rollout, size=600, q_i=(-1.4, 0.1))
+    return Library.build(Striker(rollout), size=600, q_i=(-1.4, 0.1))
 
 
 @pytest.fixture(scope="module")
@@ -263,14 +264,13 @@ def test_a_plan_is_repeatable_and_keeps_its_bounds(library, rollout):
     first, again = (plan(track, library, now=0.0, rng=np.random.default_rng(5)) for _ in range(2))
     assert first == again
     assert first is not None
-    lower, upper = library.box
+    lower, upper = library.striker.bounds.box
     assert first.warning == ""
     assert (first.strike.vector >= lower).all()
     assert (first.strike.vector <= upper).all()
     assert first.strike.q_i == (-1.4, 0.1)
-    slow = Library.build(
-        rollout, size=300, bounds=StrikeBounds((-1.5, 0.0, 0.3, 0.0, 1.2), (-0.3, 2.8, 3.1, 2.8, 2.5)), limits=XM430
-    )
+    bounds = StrikeBounds((-1.5, 0.0, 0.3, 0.0, 1.2), (-0.3, 2.8, 3.1, 2.8, 2.5))
+    slow = Library.build(Striker(rollout, bounds=bounds, limits=XM430), size=300)
     near = rollout.approach(slow.strikes, np.zeros(2), t_stay=0.3)
     assert 0 < len(slow.strikes) < 300
     assert (XM430.violation_of_peaks(near) <= 0).all()
@@ -299,9 +299,9 @@ def test_bad_plans_are_refused(library, rollout):
         plan(seen, library, now=4.9, rng=np.random.default_rng(0))
     for bad in ((0.1,), (-1.4, 3.5), (-1.4, np.nan)):
         with pytest.raises(InputError, match="q_i"):
-            Library.build(rollout, size=50, q_i=bad)
+            Library.build(Striker(rollout), size=50, q_i=bad)
     with pytest.raises(InputError, match=r"speed: got 1000.0; allowed: at most [0-9.]+ m/s"):
-        Library.build(rollout, size=50, speed=1000.0)
+        Library.build(Striker(rollout), size=50, speed=1000.0)
     with pytest.raises(InputError, match="update"):
         next(intercept([], library, decide=0.0, rng=np.random.default_rng(0), update="always"))
     chosen = plan(track, library, now=0.0, rng=np.random.default_rng(0))

@@ -14,8 +14,7 @@ from whiptool.errors import InputError, expect, refuse_call
 from whiptool.extras import add_installed
 from whiptool.models.numbers import whole
 from whiptool.objective import Objective, SearchStopped
-from whiptool.optimizers.cmaes_search import cmaes_search
-from whiptool.optimizers.genetic_search import genetic_search
+from whiptool.optimizers.evolutionary_search import cmaes_search, genetic_search
 from whiptool.optimizers.gradient_search import gradient_search
 from whiptool.optimizers.learner_search import learner_search
 from whiptool.optimizers.map_search import map_search

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.goals.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_slopes
 from whiptool.objective import Objective
-from whiptool.optimizers.smooth_limits import keep_limits
+from whiptool.optimizers.slsqp import run_down, slsqp
 
 STEPS = 60  # gradient evaluations at most, by default
 _LEAST_SIZE = 1e-6  # of measures that are divided by their first size: a tip at rest has no speed
@@ -66,15 +66,43 @@ class HitProblem:
         assert self._point is not None
         return self._point
 
-    def begin(self, u: np.ndarray) -> HitPoint:
-        """Return the first point, whose measure becomes the unit of measures."""
-        found = self(u)
+    def begin(self, start: np.ndarray) -> tuple[np.ndarray, HitPoint] | None:
+        """Return the first strike (m,) in the unit box and its point, whose measure becomes the unit of measures.
+
+        None: it is lost.
+        """
+        u = np.clip((start - self.lower) / self.scale, 0, 1)
+        try:
+            found = self(u)
+        except nlopt.ForcedStop:
+            if isinstance(self.ended[0], _NoStart):
+                return None
+            raise self.ended[0] from None
         self.size = max(float(np.abs(found.measures).max()), _LEAST_SIZE)
         self._at = None if self.size == 1.0 else u.copy()
         self._point = HitPoint(
             found.measures / self.size, found.measure_slopes / self.size, found.constraints, found.constraint_slopes
         )
-        return self._point
+        return u, self._point
+
+    def measure(self, u: np.ndarray, gradient: np.ndarray) -> float:
+        """Return the only measure, for NLopt."""
+        point = self(u)
+        if gradient.size:
+            gradient[:] = point.measure_slopes[0]
+        return float(point.measures[0])
+
+    def beyond(self, result: np.ndarray, x: np.ndarray, gradient: np.ndarray) -> None:
+        """Set the constraints, for NLopt, and by how much measures are above the variable that is to bound them."""
+        n = len(self.lower)
+        point, above = self(x[:n]), len(x) > n
+        result[:] = np.r_[point.constraints, point.measures - x[n] if above else []]
+        if gradient.size:
+            gradient[:] = 0.0
+            gradient[: len(point.constraints), :n] = point.constraint_slopes
+            if above:
+                gradient[len(point.constraints) :, :n] = point.measure_slopes
+                gradient[len(point.constraints) :, n] = -1.0
 
     def _look(self, struck: StrikesAtGoal) -> HitPoint:
         constraints, slopes = [hit_excess(struck)[0] + _INSIDE], [hit_excess_slopes(struck)[0]]
@@ -97,7 +125,7 @@ class HitProblem:
         """Return a bad point: a line search turns back from it."""
         last = self._point
         if last is None:
-            raise NoStart
+            raise _NoStart
         return HitPoint(
             np.full_like(last.measures, np.abs(last.measures).max() + 1),
             np.zeros_like(last.measure_slopes),
@@ -106,7 +134,7 @@ class HitProblem:
         )
 
 
-class NoStart(Exception):
+class _NoStart(Exception):
     """The first strike is lost."""
 
 
@@ -135,50 +163,22 @@ def descend(
         InputError: The simulator has no derivatives.
     """
     problem = HitProblem(objective, criterion, caps)
-    u = np.clip((start - problem.lower) / problem.scale, 0, 1)
-    try:
-        first = problem.begin(u)
-    except nlopt.ForcedStop:
-        if isinstance(problem.ended[0], NoStart):
-            return
-        raise problem.ended[0] from None
-    several, n = len(first.measures) > 1, len(u)
-    optimizer = nlopt.opt(nlopt.LD_SLSQP, n + several)
-    optimizer.set_lower_bounds(np.r_[np.zeros(n), [-np.inf] * several])
-    optimizer.set_upper_bounds(np.r_[np.ones(n), [np.inf] * several])
-    optimizer.set_maxeval(steps)
+    begun = problem.begin(start)
+    if begun is None:
+        return
+    u, first = begun
+    several = len(first.measures) > 1
+    optimizer = slsqp(objective, steps=steps, further=int(several))
     optimizer.set_xtol_rel(1e-6)
     optimizer.set_ftol_rel(1e-7)
-    keep_limits(optimizer, objective)
-
-    def largest(x: np.ndarray, gradient: np.ndarray) -> float:
-        if several:
-            gradient[:] = np.r_[np.zeros(n), 1.0] if gradient.size else gradient
-            return float(x[n])
-        point = problem(x)
-        if gradient.size:
-            gradient[:] = point.measure_slopes[0]
-        return float(point.measures[0])
-
-    def kept(result: np.ndarray, x: np.ndarray, gradient: np.ndarray) -> None:
-        point = problem(x[:n])
-        above = point.measures - x[n] if several else np.empty(0)
-        result[:] = np.r_[point.constraints, above]
-        if gradient.size:
-            gradient[:] = 0.0
-            gradient[: len(point.constraints), :n] = point.constraint_slopes
-            if several:
-                gradient[len(point.constraints) :, :n] = point.measure_slopes
-                gradient[len(point.constraints) :, n] = -1.0
-
-    optimizer.set_min_objective(largest)
+    optimizer.set_min_objective(_bound if several else problem.measure)
     count = len(first.constraints) + several * len(first.measures)
-    optimizer.add_inequality_mconstraint(kept, np.full(count, 1e-9))
-    try:
-        optimizer.optimize(np.r_[u, [first.measures.max()] * several])
-    except nlopt.ForcedStop:
-        raise problem.ended[0] from None
-    except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
-        pass  # a kink: what was found until there is kept
-    if problem.ended:
-        raise problem.ended[0]
+    optimizer.add_inequality_mconstraint(problem.beyond, np.full(count, 1e-9))
+    run_down(optimizer, np.r_[u, [first.measures.max()] * several], problem.ended)
+
+
+def _bound(x: np.ndarray, gradient: np.ndarray) -> float:
+    """The variable behind the strike's own, which bounds all measures."""
+    if gradient.size:
+        gradient[:] = np.r_[np.zeros(len(x) - 1), 1.0]
+    return float(x[-1])

@@ -10,7 +10,7 @@ import numpy as np
 from whiptool.limits.clearance import Clearance
 from whiptool.objective import Objective
 from whiptool.optimizers.constrained import descend
-from whiptool.optimizers.smooth_limits import keep_limits
+from whiptool.optimizers.slsqp import run_down, slsqp
 
 BATCH = 64  # random strikes a round
 REFINED = 8  # of them are refined
@@ -45,13 +45,9 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
     """Follow the gradient from one strike; whether the cost came below `tolerance` [m]."""
     lower, upper = objective.bounds.box
     scale = upper - lower
-    optimizer = nlopt.opt(nlopt.LD_SLSQP, len(lower))
-    optimizer.set_lower_bounds(np.zeros(len(lower)))
-    optimizer.set_upper_bounds(np.ones(len(lower)))
-    optimizer.set_maxeval(STEPS)
+    optimizer = slsqp(objective, steps=STEPS)
     optimizer.set_xtol_rel(1e-10)
     optimizer.set_stopval(tolerance**2 / 2)
-    keep_limits(optimizer, objective)
     ended: list[BaseException] = []
     collisions = itertools.count(1)
 
@@ -68,12 +64,5 @@ def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) 
         return outcome.cost**2 / 2
 
     optimizer.set_min_objective(half_square)
-    try:
-        optimizer.optimize(np.clip((start - lower) / scale, 0, 1))
-    except nlopt.ForcedStop:
-        pass  # it was given up, or the search ended
-    except (nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
-        pass  # a kink: the next start will do
-    if ended:
-        raise ended[0]
+    run_down(optimizer, np.clip((start - lower) / scale, 0, 1), ended)
     return optimizer.last_optimum_value() <= tolerance**2 / 2

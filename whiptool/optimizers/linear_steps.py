@@ -7,7 +7,7 @@ import numpy as np
 
 from whiptool.goals.criteria import Criterion
 from whiptool.objective import Objective
-from whiptool.optimizers.constrained import HitPoint, HitProblem, NoStart
+from whiptool.optimizers.constrained import HitPoint, HitProblem
 
 FIRST = 0.05  # size of the first step in each number, in parts of the bounds
 LONGEST, SHORTEST = 0.5, 1e-3  # of steps; a descent whose steps become shorter ends
@@ -34,12 +34,13 @@ def step_down(objective: Objective, start: np.ndarray, criterion: Criterion, *, 
         InputError: The simulator has no derivatives.
     """
     problem = HitProblem(objective, criterion, ())
-    u = np.clip((start - problem.lower) / problem.scale, 0, 1)
+    begun = problem.begin(start)
+    if begun is None:
+        return
     try:
-        _descend(problem, u, problem.begin(u), steps)
+        _descend(problem, *begun, steps)
     except nlopt.ForcedStop:
-        if not isinstance(problem.ended[0], NoStart):
-            raise problem.ended[0] from None
+        raise problem.ended[0] from None
 
 
 def _descend(problem: HitProblem, u: np.ndarray, point: HitPoint, steps: int) -> None:

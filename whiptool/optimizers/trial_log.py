@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import itertools
 import math
@@ -10,6 +11,7 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from whiptool.errors import InputError
 from whiptool.models.planar_arm import AnyArm
@@ -19,6 +21,7 @@ from whiptool.whole_files import append_whole, write_whole
 
 TRIALS = "trials.csv"
 _STATUS = ("hit", "miss", "refused", "unseen", "diverged")
+_VECTORS = ("tip", "tip_velocity", "max_joint_speed", "max_torque")
 _NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the middle of a line leaves
 
 
@@ -49,26 +52,20 @@ class TrialLog:
         limited: bool = False,
         criteria: Sequence[str] = (),
     ) -> None:
-        self.path, self.n, self.dimension = path, arm.n, arm.dimension
-        self.measured, self.arriving, self.limited, self.criteria = measured, arriving, limited, tuple(criteria)
-        axes = "xyz"[: self.dimension]
+        self.path = path
         self._names = strike_names(arm) if names is None else tuple(names)
-        self._header = [
-            "trial",
-            *self._names,
-            "miss_distance",
-            "hit",
-            "time",
-            *(f"tip_{axis}" for axis in axes),
-            *(f"tip_velocity_{axis}" for axis in axes),
-            *(f"max_joint_speed_{joint}" for joint in arm.joints),
-            *(f"max_torque_{joint}" for joint in arm.joints),
-            *(["miss_error"] if measured else []),
-            *(["arrival_angle", "arrival_speed", "cost"] if arriving else []),
-            *([*self.criteria, "merit"] if self.criteria else []),
-            "status",
-            *(["refused"] if limited else []),
-        ]
+        axes = "xyz"[: arm.dimension]
+        self._parts = {  # of an outcome, and their columns
+            **{name: [name] for name in ("miss_distance", "hit", "time")},
+            **{name: [f"{name}_{axis}" for axis in axes] for name in ("tip", "tip_velocity")},
+            **{name: [f"{name}_{joint}" for joint in arm.joints] for name in ("max_joint_speed", "max_torque")},
+            **({"miss_error": ["miss_error"]} if measured else {}),
+            **({"arrival": ["arrival_angle", "arrival_speed", "cost"]} if arriving else {}),
+            **({"values": list(criteria), "merit": ["merit"]} if criteria else {}),
+            "status": ["status"],
+            **({"refused": ["refused"]} if limited else {}),
+        }
+        self._header = ["trial", *self._names, *itertools.chain(*self._parts.values())]
 
     def read(self) -> list[Trial]:
         """All trials up to the first line that is damaged.
@@ -114,27 +111,8 @@ class TrialLog:
 
     def append(self, trial: Trial) -> None:
         """Add one trial; it is in the file when this returns."""
-        o = trial.outcome
-        row = [
-            trial.number,
-            *map(repr, trial.strike),
-            repr(o.miss_distance),
-            int(o.hit),
-            repr(o.time),
-            *map(repr, o.tip),
-            *map(repr, o.tip_velocity),
-            *map(repr, o.max_joint_speed),
-            *map(repr, o.max_torque),
-            *([repr(_or_nan(o.miss_error))] if self.measured else []),
-            *(map(repr, _arrival_columns(o.arrival)) if self.arriving else []),
-            *(
-                [*map(repr, o.values or [math.nan] * len(self.criteria)), repr(_or_nan(o.merit))]
-                if self.criteria
-                else []
-            ),
-            o.status,
-            *([o.refused or ""] if self.limited else []),
-        ]
+        parts = [_cells(part, getattr(trial.outcome, part), len(names)) for part, names in self._parts.items()]
+        row = [trial.number, *map(repr, trial.strike), *itertools.chain(*parts)]
         new = not self.path.exists() or self.path.stat().st_size == 0
         append_whole(self.path, (_line(self._header) if new else "") + _line(row))
 
@@ -143,60 +121,56 @@ class TrialLog:
         row = line.decode("utf-8", "replace").split(",")
         if len(row) != len(self._header):
             return None
-        refused = (row.pop() or None) if self.limited else None
-        status = row.pop()
-        if status not in _STATUS:
-            return None
-        if status == "refused" and not self.limited:
-            refused = RIG
-        n, d, start = self.n, self.dimension, 1 + len(self._names)
+        cells = iter(row)
         try:
-            number, numbers = int(row[0]), [float(x) for x in row]
+            number = int(next(cells))
+            strike = tuple(float(next(cells)) for _ in self._names)
+            parts = {part: _value(part, [next(cells) for _ in names]) for part, names in self._parts.items()}
         except ValueError:
             return None
-        rest = iter(numbers[start:])
-        distance, hit, time = itertools.islice(rest, 3)
-        tip, velocity, speeds, torques = (tuple(itertools.islice(rest, count)) for count in (d, d, n, n))
-        error = _known(next(rest)) if self.measured else None
-        arrival = _arrival(*itertools.islice(rest, 3)) if self.arriving else None
-        values = tuple(itertools.islice(rest, len(self.criteria)))
-        merit = _known(next(rest)) if self.criteria else None
-        judged = () if any(map(math.isnan, values)) else values
-        outcome = Outcome(
-            distance,
-            bool(hit),
-            time,
-            tip,
-            velocity,
-            speeds,
-            torques,
-            status == "diverged",
-            error,
-            arrival,
-            judged,
-            merit,
-            refused,
-            status == "unseen",
-        )
-        return Trial(number, tuple(numbers[1:start]), outcome)
+        status = parts.pop("status")
+        if status == "refused":
+            parts.setdefault("refused", RIG)
+        return Trial(number, strike, Outcome(**parts, diverged=status == "diverged", unseen=status == "unseen"))
 
 
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else value
+def _cells(part: str, value: Any, count: int) -> list[str]:
+    """Return a part of an outcome as it stands in its columns; NaN where it has no value."""
+    if part in ("status", "refused"):
+        return [value or ""]
+    if part == "hit":
+        return [str(int(value))]
+    if value is None or value == ():
+        return ["nan"] * count
+    numbers = dataclasses.astuple(value) if part == "arrival" else value if isinstance(value, tuple) else (value,)
+    return ["nan" if x is None else repr(x) for x in numbers]
+
+
+def _value(part: str, cells: list[str]) -> Any:
+    """Return what `_cells` wrote.
+
+    Raises:
+        ValueError: It is no such part.
+    """
+    if part == "status":
+        return _STATUS[_STATUS.index(cells[0])]
+    if part == "refused":
+        return cells[0] or None
+    numbers = tuple(float(x) for x in cells)
+    if part == "arrival":
+        angle, speed, cost = numbers
+        return None if math.isnan(cost) else Arrival(_known(angle), speed, cost)
+    if part == "values":
+        return () if any(map(math.isnan, numbers)) else numbers
+    if part in ("miss_error", "merit"):
+        return _known(numbers[0])
+    if part == "hit":
+        return bool(numbers[0])
+    return numbers if part in _VECTORS else numbers[0]
 
 
 def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
-
-
-def _arrival_columns(arrival: Arrival | None) -> tuple[float, float, float]:
-    """Angle, speed and cost as they stand in the file: NaN where it has no value."""
-    return (math.nan, math.nan, math.nan) if arrival is None else (_or_nan(arrival.angle), arrival.speed, arrival.cost)
-
-
-def _arrival(angle: float, speed: float, cost: float) -> Arrival | None:
-    """What `_arrival_columns` wrote."""
-    return None if math.isnan(cost) else Arrival(_known(angle), speed, cost)
 
 
 def _line(row: Sequence[object]) -> str:

@@ -6,19 +6,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 from scipy.stats import ncx2
 from straight_tip import HOME, LOWER, MIDDLE, PUSH, SPEED, UPPER, Straight, known, library
 
 from whiptool.errors import InputError
-from whiptool.interception.aiming import Aim, TargetCamera
+from whiptool.interception.interceptor import Aim, Interceptor, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.motions import find_motion
 from whiptool.interception.tracks import TargetTrack
 
 
 def aim(track: TargetTrack, lib: Library, *, earliest=0.0, latest=3.0, radius=0.06, now=0.0, camera=None) -> Aim:
-    return Aim(track, lib, earliest, latest, radius, now, camera)
+    return Aim(Interceptor(lib, radius, camera), track, now, earliest, latest)
 
 
 def test_a_camera_is_checked():
@@ -144,13 +143,7 @@ def test_doubt_along_the_relative_velocity_is_only_a_matter_of_when():
 
     strikes = np.vstack([MIDDLE, MIDDLE])
     strikes[1, 0] += 1e-9
-    t, path, _ = Crossing().tip_path(strikes, t_stay=0.3, rate=250.0)
-    velocity = np.gradient(path, 1 / 250, axis=1)
-    owner, at = np.nonzero(np.isfinite(path[..., 0]))
-    lib = Library(
-        Crossing(), strikes, (LOWER, UPPER), np.ones(5, bool), None, 0.3, 2.0, owner, t[at], path[owner, at],
-        velocity[owner, at], cKDTree(path[owner, at]),
-    )  # fmt: skip
+    lib = library(strikes, Crossing())
     for first, along in ((0, SPEED), (1, SPEED[::-1])):
         unit = along / np.linalg.norm(along)
         doubt = 1e-3 * np.outer(unit, unit) + 1e-9 * np.eye(2)

@@ -1,14 +1,21 @@
-"""Genetic algorithm with the paper's operators (Sect. 2.3.7) through pymoo, a generation being one batch of strikes."""
+"""Evolutionary searches through pymoo, a generation being one batch of strikes.
+
+CMA-ES (Hansen and Ostermeier 2001), and the genetic algorithm with the paper's operators (Sect. 2.3.7).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import number, whole
 from whiptool.objective import Objective
+
+SIGMA = 0.3  # first step size of CMA-ES, in units of the box
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,40 +64,73 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         SearchStopped: The objective ended the search.
     """
     from pymoo.algorithms.soo.nonconvex.ga import GA
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.problem import Problem
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.mutation.pm import PM
     from pymoo.operators.sampling.rnd import FloatRandomSampling
     from pymoo.operators.selection.tournament import TournamentSelection
-    from pymoo.problems.static import StaticProblem
 
     s = settings or GASettings()
     d_max = objective.penalty if s.d_max is None else s.d_max
-    lower, upper = objective.bounds.box
-    box = Problem(n_var=len(lower), n_obj=1, xl=np.zeros(len(lower)), xu=np.ones(len(lower)))
 
     def fittest(population, rivals: np.ndarray, **_) -> np.ndarray:
         """Of each row of rivals the one with the least -f, as a column."""
         values = population.get("F")[rivals, 0]
         return rivals[np.arange(len(rivals)), values.argmin(axis=1)][:, None]
 
-    algorithm = GA(
+    algorithm: Any = GA(
         pop_size=s.population,
         sampling=FloatRandomSampling(),
         selection=TournamentSelection(func_comp=fittest, pressure=s.tournament),
         crossover=SBX(prob=s.crossover, eta=s.crossover_eta),
         mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),
     )
-    # pymoo takes seed 0 for the time of day
-    algorithm.setup(
-        box, seed=int(np.random.default_rng(seed).integers(1, 2**31)), verbose=False, termination=("n_gen", 10**9)
-    )
-    while True:
+    algorithm.termination = ("n_gen", 10**9)
+    _evolve(objective, algorithm, np.random.default_rng(seed), lambda costs: -fitness(costs, d_max))
+
+
+def cmaes_search(objective: Objective, *, seed: int) -> None:
+    """Restart CMA-ES from random strikes until the objective stops it.
+
+    The implementation below pymoo draws from NumPy's global generator, which is put back as it was.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+    """
+    from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
+
+    rng = np.random.default_rng(seed)
+    outside = np.random.get_state()  # noqa: NPY002
+    try:
+        while True:
+            algorithm = CMAES(x0=rng.uniform(0.2, 0.8, len(objective.bounds.box[0])), sigma=SIGMA, restarts=0)
+            _evolve(objective, algorithm, rng, lambda costs: costs)
+    finally:
+        np.random.set_state(outside)  # noqa: NPY002
+
+
+def _evolve(
+    objective: Objective, algorithm: Any, rng: np.random.Generator, minimised: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """Show a pymoo algorithm what its generations in the unit box come to, until it ends or has no new strike.
+
+    Args:
+        objective: Rolls out.
+        algorithm: To run.
+        rng: Gives its seed, but never 0, which pymoo takes for the time of day.
+        minimised: Function of the costs of strikes that the algorithm minimises.
+    """
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
+    from pymoo.problems.static import StaticProblem
+
+    lower, upper = objective.bounds.box
+    box = Problem(n_var=len(lower), n_obj=1, xl=np.zeros(len(lower)), xu=np.ones(len(lower)))
+    algorithm.setup(box, seed=int(rng.integers(1, 2**31)), verbose=False)
+    while algorithm.has_next():
         generation = algorithm.ask()
-        if generation is None:  # no child differs from what was tried
+        if generation is None or len(generation) == 0:
             return
         strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
-        misses = np.array([outcome.cost for outcome in objective.batch(strikes)])
-        Evaluator().eval(StaticProblem(box, F=-fitness(misses, d_max)[:, None]), generation)
+        costs = np.array([outcome.cost for outcome in objective.batch(strikes)])
+        Evaluator().eval(StaticProblem(box, F=minimised(costs)[:, None]), generation)
         algorithm.tell(infills=generation)
