@@ -7,10 +7,10 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from whiptool.errors import WhiptoolError
-from whiptool.rl.networks import Critic, soft_update
+from whiptool.rl.networks import Critic, adam, descend, soft_update
 from whiptool.rl.replay import ReplayBuffer, Transitions
 from whiptool.rl.settings import OffPolicy, Settings
 
@@ -80,13 +80,18 @@ class Learner(ABC):
 class OffPolicyLearner(Learner):
     """What SAC, TD3 and DDPG share: a replay buffer, critics with slow targets, one update per strike."""
 
+    Actor: type[nn.Module]  # the network that acts
+
     def __init__(self, settings: OffPolicy, *, capacity: int = 100_000, n_critics: int, **sizes) -> None:
         super().__init__(settings, **sizes)
         self.replay = ReplayBuffer(capacity, self.n_obs, self.n_act)
-        shape = (self.n_obs, self.n_act, settings.hidden)
-        self.critic = Critic(*shape, self.generator, n_critics)
-        self.target_critic = Critic(*shape, self.generator, n_critics).requires_grad_(False)
+        shape = (self.n_obs, self.n_act, settings.hidden, self.generator)
+        self.critic = Critic(*shape, n_critics)
+        self.target_critic = Critic(*shape, n_critics).requires_grad_(False)
         soft_update(self.target_critic, self.critic, 1.0)
+        self.actor = self.Actor(*shape)
+        self.actor_optimizer = adam(self.actor, settings.learning_rate)
+        self.critic_optimizer = adam(self.critic, settings.learning_rate)
 
     def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
         """Store the transitions, then update `updates` times for each of them."""
@@ -98,19 +103,52 @@ class OffPolicyLearner(Learner):
         self.check(values)
         return values
 
-    @abstractmethod
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """One step of gradient descent; losses by name."""
+        """One step for the critics, then one for the actor and the slow targets; losses by name."""
+        losses = self.update_critic(batch)
+        return losses | self.update_actor(batch)
 
-    def target_value(self, batch: Transitions, next_action) -> Tensor:
-        """r + gamma min_i Q_i(s', a') where something follows, (B,); `next_action` is asked only if it counts."""
+    def update_critic(self, batch: Transitions) -> dict[str, Tensor]:
+        """One step of the critics toward their targets."""
+        y = self.target_value(batch)
+        loss = ((self.critic(batch.obs, batch.action) - y) ** 2).mean(dim=1).sum()
+        descend(self.critic_optimizer, loss)
+        return {"critic": loss.detach()}
+
+    @torch.no_grad()
+    def target_value(self, batch: Transitions) -> Tensor:
+        """r + gamma min_i Q_i(s', a') where something follows, (B,); the next action is drawn only if it counts."""
         if self.discount == 0:
             return batch.reward
-        with torch.no_grad():
-            action, bonus = next_action(batch.next_obs)
-            value = self.target_critic(batch.next_obs, action).amin(dim=0) + bonus
-            return batch.reward + self.discount * (1 - batch.terminated) * value
+        action, bonus = self.next_action(batch.next_obs)
+        value = self.target_critic(batch.next_obs, action).amin(dim=0) + bonus
+        return batch.reward + self.discount * (1 - batch.terminated) * value
+
+    def update_actor(self, batch: Transitions) -> dict[str, Tensor]:
+        """One step of the actor along the critics, whose own gradients are not taken, and of the slow targets."""
+        self.critic.requires_grad_(False)
+        losses = self.actor_loss(batch.obs)
+        descend(self.actor_optimizer, losses["actor"])
+        self.critic.requires_grad_(True)
+        self.update_targets()
+        return {name: loss.detach() for name, loss in losses.items()}
+
+    @abstractmethod
+    def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the next action (B, n_act) that values follow from, and what is added to its value, (B,) or ()."""
+
+    @abstractmethod
+    def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:
+        """Return the loss `actor`, and others that are only shown."""
+
+    def update_targets(self) -> None:
+        """One step of the slow targets, Eq. 14."""
+        soft_update(self.target_critic, self.critic, self.settings.tau)
 
     def normal(self, *shape: int) -> Tensor:
         """Return standard normal noise of a shape."""
         return torch.randn(shape, generator=self.generator)
+
+    def _parts(self) -> dict:
+        names = ("actor", "critic", "target_critic", "actor_optimizer", "critic_optimizer", "replay")
+        return {name: getattr(self, name) for name in names}

@@ -130,3 +130,10 @@ def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
 def adam(module: nn.Module, learning_rate: float) -> torch.optim.Adam:
     """Adam in one pass over all parameters."""
     return torch.optim.Adam(module.parameters(), lr=learning_rate, fused=True)
+
+
+def descend(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
+    """One step of an optimizer down the gradient of a loss."""
+    optimizer.zero_grad()
+    loss.backward()
+    optimizer.step()

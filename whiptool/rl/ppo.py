@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from whiptool.rl.learner import Learner
-from whiptool.rl.networks import GaussianActor, Layers, adam, divergence, log_density
+from whiptool.rl.networks import GaussianActor, Layers, adam, descend, divergence, log_density
 from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import PPOSettings
 
@@ -53,13 +53,9 @@ class PPO(Learner):
                 ratio = (log_density(new.action[some], new_mean, new_log_std) - log_p[some]).exp()
                 kl = divergence(mean[some], log_std[some], new_mean, new_log_std).mean()
                 losses["actor"] = self.penalty.beta * kl - (ratio * advantage[some]).mean()  # Eq. 11
-                self.actor_optimizer.zero_grad()
-                losses["actor"].backward()
-                self.actor_optimizer.step()
+                descend(self.actor_optimizer, losses["actor"])
                 losses["value"] = ((self._value(new.obs[some]) - returns[some]) ** 2).mean()
-                self.value_optimizer.zero_grad()
-                losses["value"].backward()
-                self.value_optimizer.step()
+                descend(self.value_optimizer, losses["value"])
         with torch.no_grad():
             losses["divergence"] = divergence(mean, log_std, *self.actor(new.obs)).mean()
         values = {name: float(loss.detach()) for name, loss in losses.items()}
@@ -71,13 +67,8 @@ class PPO(Learner):
         return self.value(obs)[0, :, 0]
 
     def _parts(self) -> dict:
-        return {
-            "actor": self.actor,
-            "value": self.value,
-            "actor_optimizer": self.actor_optimizer,
-            "value_optimizer": self.value_optimizer,
-            "penalty": self.penalty,
-        }
+        names = ("actor", "value", "actor_optimizer", "value_optimizer", "penalty")
+        return {name: getattr(self, name) for name in names}
 
 
 class Penalty:

@@ -21,11 +21,10 @@ class TD3(DDPG):
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
         """One step for the critics; every `delay`-th time one for the actor and the targets."""
-        losses = self.update_critic(batch)
         self._counter.n += 1
         if self._counter.n % self.settings.delay == 0:
-            losses |= self.update_actor(batch)
-        return losses
+            return super().update(batch)
+        return self.update_critic(batch)
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
         """The target policy's action, smoothed by clipped noise (Eq. 15)."""
