@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from reach import MODELS, SEARCHED, targets, warm_up
+from reach import MODELS, RADIUS, targets, warmed
 from tqdm import tqdm
 
 from whiptool.goals.target import Target
@@ -29,7 +29,7 @@ from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.command_limits import CommandLimits
-from whiptool.models import Model, preset
+from whiptool.models import Model
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.objective import Objective
 from whiptool.optimizers import search
@@ -37,6 +37,7 @@ from whiptool.rollout import CompiledRollout
 
 WAYS = ("joints", "judged", "kept")
 KEEP_FREE, FLOOR = 0.1, -0.5  # 1, [m]
+SEARCHED = 0.9 * RADIUS  # what the integration errs by is left free
 MOST = 3000  # trials a target
 
 
@@ -113,14 +114,9 @@ def main() -> None:
     points = targets(2 if arguments.quick else arguments.targets)
     known = arguments.out.read_text().splitlines() if arguments.out and arguments.out.exists() else []
     done = {(row["model"], row["way"], row["target"]): row for row in map(json.loads, known)}
-    models = {name: preset(name) for name in MODELS}
     todo = [(name, way, i) for i in range(len(points)) for name in MODELS for way in WAYS]
-    warm: set[str] = set()
     for name, way, i in tqdm([key for key in todo if key not in done], leave=False):
-        if name not in warm:
-            warm_up(models[name])
-            warm.add(name)
-        found = searched(models[name], way, points[i], seed=i)
+        found = searched(warmed(name), way, points[i], seed=i)
         done[name, way, i] = {"model": name, "way": way, "target": i, **found}
         if arguments.out:
             with arguments.out.open("a") as file:

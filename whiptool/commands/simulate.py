@@ -178,7 +178,7 @@ def _check_same(options: SimulateOptions, model) -> None:
     now = {"model": model_to_table(model), "controller": controller_to_table(options.build_controller())}
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
-        if as_begun and config.get(part) != now[part]:
+        if as_begun and not (part in config and cli.reads_as(part, config[part], now[part])):
             fix = f"the {part} differs from when the run was made: give --{part}"
             raise InputError("RUN", str(options.run), f"a run of the same {part}", fix)
 
