@@ -13,6 +13,20 @@ from hypothesis import HealthCheck, settings
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
+# Files and folders that take longest, in their order. One process runs a file, so that the tests of a file share what
+# they compile and compute; with the short files at the end both processes end at the same time.
+LONGEST = (
+    "tests/whole/test_docs.py",
+    "tests/whole/test_notebooks.py",
+    "tests/whole/test_page_commands.py",
+    "tests/whole/test_quick_benchmarks.py",
+    "tests/papers/test_reproduce.py",
+    "tests/commands/test_identify.py",
+    "tests/commands/",
+    "tests/papers/",
+    "tests/whole/",
+)
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give matplotlib a configuration folder in pytest's cache.
@@ -31,8 +45,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         long = [item for item in items if item.get_closest_marker("hours") is not None]
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
-    longest = ("tests/commands/", "tests/papers/", "tests/whole/")
-    items.sort(key=lambda item: not item.nodeid.startswith(longest))
+    items.sort(key=lambda item: next((i for i, x in enumerate(LONGEST) if item.nodeid.startswith(x)), len(LONGEST)))
 
 
 @pytest.fixture(autouse=True)

@@ -18,12 +18,26 @@ import grimp
 ROOT = Path(__file__).resolve().parents[1]
 LONG, MANY = 60, 8  # lines and parameters of a function
 HIT_RULE = re.compile(r"<=?\s*[\w.]*(hit_radius|hitRadius)\b|\b(hit_radius|hitRadius)\b[\w.\[\], ]*\s*>=?\s")
+ARM_KIND = re.compile(r"isinstance\([\w.]*arm\b|type\([\w.]*arm\)|case \w*Arm(Parameters)?\(")
+DIMENSION = re.compile(r"\.dimension *(==|!=|<|>|in\b)|(==|!=) *[\w.]*\.dimension\b")
+PLANNERS, PLANNING = {"planner", "planning", "aiming"}, {"plan", "replan", "aim", "intercept"}  # modules, functions
+OTHER_SOURCES = (".js", ".css", ".html", ".cpp", ".c", ".h")
 DOORS = {"__init__", "__main__"}
 
 
 def lines(folder: Path) -> int:
     """Lines of Python files, comments and blank lines included."""
     return sum(len(file.read_text().splitlines()) for file in folder.rglob("*.py"))
+
+
+def other_lines(folder: Path) -> int:
+    """Lines of what is no Python, such as the script of a page."""
+    return sum(len(file.read_text().splitlines()) for file in folder.rglob("*") if file.suffix in OTHER_SOURCES)
+
+
+def plans(file: Path, tree: ast.Module) -> bool:
+    """Whether a module plans strikes: it is named so, or defines a function that is."""
+    return file.stem in PLANNERS or any(isinstance(x, ast.FunctionDef) and x.name in PLANNING for x in tree.body)
 
 
 def longest_chain(package: str) -> list[str]:
@@ -62,6 +76,7 @@ def counts() -> dict[str, object]:
     trees = {file: ast.parse(file.read_text()) for file in files}
     every = [(file, function) for file, tree in trees.items() for function in functions(tree)]
     classes = [x.name for tree in trees.values() for x in tree.body if isinstance(x, ast.ClassDef)]
+    planners = [file for file, tree in trees.items() if plans(file, tree)]
     where = lambda file, function: f"{file.relative_to(ROOT)}:{function.lineno} {function.name}"  # noqa: E731
     texts = {file: file.read_text() for file in (*files, *package.rglob("*.js"))}
     rule = [
@@ -74,16 +89,19 @@ def counts() -> dict[str, object]:
     doors = {x.stem for x in (package / "commands").glob("*.py")} & top
     return {
         "package lines": lines(package),
+        "package lines in other languages": other_lines(package),
         "papers lines": lines(ROOT / "papers") if (ROOT / "papers").is_dir() else 0,
         "files": len(files),
         "longest import chain": len(longest_chain("whiptool")),
         "shared file names": repeated([x.name for x in files if x.stem not in DOORS]),
         "shared class names": repeated([x for x in classes if not x.startswith("_")]),
-        "isinstance of an arm": sum(len(re.findall(r"isinstance\([\w.]*arm\b", x)) for x in texts.values()),
+        "shared class names, private ones": repeated([x.lstrip("_") for x in classes]),
+        "isinstance of an arm": sum(len(ARM_KIND.findall(x)) for x in texts.values()),
+        "tests of a dimension": sum(len(DIMENSION.findall(x)) for x in texts.values()),
         "functions over 60 lines": [where(f, x) for f, x in every if (x.end_lineno or 0) - x.lineno >= LONG],
         "functions over 8 parameters": [where(f, x) for f, x in every if parameters(x) > MANY],
         "comparisons with a hit radius": rule,
-        "planner modules": [str(x.relative_to(ROOT)) for x in files if x.stem in ("planner", "aiming", "planning")],
+        "planner modules": [str(x.relative_to(ROOT)) for x in planners],
         "modules on top without doors": len(top - doors),
     }
 

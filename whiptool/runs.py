@@ -9,6 +9,7 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import tomli_w
 
@@ -33,6 +34,12 @@ def code_version() -> str:
     except (OSError, subprocess.SubprocessError):
         return __version__
     return f"{__version__}+{done.stdout.strip()}"
+
+
+def begun_by(config: Mapping[str, Any]) -> str:
+    """Return ` with version X` for a run that another version of the code began, else nothing."""
+    version = config.get("version")
+    return "" if version == code_version() else f" with version {version}"
 
 
 def default_folder(name: str) -> Path:

@@ -65,6 +65,7 @@ def test_what_is_asked_of_the_tips_arrival_is_looked_at_again(tmp_path, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.figures
 def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
     folder, strike = tmp_path / "run", ["-1.36", "0", "-1.05", "1.41", "1.73", "0", "-0.35", "1.41", "0.95"]
     model = ["--model", "nah2023", "--controller", "constant", "--target", "1.995", "0", "0"]

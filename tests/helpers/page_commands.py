@@ -27,8 +27,7 @@ LONG = re.compile(
     r"|--pareto|--minimise|--resume|--method cmaes|--cone|--control-period"
 )
 SHORT = re.compile(
-    r"map build --zone-radius 0.3 --hit-radius 0.01 --out map$|map strike (map|ur5e) "
-    r"|adapt --target 1.15 0.05 --camera tip --preset table4$"
+    r"map strike ur5e |adapt --target 1.15 0.05 --camera tip --preset table4$"
     r"|adapt --model ur5e --port robot|adapt --resume run$|optimize --resume|--export "
 )
 

@@ -144,22 +144,22 @@ def test_k_b_m_come_back_and_held_out_strikes_are_predicted():
 
 @pytest.mark.slow
 def test_intervals_cover_the_truth_as_often_as_they_say():
-    """200 noise seeds; the count of covering 95 % intervals within its binomial 99 % bounds.
+    """100 noise seeds; the count of covering 95 % intervals within its binomial 99 % bounds.
 
     Filmed and fitted with the same coarse step: what is counted is noise. `benchmarks/identify.py --only coverage` has
     other errors.
     """
     films = [film(LEMON, v, timestep=1e-3) for v in STRIKES[:2]]
     covered = dict.fromkeys(FREE, 0)
-    for seed in range(200):
+    for seed in range(100):
         rng = np.random.default_rng(seed)
         noisy = [dataclasses.replace(f, points=f.points + 5e-3 * rng.standard_normal(f.points.shape)) for f in films]
         found = fit(noisy, Plant(LEMON, CONTROLLER), FREE, options=FitOptions(timestep=1e-3))
         for name, true in TRUE.items():
             low, high = found[name].interval or (np.inf, -np.inf)
             covered[name] += low <= true <= high
-    low, high = binom.ppf([0.005, 0.995], 200, 0.95)
-    print("covered of 200", covered, "allowed", low, high)
+    low, high = binom.ppf([0.005, 0.995], 100, 0.95)
+    print("covered of 100", covered, "allowed", low, high)
     assert all(low <= count <= high for count in covered.values())
 
 

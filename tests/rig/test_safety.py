@@ -545,12 +545,12 @@ def test_sigkill_leaves_it_to_the_watchdog_and_keeps_the_record(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_hundred_strikes_with_random_faults(twin):
+def test_a_hundred_strikes_with_random_faults(twin):
     """Never a torque after a fault, never a lost record, whatever breaks when."""
     rng, ended = np.random.default_rng(0), {"good": 0, "fault": 0}
     strike = wt.Strike((-0.3, 0.2), (0.0, 0.5), 0.15)
     options = LoopOptions(settle=0.0, go_back=False, t_stay=0.02, rehearse=False)
-    for n in range(200):
+    for n in range(100):
         faults = random_faults(rng, duration=0.17, servos=2)
         twin.reset(strike.q_i)
         with twin.bus(timeout=0.006, fast=bool(n % 2)) as bus:
@@ -571,7 +571,7 @@ def test_two_hundred_strikes_with_random_faults(twin):
             assert len(run.cycles) == 85
             assert run.torque_off
         ended["fault" if run.fault else "good"] += 1
-    assert min(ended.values()) > 30, ended
+    assert min(ended.values()) > 15, ended
 
 
 # -- limits, caps, rehearsal -------------------------------------------------------------------------------------------

@@ -74,9 +74,9 @@ def test_the_arm_sags_before_a_strike_and_stays_there():
 
 @pytest.mark.slow
 def test_the_foreign_whip_is_learned_and_judged(benchmark):
-    """Two of the twelve targets that `benchmarks/foreign.py` has."""
-    rows = [row for number in (0, 6) for row in benchmark.struck(number)]
-    assert len(rows) == 4
+    """One of the twelve targets that `benchmarks/foreign.py` has."""
+    rows = benchmark.struck(0)
+    assert len(rows) == 2
     for row in rows:
         assert row["miss"] <= 0.06
         assert row["probability"] > 0.9

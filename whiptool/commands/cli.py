@@ -20,6 +20,7 @@ from whiptool.commands.options.option_group import (
     OutputOptions,
     ResumableOptions,
     flag,
+    of_run,
     options_named,
     renaming,
 )
@@ -228,10 +229,7 @@ def parse_resumable(
     try:
         again: Any = parse(options, prog=prog, description=description, args=words, default=stored)
     except InputError as error:
-        if error.name in {word.split("=")[0] for word in words}:
-            raise
-        rule = f"a run whose options this version takes ({error})"
-        raise InputError("--resume", str(parsed.resume), rule, "begin a new run") from None
+        raise error if error.name in given_flags(words) else of_run(error, parsed.resume) from None
     if again.out is not None:
         raise InputError("--out", str(again.out), "only without --resume: a resumed run stays in its folder")
     now, begun = as_plain(again), as_plain(stored)
@@ -404,19 +402,13 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
     Raises:
         InputError: A part differs; it is named.
     """
+    from whiptool.runs import begun_by
+
     stored = folder.config
     for part, value in config.items():
         if part != "options" and stored.get(part) != value:  # `parse_resumable` compares these one by one
-            fix = f"the {part} differs from when the run began{_begun_by(stored)}; begin a new run"
+            fix = f"the {part} differs from when the run began{begun_by(stored)}; begin a new run"
             raise InputError("--resume", str(folder.path), f"a run of the same {part}", fix)
-
-
-def _begun_by(config: Mapping[str, Any]) -> str:
-    """Return which version began a run, where that is another."""
-    from whiptool.runs import code_version
-
-    version = config.get("version")
-    return "" if version == code_version() else f" with version {version}"
 
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
@@ -424,9 +416,12 @@ def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
     from whiptool.impedance.files import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 
-    if part == "model":
-        return model_to_table(model_from_table(stored)) == now
-    return controller_to_table(controller_from_table(stored)) == now
+    try:
+        if part == "model":
+            return model_to_table(model_from_table(stored)) == now
+        return controller_to_table(controller_from_table(stored)) == now
+    except InputError:
+        return False
 
 
 def _given(flag: str, words: list[str]) -> str:

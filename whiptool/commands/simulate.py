@@ -171,7 +171,7 @@ def _check_same(options: SimulateOptions, model) -> None:
     from whiptool.commands.policy_runs import folder_of
     from whiptool.impedance.files import controller_to_table
     from whiptool.models.files import model_to_table
-    from whiptool.runs import read_config
+    from whiptool.runs import CONFIG, read_config
 
     assert options.run is not None
     begun, config = strike_of(options.run), read_config(folder_of(options.run))
@@ -179,7 +179,8 @@ def _check_same(options: SimulateOptions, model) -> None:
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
         if as_begun and not (part in config and cli.reads_as(part, config[part], now[part])):
-            fix = f"the {part} differs from when the run was made: give --{part}"
+            kept = folder_of(options.run) / CONFIG
+            fix = f"the {part} differs from when the run was made: give --{part} {kept}"
             raise InputError("RUN", str(options.run), f"a run of the same {part}", fix)
 
 

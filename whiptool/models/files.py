@@ -94,13 +94,15 @@ def model_to_table(model: Model) -> dict:
 
 
 def read_model(path: Path | str) -> Model:
-    """A model from a TOML file.
+    """Return a model from a TOML file, or from the table `[model]` of the `config.toml` of a run folder.
 
     Raises:
         InputError: The file cannot be read, or says something that is not allowed.
     """
     expect(str, PathLike, path=path)
     table = read_toml(path)
+    if isinstance(table.get("model"), Mapping):
+        table = table["model"]
     try:
         return model_from_table({"name": _name(Path(path)), **table}, Path(path).parent)
     except InputError as error:

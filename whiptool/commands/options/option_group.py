@@ -234,8 +234,22 @@ def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
     Raises:
         InputError: One that came from within; the option is named.
     """
-    with renaming({**dict(flags(options)), **others}):
-        yield
+    try:
+        with renaming({**dict(flags(options)), **others}):
+            yield
+    except InputError as error:
+        raise of_run(error, getattr(options, "resume", None)) from None
+
+
+def of_run(error: InputError, resume: Path | None) -> InputError:
+    """Return the error of an option, or one of the run to resume if another version began that with the option."""
+    from whiptool.runs import begun_by, read_config
+
+    if resume is None or not error.name.startswith("--") or error.name == "--resume":
+        return error
+    version = begun_by(read_config(resume))
+    rule = f"a run whose options this version takes ({error})"
+    return InputError("--resume", str(resume), rule, f"begin a new run; this one began{version}") if version else error
 
 
 @contextmanager
