@@ -61,7 +61,7 @@ def test_a_robot_that_is_another_now_is_played_with_the_model_of_its_run(older):
     assert_one_line(refused, f"the model differs from when the run was made: give --model {kept}")
     parts = ("--model", kept, "--controller", kept)
     assert_one_line(called("simulate", run, *parts, *out, cwd=older), "--target", "three coordinates")
-    words = ("--target", 1.3, 0, 0, "--floor", "none", "--ignore-collisions", "--timestep", 2.5e-4)
+    words = ("--target", 1.3, 0, 0, "--limits", "none", "--timestep", 2.5e-4)
     done = called("simulate", run, *parts, *words, *out, cwd=older)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["miss_distance"] == pytest.approx(result_of(run)["miss_distance"], abs=1e-4)
