@@ -24,7 +24,8 @@ WORDS = ["--strike", *map(str, STRIKE.vector), "--target", "1.2", "0.1"]
 @pytest.mark.slow
 def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, capsys) -> None:
     out = tmp_path / "run"
-    assert main(["strike", *WORDS, "--camera", "points", "--settle", "0.2", "--json", "--out", str(out)]) == 0
+    soon = ["--approach-speed", "1", "--settle", "0.2"]
+    assert main(["strike", *WORDS, "--camera", "points", *soon, "--json", "--out", str(out)]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["fault"] is None
     assert summary["torque_off"]

@@ -18,8 +18,8 @@ def test_quick_form_of_everything(tmp_path):
 
     Without processes of its own, each of which would import for seconds, part by part: `test_compare.py` has them.
     """
-    smaller = ["--workers", "1", "--targets", "6", "--max-trials", "20", "--trials", "16"]
-    smaller += ["--episodes", "4", "--random-episodes", "2", "--timestep", "0.001"]
+    smaller = ["--workers", "1", "--targets", "4", "--max-trials", "12", "--trials", "10"]
+    smaller += ["--episodes", "3", "--random-episodes", "2", "--timestep", "0.001"]
     done = whiptool("reproduce", "all", "--quick", *smaller, "--out", "run", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from command_line import assert_one_line, called
 from repository import ROOT
-from whiptool.recording.camera_files import read_cameras
 
 import whiptool as wt
 from papers.finished_comparison import read_run
@@ -25,6 +24,7 @@ from whiptool.identification.pendulum_files import read_angles, read_pendulum
 from whiptool.impedance.files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.optimizers.library import StrikeLibrary
+from whiptool.recording.camera import read_cameras
 from whiptool.rig.cyclelog import Cycles
 
 WRITTEN = ROOT / "tests" / "data" / "written_by_early_0_2_0"
