@@ -2,10 +2,10 @@
 
     python -m tools.benchmark_ratios OTHER [--only rollout batch ...] [--rounds 2] [--least 0.97] [--json]
 
-OTHER is a checkout of another version, which runs the benchmarks that it holds. Each benchmark runs so many rounds in both
-checkouts by turns, and of each of its figures the best of the rounds counts: the largest rate, the shortest time. A
-ratio is above 1 where this checkout is faster. The exit status is 1 if a benchmark's mean ratio is below `--least`. The
-ratios mean something on an idle machine only.
+OTHER is a checkout of another version, which runs the benchmarks that it holds. Each benchmark runs so many rounds in
+both checkouts by turns, and of each of its figures the best of the rounds counts: the largest rate, the shortest time.
+A ratio is above 1 where this checkout is faster. The exit status is 1 if a benchmark's mean ratio is below `--least`.
+The ratios mean something on an idle machine only.
 """
 
 from __future__ import annotations

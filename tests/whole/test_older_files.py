@@ -20,7 +20,7 @@ import whiptool as wt
 from papers.finished_comparison import read_run
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
-from whiptool.identification.pendulum_files import read_angles, read_pendulum
+from  import read_angles, read_pendulum
 from whiptool.impedance.files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.optimizers.library import StrikeLibrary
