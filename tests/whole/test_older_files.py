@@ -20,11 +20,12 @@ import whiptool as wt
 from papers.finished_comparison import read_run
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
-from  import read_angles, read_pendulum
+from whiptool.identification.bare_arm import read_bare_arm
 from whiptool.impedance.files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.optimizers.library import StrikeLibrary
 from whiptool.recording.camera import read_cameras
+from whiptool.recording.readers.angles import read_angles
 from whiptool.rig.cyclelog import Cycles
 
 WRITTEN = ROOT / "tests" / "data" / "written_by_early_0_2_0"
@@ -157,7 +158,7 @@ def test_a_model_is_read(name, coordinates, mass, stiffness):
 def test_fitted_models_are_read():
     fitted, found = wt.read_model(WRITTEN / "identify" / "identified.toml"), result_of(WRITTEN / "identify")
     assert fitted.whip.k == found["parameters"][0]["value"]
-    assert read_pendulum(WRITTEN / "identify-free" / "identified.toml").links[1].com == 0.09000715550990601
+    assert read_bare_arm(WRITTEN / "identify-free" / "identified.toml").arm.links[1].com == 0.09000715550990601
 
 
 def test_controllers_are_read():
@@ -176,14 +177,13 @@ def test_recordings_are_read():
     )
     cycles = Cycles.load(WRITTEN / "rig" / "cycles.log")
     assert (len(cycles), cycles.t[-1]) == (44, pytest.approx(0.086))
-    (swing,) = read_angles(FILES / "swing.npz")
-    assert swing.angles.shape == (150, 2)
+    assert read_angles(FILES / "swing.npz").points.shape == (150, 2, 1)
 
 
 def test_other_files_are_read():
     seen = read_cameras(FILES / "cameras.toml")["left"].project(np.array([[0.1, 0.2, 0.3]]))
     np.testing.assert_allclose(seen, [[472.3785846737438, 243.9508077134228]], rtol=1e-12)
-    assert read_pendulum(FILES / "pendulum.toml").links[1].com == 0.09
+    assert read_bare_arm(FILES / "pendulum.toml").arm.links[1].com == 0.09
     assert Region.load(FILES / "region.npz").corners.shape == (4, 2)
     assert Region.load(FILES / "region-space.npz").corners.shape == (4, 3)
     strikes, distance = StrikeLibrary.load(FILES / "library.npz").nearest((1.0, 0.5), 3)
