@@ -58,7 +58,7 @@ _HOMES = {
     "load_map": "strike_map.map_runs",
     "load_policy": "rl.trained",
     "train": "rl.trained",
-    "compare": "comparison.comparing",
+    "compare": "comparison.plan",
     "WhipEnv": "rl.environment",
     "citations": "references",
 }
