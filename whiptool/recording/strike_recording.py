@@ -21,9 +21,8 @@ from whiptool.recording.camera import Camera
 from whiptool.recording.clock import LONGEST, check_pace, check_spans, of_use, told_of_spans
 from whiptool.recording.depth_noise import depth_error
 from whiptool.recording.joint_columns import order_of
-from whiptool.whole_files import write_npz
+from whiptool.recording.npz import read_npz, write_npz
 
-FORMAT = 1  # of the NPZ file; raised when a key changes its meaning
 DEFAULT_SIGMA = 1e-3  # [m]
 DEFAULT_PIXELS = 0.5  # of a camera's view
 LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
@@ -119,92 +118,99 @@ class StrikeRecording(NoArray, instead="its t and points"):
     first_state: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        put: Callable[[str, Any], None] = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
-        t = _times("t", self.t)
-        points = _numbers("points", self.points)
-        markers = tuple(map(str, texts("markers", self.markers)))
-        if points.ndim != 3 or points.shape[:2] != (len(t), len(markers)) or points.shape[2] not in (1, 2, 3):
-            raise InputError(
-                "points",
-                f"shape {points.shape}",
-                f"shape ({len(t)}, {len(markers)}, 2 or 3), of angles 1",
-            )
+        self._put(t=_times("t", self.t), notes=tuple(map(str, self.notes)), joints_listed=bool(self.joints_listed))
+        self._check_points()
+        self._check_errors()
+        self._check_command()
+        self._check_joints()
+        if (self.hand_t is None) != (self.hand_pose is None):
+            raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
+        if self.hand_t is not None:
+            self._put(hand_t=_times("hand_t", self.hand_t, longest=A_DAY))
+            self._put(hand_pose=_poses(self.hand_pose, len(self.hand_t)))
+        if self.first_state is not None:
+            begun, count = _numbers("first_state", self.first_state), len(self.markers)
+            if begun.shape != (2, count) or not self.angular or not np.isfinite(begun).all():
+                raise InputError("first_state", begun.shape, f"finite angles and rates, (2, {count}), of angles")
+            self._put(first_state=begun)
+        if self.up not in ("", *TURNED):
+            raise InputError("up", self.up, "the axis that points up, y or z, or empty")
+        check_spans(self.t, self._logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
+
+    def _put(self, **values: Any) -> None:
+        """Set fields to their checked values."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _check_points(self) -> None:
+        """Check markers and points."""
+        points, markers = _numbers("points", self.points), tuple(map(str, texts("markers", self.markers)))
+        if points.ndim != 3 or points.shape[:2] != (len(self.t), len(markers)) or points.shape[2] not in (1, 2, 3):
+            allowed = f"shape ({len(self.t)}, {len(markers)}, 2 or 3), of angles 1"
+            raise InputError("points", f"shape {points.shape}", allowed)
         if not markers or len(set(markers)) < len(markers) or not all(markers):
             raise InputError("markers", markers, "at least one name, all different, none empty")
         seen = np.logical_not(np.isnan(points).any(axis=2))  # (T, M)
         points = np.where(seen[..., None], points, np.nan)
         if not seen.any():
             raise InputError("points", "none", "at least one point that is not missing")
-        sigma, t_points = DEFAULT_SIGMA, np.broadcast_to(t[:, None], seen.shape)
-        if self.view is None:
-            farthest = np.abs(points[seen]).max()
-            if not farthest <= FARTHEST and points.shape[2] > 1:
-                raise InputError("points", float(farthest), f"coordinates within {FARTHEST:g} m", FAR)
-        else:
+        if self.view is not None:
             _check_in_image(points, self.view)
-            sigma = DEFAULT_PIXELS
-            t_points = t[:, None] + np.where(seen, self.view.row_delay(points[..., 1]), 0.0)
-            put("camera", self.camera or self.view.name)
-            put("exposure", self.exposure or self.view.exposure)
-        for name, value, default in (("sigma", self.sigma, sigma), ("t_points", self.t_points, t_points)):
-            put(name, _spread(name, default if value is None else value, seen.shape))
-        if not ((self.sigma[seen] > 0) & np.isfinite(self.sigma[seen])).all():
-            unit = "m" if self.view is None else "pixels"
-            allowed = f"finite and > 0 {unit} wherever there is a point"
-            raise InputError("sigma", float(np.nanmin(self.sigma[seen])), allowed)
-        if self.view is None and (largest := float(self.sigma[seen].max())) > LARGEST_SIGMA:
-            raise InputError("sigma", largest, f"a standard error of at most {LARGEST_SIGMA:g} m", ASK_UNIT)
-        if not (np.abs((self.t_points - t[:, None])[seen]) <= FAR_OFF).all():
-            raise InputError("t_points", "times far from their frame's", f"within {FAR_OFF:g} s of t")
-        for name, value in (("t", t), ("points", points), ("markers", markers)):
-            put(name, value)
-        depth, depth_sigma = _depths(self.depth, self.depth_sigma, seen, self.view)
-        put("depth", depth)
-        put("depth_sigma", depth_sigma)
+        elif not (farthest := np.abs(points[seen]).max()) <= FARTHEST and points.shape[2] > 1:
+            raise InputError("points", float(farthest), f"coordinates within {FARTHEST:g} m", FAR)
+        self._put(points=points, markers=markers)
 
+    def _check_errors(self) -> None:
+        """Check what belongs to each point: its standard error, its time, and its depth."""
+        t, seen, view = self.t[:, None], self.seen, self.view
+        sigma, t_points, unit = DEFAULT_SIGMA, np.broadcast_to(t, seen.shape), "m"
+        if view is not None:
+            sigma, unit = DEFAULT_PIXELS, "pixels"
+            t_points = t + np.where(seen, view.row_delay(self.points[..., 1]), 0.0)
+            self._put(camera=self.camera or view.name, exposure=self.exposure or view.exposure)
+        sigma = _spread("sigma", sigma if self.sigma is None else self.sigma, seen.shape)
+        t_points = _spread("t_points", t_points if self.t_points is None else self.t_points, seen.shape)
+        if not ((sigma[seen] > 0) & np.isfinite(sigma[seen])).all():
+            raise InputError("sigma", float(np.nanmin(sigma[seen])), f"finite and > 0 {unit} wherever there is a point")
+        if view is None and (largest := float(sigma[seen].max())) > LARGEST_SIGMA:
+            raise InputError("sigma", largest, f"a standard error of at most {LARGEST_SIGMA:g} m", ASK_UNIT)
+        if not (np.abs((t_points - t)[seen]) <= FAR_OFF).all():
+            raise InputError("t_points", "times far from their frame's", f"within {FAR_OFF:g} s of t")
+        depth, depth_sigma = _depths(self.depth, self.depth_sigma, seen, view)
+        self._put(sigma=sigma, t_points=t_points, depth=depth, depth_sigma=depth_sigma)
+
+    def _check_command(self) -> None:
+        """Check exposure, what was commanded, and the target."""
         for name in ("exposure", "t_stay"):
             value = float(_numbers(name, getattr(self, name)))
             if not 0 <= value <= 60:
                 raise InputError(name, value, "a span from 0 to 60 s")
-            put(name, value)
+            self._put(**{name: value})
         if self.target is not None:
             target = _numbers("target", self.target)
             if target.ndim != 1 or len(target) not in (2, 3) or not (np.abs(target) <= FARTHEST).all():
                 raise InputError("target", target.tolist(), f"2 or 3 coordinates within {FARTHEST:g} m")
-            put("target", tuple(target.tolist()))
+            self._put(target=tuple(target.tolist()))
         if self.strike is not None and not isinstance(self.strike, Strike):
-            put("strike", Strike.from_vector(self.strike))
+            self._put(strike=Strike.from_vector(self.strike))
         if self.controller is not None:
-            put("controller", _plain_table(self.controller))
+            self._put(controller=_plain_table(self.controller))
+
+    def _check_joints(self) -> None:
+        """Check the joint log."""
         if (self.joints_t is None) != (self.joints_q is None):
             raise InputError("joints_q", "one of joints_t and joints_q", "both or neither")
+        names, width = tuple(map(str, self.joint_names)), 0
         if self.joints_t is not None:
-            joints_t, joints_q = _times("joints_t", self.joints_t, longest=A_DAY), _numbers("joints_q", self.joints_q)
-            if joints_q.ndim != 2 or len(joints_q) != len(joints_t) or joints_q.shape[1] == 0:
-                raise InputError("joints_q", f"shape {joints_q.shape}", f"shape ({len(joints_t)}, number of joints)")
-            _check_angles(joints_q, self.joint_names)
-            put("joints_t", joints_t)
-            put("joints_q", joints_q)
-        names = tuple(map(str, self.joint_names))
-        width = 0 if self.joints_q is None else self.joints_q.shape[1]
+            t, q = _times("joints_t", self.joints_t, longest=A_DAY), _numbers("joints_q", self.joints_q)
+            if q.ndim != 2 or len(q) != len(t) or q.shape[1] == 0:
+                raise InputError("joints_q", f"shape {q.shape}", f"shape ({len(t)}, number of joints)")
+            _check_angles(q, names)
+            self._put(joints_t=t, joints_q=q)
+            width = q.shape[1]
         if names and (len(names) != width or len(set(names)) < len(names)):
             raise InputError("joint_names", names, f"{width} different names, one for each column of joints_q, or none")
-        put("joint_names", names)
-        if (self.hand_t is None) != (self.hand_pose is None):
-            raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
-        if self.hand_t is not None:
-            put("hand_t", _times("hand_t", self.hand_t, longest=A_DAY))
-            put("hand_pose", _poses(self.hand_pose, len(self.hand_t)))
-        if self.first_state is not None:
-            begun = _numbers("first_state", self.first_state)
-            if begun.shape != (2, len(markers)) or points.shape[2] != 1 or not np.isfinite(begun).all():
-                raise InputError("first_state", begun.shape, f"finite angles and rates, (2, {len(markers)}), of angles")
-            put("first_state", begun)
-        if self.up not in ("", *TURNED):
-            raise InputError("up", self.up, "the axis that points up, y or z, or empty")
-        put("notes", tuple(map(str, self.notes)))
-        put("joints_listed", bool(self.joints_listed))
-        check_spans(t, self._logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
+        self._put(joint_names=names)
 
     @property
     def called(self) -> str:
@@ -362,26 +368,12 @@ class StrikeRecording(NoArray, instead="its t and points"):
         raise InputError("recording", self.called, "one with its strike's command", fix + otherwise)
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, without pickle.
-
-        Its keys are the names of the fields, with those that are None left out, and `format`, the number of this
-        layout (1). `markers`, `joint_names` and `notes` are arrays of strings, `strike` the vector
-        `[q_i, q_f, D]`, `controller` and `view` JSON texts.
+        """Write an NPZ file, without pickle: see `whiptool.recording.npz`.
 
         Raises:
             InputError: It cannot be written.
         """
-        arrays: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        arrays["strike"] = None if self.strike is None else self.strike.vector
-        arrays["controller"] = None if self.controller is None else json.dumps(self.controller)
-        arrays["joint_names"], arrays["notes"] = self.joint_names or None, self.notes or None
-        arrays["joints_listed"], arrays["up"] = self.joints_listed or None, self.up or None
-        arrays["view"] = None if self.view is None else json.dumps(self.view.table())
-        arrays = {name: np.asarray(value) for name, value in arrays.items() if value is not None}
-        try:
-            write_npz(Path(path), {"format": np.int64(FORMAT), **arrays})
-        except OSError as error:
-            raise InputError("recording", str(path), f"a file that can be written ({error.strerror})") from None
+        write_npz(self, path)
 
     def __repr__(self) -> str:
         span = f"{len(self.t)} frames from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
@@ -396,9 +388,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         Raises:
             InputError: The file cannot be read, is damaged, or is of a later format.
         """
-        from whiptool.recording.npz import read_npz
-
-        return read_npz(path, cls, [f.name for f in dataclasses.fields(cls)], layout=FORMAT)
+        return read_npz(path, cls)
 
 
 def _poses(value: object, count: int) -> np.ndarray:

@@ -55,16 +55,7 @@ def write_video(
         raise InputError("path", str(path), "a file .mkv or .avi, which can hold lossless video")
     path.parent.mkdir(parents=True, exist_ok=True)
     camera, stamps = _encoded(path, frames)
-    table: dict[str, Any] = {
-        "synthetic": synthetic,
-        "kind": camera.kind,
-        "fps": float(camera.fps),
-        "stamp": "start",
-        "timestamps": stamps,
-        "exposure": camera.exposure,
-        "shutter": "rolling" if camera.readout else "global",
-        "readout": float(camera.row_delay(camera.height - 1)),
-    }
+    table: dict[str, Any] = {"synthetic": synthetic, **_timing(camera, stamps)}
     if in_space:
         cameras = path.with_suffix(".cameras.toml")
         write_cameras(cameras, {camera.name: camera})
@@ -81,6 +72,19 @@ def write_video(
     sidecar = path.with_suffix(".toml")
     sidecar.write_text(tomli_w.dumps(table), encoding="utf-8")
     return sidecar
+
+
+def _timing(camera: Camera, stamps: list[float]) -> dict[str, Any]:
+    """What a sidecar says of a camera's light and clock."""
+    return {
+        "kind": camera.kind,
+        "fps": float(camera.fps),
+        "stamp": "start",
+        "timestamps": stamps,
+        "exposure": camera.exposure,
+        "shutter": "rolling" if camera.readout else "global",
+        "readout": float(camera.row_delay(camera.height - 1)),
+    }
 
 
 def _encoded(path: Path, frames: Iterable[Frame]) -> tuple[Camera, list[float]]:

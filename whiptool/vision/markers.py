@@ -12,29 +12,12 @@ from whiptool.errors import InputError
 from whiptool.recording.opencv import opencv
 
 _SMOOTHING = 1.0  # standard deviation of the Gaussian filter [pixels]
-
-
-@dataclass(frozen=True)
-class Blobs:
-    """How blobs of a marker's light are distinguished from noise.
-
-    Args:
-        floor: Least strength that can be part of a blob, of a whole marker's 1 or so.
-        dim: Likewise in infrared, where everything reflects some light.
-        deviations: Least strength of a blob in standard deviations of the filtered noise.
-        margin: Pixels around a blob that may hold some of its light.
-        faint: Share of a known marker's light below which a blob is not worth looking at.
-    """
-
-    floor: float = 0.02
-    dim: float = 0.12
-    deviations: float = 6.0
-    margin: int = 2
-    faint: float = 0.35
-
-
-_BLOBS = Blobs()
 _FILTERED = 1 / (2 * np.sqrt(np.pi) * _SMOOTHING)  # what the filter leaves of white noise
+_FLOOR = 0.02  # least strength that can be part of a blob, of a whole marker's 1 or so
+_DIM = 0.12  # likewise in infrared, where everything reflects some light
+_DEVIATIONS = 6.0  # least strength of a blob in standard deviations of the filtered noise
+_MARGIN = 2  # pixels around a blob that may hold some of its light
+_FAINT = 0.35  # share of a known marker's light below which a blob is not worth looking at
 
 
 @dataclass(frozen=True)
@@ -151,64 +134,72 @@ def find_blobs(
         background: Strength (H, W) of the scene without the marker, or None for none.
         noise: Noise of the strength, from `noise_of`.
         region: Left, top, right, bottom [pixels].
-        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_BLOBS.faint` of it are left out.
+        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_FAINT` of it are left out.
         least_strength: Least strength of any part of a blob.
         near: Expected position of the marker (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
             is the first of the list.
     """
-    cv2 = opencv()
     left, top, right, bottom = region
     part = image[top:bottom, left:right]
     strength = marker.strength(part)
     if background is not None:
         strength -= background[top:bottom, left:right]
-    smooth = cv2.GaussianBlur(strength, (0, 0), _SMOOTHING)
-    threshold = max(_BLOBS.floor if marker.hue else _BLOBS.dim, _BLOBS.deviations * noise * _FILTERED, least_strength)
-    mask = (smooth > threshold).view(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    if count == 1:
-        return []
-    order = list(range(1, count))
-    if near is not None:
-        first = _climb(smooth * mask, labels, near - (left, top), stats)
-        order.sort(key=lambda i: i != first)
+    smooth = opencv().GaussianBlur(strength, (0, 0), _SMOOTHING)
+    threshold = max(_FLOOR if marker.hue else _DIM, _DEVIATIONS * noise * _FILTERED, least_strength)
+    labels, stats, order = _components(smooth, threshold, None if near is None else near - (left, top))
     height, width = image.shape[:2]
     blobs = []
     for i in order:
         x, y, w, h, area = (int(v) for v in stats[i])
-        if area * smooth.max() < _BLOBS.faint * least_mass:
+        if area * smooth.max() < _FAINT * least_mass:
             continue  # cannot weigh enough
-        x0, y0 = max(x - _BLOBS.margin, 0), max(y - _BLOBS.margin, 0)
-        window = np.s_[y0 : y + h + _BLOBS.margin, x0 : x + w + _BLOBS.margin]
-        own = (labels[window] == i).view(np.uint8)
-        own_smooth = np.where(own, smooth[window], 0)
-        row, column = divmod(int(own_smooth.argmax()), own.shape[1])
-        patch = part[window][max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
-        if marker.hue is not None and not marker.is_of_color(patch.reshape(-1, 3).mean(axis=0)):
+        x0, y0 = max(x - _MARGIN, 0), max(y - _MARGIN, 0)
+        window = np.s_[y0 : y + h + _MARGIN, x0 : x + w + _MARGIN]
+        peak, color = _brightest(part[window], smooth[window], labels[window] == i)
+        if marker.hue is not None and not marker.is_of_color(color):
             continue
-        # Light spills over the threshold's edge, but not into a neighbouring blob
-        wide = cv2.dilate(own, np.ones((2 * _BLOBS.margin + 1, 2 * _BLOBS.margin + 1), np.uint8)).astype(bool)
-        wide &= (labels[window] == i) | (labels[window] == 0)
-        # What is darker than the background (arm and whip before it) is not light, nor negative light, which would push
-        # the centroid away from the whip; noise around zero stays
-        light = np.where(strength[window] < -3 * noise, 0, strength[window]) * wide
+        light, wide = _light_of(strength[window], labels[window], i, noise)
         mass = float(light.sum())
-        if mass < _BLOBS.faint * least_mass:
+        if mass < _FAINT * least_mass:
             continue
         xs, ys = np.arange(light.shape[1]), np.arange(light.shape[0])
         u, v = float(light.sum(axis=0) @ xs) / mass, float(light.sum(axis=1) @ ys) / mass
         spread = (wide * ((xs - u) ** 2 + (ys[:, None] - v) ** 2)).sum() / 2
-        blobs.append(
-            Blob(
-                pixel=np.array([left + x0 + u, top + y0 + v]),
-                mass=mass,
-                peak=float(own_smooth.max()),
-                box=(left + x, top + y, w, h),
-                cut=left + x <= 1 or top + y <= 1 or left + x + w >= width - 1 or top + y + h >= height - 1,
-                noise=float(noise * np.sqrt(spread) / mass),
-            )
-        )
+        cut = left + x <= 1 or top + y <= 1 or left + x + w >= width - 1 or top + y + h >= height - 1
+        place, box = np.array([left + x0 + u, top + y0 + v]), (left + x, top + y, w, h)
+        blobs.append(Blob(place, mass, peak, box, cut, float(noise * np.sqrt(spread) / mass)))
     return blobs
+
+
+def _components(
+    smooth: np.ndarray, threshold: float, near: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """Labels of the connected patches above a threshold, (h, w), OpenCV's table of them, and the order to take them."""
+    mask = (smooth > threshold).view(np.uint8)
+    count, labels, stats, _ = opencv().connectedComponentsWithStats(mask, connectivity=8)
+    order = list(range(1, count))
+    if near is not None and order:
+        first = _climb(smooth * mask, labels, near, stats)
+        order.sort(key=lambda i: i != first)
+    return labels, stats, order
+
+
+def _brightest(image: np.ndarray, smooth: np.ndarray, own: np.ndarray) -> tuple[float, np.ndarray]:
+    """A blob's greatest strength, and the mean colour around it, in levels; `own` is where the blob is, (h, w)."""
+    own_smooth = np.where(own, smooth, 0)
+    row, column = divmod(int(own_smooth.argmax()), own.shape[1])
+    patch = image[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+    return float(own_smooth.max()), patch.reshape(-1, patch.shape[2] if patch.ndim == 3 else 1).mean(axis=0)
+
+
+def _light_of(strength: np.ndarray, labels: np.ndarray, label: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """A blob's light, (h, w), and where it may be: beyond the threshold's edge, but not in a neighbouring blob."""
+    square = np.ones((2 * _MARGIN + 1, 2 * _MARGIN + 1), np.uint8)
+    wide = opencv().dilate((labels == label).view(np.uint8), square).astype(bool)
+    wide &= (labels == label) | (labels == 0)
+    # What is darker than the background (arm and whip before it) is not light, nor negative light, which would push
+    # the centroid away from the whip; noise around zero stays
+    return np.where(strength < -3 * noise, 0, strength) * wide, wide
 
 
 def _climb(density: np.ndarray, labels: np.ndarray, start: np.ndarray, stats: np.ndarray) -> int:

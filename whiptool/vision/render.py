@@ -26,30 +26,13 @@ from whiptool.vision.source import Frame
 from whiptool.vision.strike_drawing import StrikeDrawing
 from whiptool.viz.posture import as_mujoco_shows
 
-
-@dataclass(frozen=True)
-class Sampling:
-    """How finely a moving picture is sampled.
-
-    Args:
-        fine: Samples per pixel and direction where the tip is.
-        tip_step: Pixels that the tip moves from one sub-frame to the next, at most.
-        whip_step: Likewise for arm and whip.
-        shares: Sub-frames per exposure at least, each shifted by a part of a pixel against jagged edges.
-        shifts: Those parts.
-        still: Pixels that still count as rest.
-    """
-
-    fine: int = 4
-    tip_step: float = 1.0
-    whip_step: float = 2.0
-    shares: int = 4
-    shifts: tuple[tuple[float, float], ...] = ((-0.375, 0.125), (0.125, 0.375), (0.375, -0.125), (-0.125, -0.375))
-    still: float = 0.02
-
-
-_SAMPLING = Sampling()
-_BOARD = 0.16  # brightness of an occluding board
+_FINE = 4  # samples per pixel and direction where the tip is
+_TIP_STEP = 1.0  # pixels that the tip moves from one sub-frame to the next, at most
+_WHIP_STEP = 2.0  # likewise arm and whip
+_SHARES = 4  # sub-frames per exposure at least, each shifted by a part of a pixel against jagged edges:
+_SHIFTS = (-0.375, 0.125), (0.125, 0.375), (0.375, -0.125), (-0.125, -0.375)
+_STILL = 0.02  # pixels that still count as rest
+_SCREEN = 0.16  # brightness of a screen before the camera
 
 
 @dataclass(frozen=True)
@@ -71,7 +54,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Screen:
-    """A dark board before the camera, over part of the image and for part of the time.
+    """A dark screen before the camera, over part of the image and for part of the time.
 
     Args:
         left, top, right, bottom: Its edges [pixels]; right and bottom are the first pixels outside.
@@ -169,7 +152,7 @@ class VirtualCamera:
             marker_radius=self.marker_radius,
             target_radius=self.target_radius,
         )
-        pictures = [self._scene.draw(None, (dx, dy, s.width, s.height)) for dx, dy in _SAMPLING.shifts]
+        pictures = [self._scene.draw(None, (dx, dy, s.width, s.height)) for dx, dy in _SHIFTS]
         self._background = np.stack(pictures).mean(axis=0, dtype=np.float32)
         self.truths = []
 
@@ -188,10 +171,10 @@ class VirtualCamera:
         start, exposed = float(self.starts[k]), self._exposed
         light, marker = self._light(start, k)
         seen = marker.copy()
-        for board in self.screens:
-            if board.start <= start < board.end:
-                rows, columns = slice(max(board.top, 0), board.bottom), slice(max(board.left, 0), board.right)
-                light[rows, columns] = 255 * _BOARD
+        for screen in self.screens:
+            if screen.start <= start < screen.end:
+                rows, columns = slice(max(screen.top, 0), screen.bottom), slice(max(screen.left, 0), screen.right)
+                light[rows, columns] = 255 * _SCREEN
                 seen[rows, columns] = 0
         # Light of the whole marker: the ball's disc, for as long as the shutter is open to it
         s = self.settings
@@ -248,7 +231,7 @@ class VirtualCamera:
         moving = moving.reshape(len(window), *self._points.shape[1:])
         box = self._box(moving, 0.05 * self.model.reach)
         if box is not None:
-            frames = int(np.clip(np.ceil(blur / _SAMPLING.whip_step), _SAMPLING.shares, 16))
+            frames = int(np.clip(np.ceil(blur / _WHIP_STEP), _SHARES, 16))
             self._expose(box, start, 1, s.exposure / frames, light, None)
         # The tip, finely
         reach = self.marker_radius * 1.1 + 3 / scale
@@ -260,8 +243,8 @@ class VirtualCamera:
         tips = np.concatenate([tips, self._exposed.points[k][None, None]])
         box = self._box(tips, reach)
         if box is not None:
-            steps = max(_SAMPLING.shares, int(np.ceil(blur / _SAMPLING.tip_step)))
-            self._expose(box, start, _SAMPLING.fine, s.exposure / steps, light, marker)
+            steps = max(_SHARES, int(np.ceil(blur / _TIP_STEP)))
+            self._expose(box, start, _FINE, s.exposure / steps, light, marker)
         return light, marker
 
     def _expose(
@@ -284,9 +267,9 @@ class VirtualCamera:
         edges = np.linspace(first, last, n + 1)
         middle = (edges[1:] + edges[:-1]) / 2
         q = self._q(middle)  # (n, joints)
-        still = self._span(q) < _SAMPLING.still
+        still = self._span(q) < _STILL
         if still:  # one picture of all rows at once
-            n, edges = _SAMPLING.shares, None
+            n, edges = _SHARES, None
         weights = np.full((height, n), 1 / n, np.float32)
         if edges is not None:
             overlap = np.minimum(edges[1:], opens[:, None] + s.exposure) - np.maximum(edges[:-1], opens[:, None])
@@ -297,7 +280,7 @@ class VirtualCamera:
             if not len(rows):
                 continue
             part = slice(rows[0], rows[-1] + 1)
-            dx, dy = _SAMPLING.shifts[i % len(_SAMPLING.shifts)] if scale == 1 else (0.0, 0.0)
+            dx, dy = _SHIFTS[i % len(_SHIFTS)] if scale == 1 else (0.0, 0.0)
             drawn = scene.draw(
                 as_mujoco_shows(self.model, q[min(i, len(q) - 1)])[1],
                 (left + dx, top + rows[0] + dy, width, rows[-1] + 1 - rows[0]),
