@@ -365,7 +365,7 @@ def test_swings_in_different_planes_are_refused():
 def test_a_handle_that_is_not_tracked_is_refused_before_tracking(capsys, tmp_path, monkeypatch):
     """Images show the tip alone; a film need not even be readable to know that."""
     (tmp_path / "film.mkv").write_bytes(b"not looked at")
-    monkeypatch.setattr("whiptool.identification.gather.track_video", None)
+    monkeypatch.setattr("whiptool.identification.gather.tracked", None)
     assert identify.main([str(tmp_path / "film.mkv"), "--drive", "handle", "--out", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err
     assert re.search(r"drive handle: .*the tip alone is tracked.*drive passive", said)

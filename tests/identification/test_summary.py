@@ -14,7 +14,7 @@ from scipy.stats import t as student
 from whiptool.identification import summary
 from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
-from whiptool.identification.results import Fit, FittedStart, RecordingFit
+from whiptool.identification.results import Fit, FittedStart, RecordingFit, root_mean_square
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.uncertainty import Uncertainty
@@ -95,8 +95,8 @@ def test_parameters_in_lines():
 def test_errors_are_those_of_all_readings_together():
     """A recording with more readings counts for more."""
     some = [residuals_of(np.array(x)) for x in ([3.0, -4.0], [0.0] * 6)]
-    assert summary.root_mean_square(some) == pytest.approx(math.sqrt(25 / 8))
-    assert summary.root_mean_square([]) is None
+    assert root_mean_square(some) == pytest.approx(math.sqrt(25 / 8))
+    assert root_mean_square([]) is None
 
 
 def residuals_of(r: np.ndarray, **told) -> RecordingFit:
@@ -154,10 +154,10 @@ def test_depth_is_told_in_metres_beside_pixels():
     assert found.pixels == pytest.approx(0.3)
     assert found.rmse == pytest.approx(1.5e-3)
     assert found.depth == pytest.approx(0.02, rel=0.02)
-    assert summary.root_mean_square([found]) == pytest.approx(1.5e-3)
-    assert summary.root_mean_square_pixels([found]) == pytest.approx(0.3)
-    assert summary.root_mean_square_depth([found, residuals_of(np.ones(2))]) == found.depth
-    assert summary.root_mean_square_depth([residuals_of(np.ones(2))]) is None
+    assert root_mean_square([found]) == pytest.approx(1.5e-3)
+    assert root_mean_square([found], "pixels") == pytest.approx(0.3)
+    assert root_mean_square([found, residuals_of(np.ones(2))], "depth") == found.depth
+    assert root_mean_square([residuals_of(np.ones(2))], "depth") is None
     assert summary.error_words([found]) == "1.5 mm (0.3 pixels, depth 20.2 mm)"
     _, was, expected, _ = summary.tip_paths(recording, found)
     np.testing.assert_allclose(was[:, 2], depth[:, 0])

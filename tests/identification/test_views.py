@@ -13,7 +13,8 @@ from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
-from whiptool.identification.summary import error_words, root_mean_square_pixels
+from whiptool.identification.results import root_mean_square
+from whiptool.identification.summary import error_words
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.strike import Strike
@@ -92,8 +93,8 @@ def test_two_cameras_tell_a_whip_and_their_clocks(seen):
         assert high - low < 0.4 * true
     clocks = [r.own["delay"] for r in found.recordings]
     np.testing.assert_allclose(clocks, [0.004, -0.003], atol=2e-3)
-    assert root_mean_square_pixels(found.recordings) == pytest.approx(0.3, rel=0.15)
-    assert root_mean_square_pixels(found.held_out) < 0.4
+    assert root_mean_square(found.recordings, "pixels") == pytest.approx(0.3, rel=0.15)
+    assert root_mean_square(found.held_out, "pixels") < 0.4
     for film in found.held_out:  # two to three metres away, a pixel is some 5 to 7 mm
         assert 4e-3 < film.rmse / film.pixels < 9e-3
     assert "pixels" in error_words(found.held_out)

@@ -254,7 +254,8 @@ class _Run:
     def fit(self) -> None:
         """Fit, for every number of nodes that is to be tried."""
         from whiptool.identification.fit import best_nodes, fit
-        from whiptool.identification.summary import error_words, root_mean_square
+        from whiptool.identification.results import root_mean_square
+        from whiptool.identification.summary import error_words
 
         self.tried: list[tuple[int, float, float]] = []
         fits: dict[int, Fit] = {}

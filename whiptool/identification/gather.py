@@ -58,27 +58,6 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
     return open_video(path, **options)
 
 
-def tracked(
-    found: StrikeRecording | VideoSource, *, name: str, tip: Marker | None = None
-) -> tuple[StrikeRecording, bool]:
-    """One recording, tracked if it is filmed (with progress on stderr).
-
-    Args:
-        found: Result of `opened`.
-        name: Name of its file.
-        tip: Looks of the tip's marker; default: those of the virtual camera.
-
-    Returns:
-        The recording, and whether it states that it is synthetic.
-
-    Raises:
-        InputError: The images show no tip, or their strike plane is not calibrated.
-    """
-    if isinstance(found, StrikeRecording):
-        return found, False
-    return track_video(found, name=name, tip=tip), found.synthetic
-
-
 def may_be_filmed(path: str) -> bool:
     """Whether a recording is of a form that can hold images."""
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
@@ -94,18 +73,31 @@ def in_pixels(path: str) -> bool:
         return any(name.strip().strip('"').endswith("_u") for name in file.readline().split(","))
 
 
-def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> StrikeRecording:
-    """The tip's track through a video, as a recording: on the strike plane, or in pixels of a camera in space.
+def tracked(
+    found: StrikeRecording | VideoSource, *, name: str, tip: Marker | None = None
+) -> tuple[StrikeRecording, bool]:
+    """One recording, tracked if it is filmed (with progress on stderr): on the strike plane, or in pixels of a camera
+    in space.
+
+    Args:
+        found: Result of `opened`.
+        name: Name of its file.
+        tip: Looks of the tip's marker; default: those of the virtual camera.
+
+    Returns:
+        The recording, and whether it states that it is synthetic.
 
     Raises:
         InputError: There is neither a calibrated strike plane nor a camera in space, or the tip is never seen.
     """
+    if isinstance(found, StrikeRecording):
+        return found, False
     from whiptool.progress import Progress
     from whiptool.vision.recorded import RecordedCamera
     from whiptool.vision.source import frames_of
     from whiptool.vision.tracking import track, track_view
 
-    camera = RecordedCamera(video)
+    camera = RecordedCamera(found)
     frames = Progress(
         frames_of(camera),
         total=len(camera),
@@ -116,12 +108,12 @@ def track_video(video: VideoSource, *, name: str, tip: Marker | None = None) -> 
         leave=False,
     )
     try:
-        if video.view is None:
-            return track(frames, calibration=camera.calibration, tip=tip).to_recording(**video.about)
-        about: dict[str, Any] = dict(video.about)
-        if video.synthetic:
-            about["camera"] = f"{video.view.name} (virtual)"
-        distance = float(np.linalg.norm(video.view.position))  # markers are about as far away as the arm's base
-        return track_view(frames, tip=tip, distance=distance, **about)
+        if found.view is None:
+            return track(frames, calibration=camera.calibration, tip=tip).to_recording(**found.about), found.synthetic
+        about: dict[str, Any] = dict(found.about)
+        if found.synthetic:
+            about["camera"] = f"{found.view.name} (virtual)"
+        distance = float(np.linalg.norm(found.view.position))  # markers are about as far away as the arm's base
+        return track_view(frames, tip=tip, distance=distance, **about), found.synthetic
     except InputError as error:
         raise (error if name in error.name else error.within(f"{name}: ")) from None

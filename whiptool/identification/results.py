@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -82,22 +83,35 @@ class RecordingFit:
     @property
     def rmse(self) -> float:
         """Root mean square of the errors [m] or [rad], those of depth left out."""
-        return float(np.sqrt(np.mean(self.errors[~self.deep] ** 2)))
+        return root_mean_square([self]) or 0.0
 
     @property
     def pixels(self) -> float | None:
         """Root mean square of the residuals in a camera's view [pixels]; None without such a view."""
-        return None if self.view is None else float(np.sqrt(np.mean(self.residuals[~self.deep] ** 2)))
+        return root_mean_square([self], "pixels")
 
     @property
     def depth(self) -> float | None:
         """Root mean square of the errors of depth [m]; None: none was measured."""
-        return float(np.sqrt(np.mean(self.errors[self.deep] ** 2))) if self.deep.any() else None
+        return root_mean_square([self], "depth")
 
     @property
     def chi(self) -> float:
         """The same in units of the stated errors; about 1 if model and errors are right."""
         return float(np.sqrt(np.mean((self.residuals / self.sigma) ** 2)))
+
+
+def root_mean_square(
+    found: Sequence[RecordingFit], of: Literal["places", "pixels", "depth"] = "places"
+) -> float | None:
+    """Root mean square over several recordings, per coordinate: of the errors without those of depth [m] or [rad], of
+    the residuals in cameras' views [pixels], or of the errors of depth [m]; None where there are none."""
+    parts = {
+        "places": [r.errors[~r.deep] for r in found],
+        "pixels": [r.residuals[~r.deep] for r in found if r.view is not None],
+        "depth": [r.errors[r.deep] for r in found if r.deep.any()],
+    }[of]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else None
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.classes import MISFIT, Parameter
-from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit
+from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit, root_mean_square
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import Uncertainty
@@ -162,27 +162,10 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
         return None
 
 
-def root_mean_square(found: Sequence[RecordingFit]) -> float | None:
-    """Of all errors of several recordings, per coordinate [m], those of depth left out; None without such errors."""
-    return float(np.sqrt(np.mean(np.concatenate([r.errors[~r.deep] for r in found]) ** 2))) if found else None
-
-
-def root_mean_square_pixels(found: Sequence[RecordingFit]) -> float | None:
-    """Of all residuals in cameras' views, per coordinate [pixels]; None without such residuals."""
-    seen = [r.residuals[~r.deep] for r in found if r.view is not None]
-    return float(np.sqrt(np.mean(np.concatenate(seen) ** 2))) if seen else None
-
-
-def root_mean_square_depth(found: Sequence[RecordingFit]) -> float | None:
-    """Of all errors of depth of several recordings [m]; None where none was measured."""
-    deep = [r.errors[r.deep] for r in found if r.deep.any()]
-    return float(np.sqrt(np.mean(np.concatenate(deep) ** 2))) if deep else None
-
-
 def error_words(found: Sequence[RecordingFit]) -> str:
     """Return the root mean square error of recordings in words: in mm or mrad, of cameras in pixels, too, and of
     depth."""
-    metres, pixels, depth = (of(found) for of in (root_mean_square, root_mean_square_pixels, root_mean_square_depth))
+    metres, pixels, depth = (root_mean_square(found, of) for of in ("places", "pixels", "depth"))
     said = [] if pixels is None else [f"{pixels:.3g} pixels"]
     said += [] if depth is None else [f"depth {1e3 * depth:.3g} mm"]
     unit = "mrad" if any(r.angular for r in found) else "mm"
@@ -290,10 +273,10 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
         "nuisance": fit.nuisance,
         "rmse": root_mean_square(fit.recordings),
         "held_out_rmse": root_mean_square(fit.held_out),
-        "rmse_pixels": root_mean_square_pixels(fit.recordings),
-        "held_out_rmse_pixels": root_mean_square_pixels(fit.held_out),
-        "rmse_depth": root_mean_square_depth(fit.recordings),
-        "held_out_rmse_depth": root_mean_square_depth(fit.held_out),
+        "rmse_pixels": root_mean_square(fit.recordings, "pixels"),
+        "held_out_rmse_pixels": root_mean_square(fit.held_out, "pixels"),
+        "rmse_depth": root_mean_square(fit.recordings, "depth"),
+        "held_out_rmse_depth": root_mean_square(fit.held_out, "depth"),
         "recordings": [_recording_table(*pair) for pair in pairs],
         "starts": [
             {

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -47,30 +47,6 @@ class Run:
     missed: int
     overruns: int
     torque: str
-
-
-class Cycle(NamedTuple):
-    """What is recorded of one control cycle; None where it is missing.
-
-    Args:
-        t: Since the start, as planned [s].
-        stamp: When the sample was there, by the clock [s].
-        late: By how much the cycle began too late [s].
-        counts: Goal currents that were sent, in the servos' units.
-        flags: Faults of the cycle.
-        sample: As the servos gave it.
-        tau: Torque that the controller asked for [N m].
-        q_d: Reference [rad].
-    """
-
-    t: float
-    stamp: float
-    late: float
-    counts: np.ndarray
-    flags: int
-    sample: JointSample | None = None
-    tau: np.ndarray | None = None
-    q_d: np.ndarray | None = None
 
 
 def posture_controller(model: Model, options: LoopOptions) -> Controller:
@@ -184,7 +160,8 @@ class RigLoop:
             if self.safety.state == State.FAULT and not self._logged_fault:
                 zero = np.zeros(n, int)
                 flags = Flag.FAULT | Flag.OUTSIDE
-                log.append(self._row(Cycle(self._k / self.options.rate, self.clock.now(), 0.0, zero, flags)))
+                now = {"t": self._k / self.options.rate, "stamp": self.clock.now(), "late": 0.0}
+                log.append(self._row(zero, **now, flags=flags))
             log.close()
         return Run(
             cycles=log.cycles(),
@@ -316,29 +293,17 @@ class RigLoop:
             reason = error if isinstance(error, SafetyError) else SafetyError("unplugged", str(error))
             safety.fault(reason)
             self._logged_fault = True
-        log.append(self._row(Cycle(t, stamp, started - deadline, counts, flags, sample, tau, q_d)))
+        times = {"t": t, "stamp": stamp, "late": started - deadline}
+        log.append(self._row(counts, sample, **times, flags=flags, tau=tau, q_d=q_d))
         if error is not None:
             raise error
 
-    def _row(self, c: Cycle) -> tuple:
-        """Return a cycle as a row of the record; what there is not is not a number."""
-        s, nan = c.sample, [math.nan] * self.joints.n
-        return (
-            c.t,
-            c.stamp,
-            c.late,
-            *(nan if s is None else s.q.tolist()),
-            *(nan if s is None else s.v.tolist()),
-            *(nan if s is None else s.current.tolist()),
-            *(c.counts * self.joints.units.current).tolist(),
-            *(nan if c.tau is None else c.tau.tolist()),
-            *(nan if c.q_d is None else c.q_d.tolist()),
-            *(nan if s is None else s.voltage.tolist()),
-            *(nan if s is None else s.temperature.tolist()),
-            c.flags,
-            self._phase,
-            self.safety.state,
-        )
+    def _row(self, counts: np.ndarray, sample: JointSample | None = None, **own: Any) -> dict[str, Any]:
+        """Return a cycle as the record takes it; `own` are times, flags, torque and reference."""
+        seen = ("q", "v", "current", "voltage", "temperature")
+        measured = {} if sample is None else {name: getattr(sample, name) for name in seen}
+        goal = counts * self.joints.units.current
+        return {**own, **measured, "goal_current": goal, "phase": self._phase, "state": self.safety.state}
 
 
 __all__ = ["Clock", "LoopOptions", "RigLoop", "Run", "StepClock", "WallClock", "move", "posture_controller"]

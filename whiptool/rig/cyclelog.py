@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum, IntFlag
 from io import FileIO
@@ -78,8 +79,15 @@ class CycleLog:
             self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115  # closed by `close`
             append_to(self._file, self._head)
 
-    def append(self, row: Sequence[float]) -> None:
-        """Write one cycle: the columns of `Cycles` in their order, as one flat row."""
+    def append(self, values: Mapping[str, Any]) -> None:
+        """Write one cycle: the columns of `Cycles` by name; what is left out or None is not a number."""
+        row: list[float] = []
+        for name, per_joint in _COLUMNS:
+            value = values.get(name)
+            if value is None:
+                row += [math.nan] * (self.joints if per_joint else 1)
+            else:
+                row += value.tolist() if per_joint else [value]
         data = self._row.pack(*row)
         self._memory += data
         if self._file is not None:

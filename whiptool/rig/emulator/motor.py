@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 from whiptool.errors import InputError
+from whiptool.limits.motor_limits import XM430
 from whiptool.models.parameters import number
 
-STALL_TORQUE, STALL_CURRENT = 4.1, 2.3  # [N m], [A] at 12 V; XM430-W350, maker's manual
-NO_LOAD_SPEED = 46 * 2 * math.pi / 60  # [rad/s] at 12 V, likewise
-RATED_VOLTAGE = 12.0  # [V]
+RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
 
 
 @dataclass(frozen=True)
@@ -35,9 +34,9 @@ class Motor:
     """
 
     voltage: float = RATED_VOLTAGE
-    resistance: float = RATED_VOLTAGE / STALL_CURRENT
-    back_emf: float = RATED_VOLTAGE / NO_LOAD_SPEED
-    efficiency: float = STALL_TORQUE / STALL_CURRENT / (RATED_VOLTAGE / NO_LOAD_SPEED)
+    resistance: float = RATED_VOLTAGE / XM430.stall_current
+    back_emf: float = RATED_VOLTAGE / XM430.no_load_speed
+    efficiency: float = XM430.stall_torque / XM430.stall_current / (RATED_VOLTAGE / XM430.no_load_speed)
     viscous_friction: float = 0.0
     dry_friction: float = 0.0
     friction_velocity: float = 0.05
