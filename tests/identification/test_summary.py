@@ -14,11 +14,11 @@ from scipy.stats import t as student
 from whiptool.identification import summary
 from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
+from whiptool.identification.parameter_units import unit_of
 from whiptool.identification.results import Fit, FittedStart, RecordingFit, root_mean_square
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.uncertainty import Uncertainty
-from whiptool.identification.units import unit_of
 from whiptool.identification.variables import Variable, variable
 from whiptool.models.parameters import ArmLink
 from whiptool.recording.camera import Camera

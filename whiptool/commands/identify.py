@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from whiptool.commands import cli
-from whiptool.commands.fit_status import convergence_status
 from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
@@ -300,7 +299,9 @@ class _Run:
         write(dataclasses.replace(plant.model, name=f"{self.model.name} identified"), path / IDENTIFIED)
         summary = self._summary(plant, path)
         folder.write_result(summary)
-        status = convergence_status(self.found)
+        if not self.found.converged:
+            said = f"not converged: {self.found.status.value}: values and intervals may be off"
+            self._say(f"{said}; more --starts or a nearer --model may help")
         if self.found.failed:
             number, starts = len(self.found.failed), len(self.found.runs)
             tried = counted(starts, "start")
@@ -316,7 +317,7 @@ class _Run:
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
         title = f"Identified {'arm' if self.bare else 'whip'}"
         write_whole(path / REPORT, to_html(title, self._subtitle(), self._facts(), parts))
-        return status
+        return 0 if self.found.converged else 1
 
     def _say(self, line: str) -> None:
         print(f"whiptool: {line}", file=sys.stderr)

@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
 from whiptool.errors import InputError, expect
 from whiptool.identification.bare_arm import BareArm
-from whiptool.identification.units import unit_of
+from whiptool.identification.parameter_units import unit_of
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile

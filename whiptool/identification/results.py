@@ -13,11 +13,11 @@ from scipy.special import gammaincinv
 
 from whiptool.identification.classes import MISFIT, Parameter
 from whiptool.identification.inputs import names_of
+from whiptool.identification.parameter_units import with_unit
 from whiptool.identification.plant import Plant
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import Uncertainty
-from whiptool.identification.units import with_unit
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import Model
 from whiptool.recording.camera import Camera

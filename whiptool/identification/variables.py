@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.units import unit_of
+from whiptool.identification.parameter_units import unit_of
 
 _FACTOR = 1e3  # a positive number is sought within this factor of its first value
 # usual size of what may be zero or of either sign, in its own unit

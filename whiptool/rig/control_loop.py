@@ -157,12 +157,7 @@ class RigLoop:
                     self.safety.fault(SafetyError("signal", f"{heard.received} came"))
                 heard.answered = self.safety.state == State.FAULT
         finally:
-            if self.safety.state == State.FAULT and not self._logged_fault:
-                zero = np.zeros(n, int)
-                flags = Flag.FAULT | Flag.OUTSIDE
-                now = {"t": self._k / self.options.rate, "stamp": self.clock.now(), "late": 0.0}
-                log.append(self._row(zero, **now, flags=flags))
-            log.close()
+            self._close(log)
         return Run(
             cycles=log.cycles(),
             fault=self.safety.reason,
@@ -187,6 +182,14 @@ class RigLoop:
                     safety.fault(reason)
             except KeyboardInterrupt:
                 safety.fault(SafetyError("signal", f"{heard.received or 'Ctrl-C'} came"))
+
+    def _close(self, log: CycleLog) -> None:
+        """Close the record; a fault outside of the cycles is its last row."""
+        if self.safety.state == State.FAULT and not self._logged_fault:
+            zero, flags = np.zeros(self.joints.n, int), Flag.FAULT | Flag.OUTSIDE
+            now = {"t": self._k / self.options.rate, "stamp": self.clock.now(), "late": 0.0}
+            log.append(self._row(zero, **now, flags=flags))
+        log.close()
 
     def check(self, strike: Strike, believed: Model | None = None) -> None:
         """Rehearse a strike; see `whiptool.rig.rehearsal`.

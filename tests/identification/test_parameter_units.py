@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from whiptool.identification.parameter_units import unit_of, with_unit
 from whiptool.identification.plant import Plant, units
-from whiptool.identification.units import unit_of, with_unit
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.hand import HandControl
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
