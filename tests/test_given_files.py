@@ -19,7 +19,7 @@ from whiptool.goals.zone import Region
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.tables import read_toml
 from whiptool.models.trajectory import Trajectory
-from whiptool.optimizers.library import StrikeLibrary
+from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 

@@ -21,7 +21,7 @@ from whiptool.models import preset
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import read_robot
 from whiptool.models.files import read_model, write_model
-from whiptool.optimizers.library import StrikeLibrary
+from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
 
 

@@ -18,8 +18,8 @@ from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import METHODS, Status, find_method, search
 from whiptool.optimizers.evolutionary_search import fitness
-from whiptool.optimizers.library import StrikeLibrary, warm_search
 from whiptool.optimizers.nlopt_search import nlopt_names
+from whiptool.optimizers.strike_library import StrikeLibrary, warm_search
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.interface import Rollout
 

@@ -16,8 +16,8 @@ from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout
 
 if TYPE_CHECKING:
-    from whiptool.optimizers.library import StrikeLibrary
     from whiptool.optimizers.result import Result
+    from whiptool.optimizers.strike_library import StrikeLibrary
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class SearchUnit(Unit):
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit."""
-        from whiptool.optimizers.library import StrikeLibrary
+        from whiptool.optimizers.strike_library import StrikeLibrary
 
         scene, start = self.scene, time.monotonic()
         rollout, library = scene.rollout(threads), None
@@ -85,7 +85,7 @@ class SearchUnit(Unit):
         """Search at target number i until it is hit within a radius [m]."""
         from whiptool.objective import Objective
         from whiptool.optimizers import search
-        from whiptool.optimizers.library import library_search, warm_search
+        from whiptool.optimizers.strike_library import library_search, warm_search
 
         scene, target = self.scene, self._target(i, radius)
         objective = Objective(rollout, target, t_stay=scene.t_stay, max_trials=scene.cap, stop_at_hit=True)

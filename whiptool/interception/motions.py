@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from scipy.special import ellipj, ellipkinc
@@ -15,35 +15,37 @@ LENGTHS = (0.4, 1.0, 2.5)  # [m] of strings that a search starts from
 _OVER_THE_TOP = 1 - 1e-9  # a bob with more energy than this part of the top's is not a pendulum's
 
 
-class TargetMotion(Protocol):
+@dataclass(frozen=True)
+class TargetMotion(ABC):
     """A family of paths with p numbers.
 
     Args:
         name: Name of the motion.
-        names: Names of the p numbers.
-        loosely: Mean and weight (1 / standard error, 0: none) of what is known of them beforehand, (p,) each.
     """
 
-    @property
-    def name(self) -> str: ...
+    name: str
 
     @property
-    def names(self) -> tuple[str, ...]: ...
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the p numbers."""
 
     @property
-    def loosely(self) -> tuple[np.ndarray, np.ndarray]: ...
+    def loosely(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and weight (1 / standard error, 0: none) of what is known of the numbers beforehand, (p,) each."""
+        return np.zeros(len(self.names)), np.zeros(len(self.names))
 
+    @abstractmethod
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Where it is, (..., T, 2) [m], for numbers (..., p) and times (T,) [s]."""
-        ...
 
+    @abstractmethod
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Rough numbers that a fit begins with, (S, p), from times (T,) near 0 and positions (T, 2)."""
-        ...
 
 
 @dataclass(frozen=True)
-class Polynomial:
+class Polynomial(TargetMotion):
     """At rest (order 0) or with a velocity (order 1), under a known acceleration: x, y, then vx, vy at time 0.
 
     Args:
@@ -52,7 +54,6 @@ class Polynomial:
         acceleration: (x, y) [m/s^2].
     """
 
-    name: str
     order: int
     acceleration: tuple[float, float] = (0.0, 0.0)
 
@@ -60,11 +61,6 @@ class Polynomial:
     def names(self) -> tuple[str, ...]:
         """Names of the numbers: position [m] and velocity [m/s]."""
         return ("x", "y", "vx", "vy")[: 2 * (self.order + 1)]
-
-    @property
-    def loosely(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return zero means and zero weights: a polynomial needs no prior."""
-        return np.zeros(len(self.names)), np.zeros(len(self.names))
 
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Where it is, (..., T, 2) [m]."""
@@ -78,7 +74,7 @@ class Polynomial:
 
 
 @dataclass(frozen=True)
-class PendulumMotion:
+class PendulumMotion(TargetMotion):
     """A bob on a string, at any angle below the top: theta'' = -(g / L) sin(theta), exactly.
 
     Its numbers: the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0. theta
@@ -93,9 +89,9 @@ class PendulumMotion:
     Source: A. J. Brizard, "A primer on elliptic functions with applications in classical mechanics", 2009.
     """
 
+    name: str = field(default="pendulum", init=False)
     pivot: tuple[float, float] | None = None
     gravity: float = GRAVITY
-    name: str = field(default="pendulum", init=False)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -9,9 +9,9 @@ all its lanes are rolled out as one batch, on all cores.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -20,15 +20,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.arrival_rule import sample_goals
 from whiptool.goals.goals import Goals
-from whiptool.goals.target import HIT_RADIUS, Target
-from whiptool.goals.zone import Zone
+from whiptool.goals.target import Target
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
-from whiptool.limits.all_limits import Limits
 from whiptool.models import Model, load_model
 from whiptool.models.numbers import ASK_UNIT, LONGEST, whole
-from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.rl.task import StrikeTask, TaskStep
 from whiptool.rollout import CompiledRollout
 from whiptool.words import as_named
@@ -37,17 +34,7 @@ _CHOSEN = ("target", "angle", "targets", "angles")  # options of `reset`, for on
 
 
 def make_task(
-    *,
-    model: Model | str | Path = "lemon2024",
-    controller: Controller | str | None = None,
-    zone: Zone | None = None,
-    arrival: ArrivalRule | None = None,
-    observation: str = "goal",
-    hit_radius: float = HIT_RADIUS,
-    strikes: int = 100,
-    t_stay: float = T_STAY,
-    bounds: StrikeBounds | None = None,
-    limits: Limits | Sequence[Limits] | Literal["default"] | None = "default",
+    *, model: Model | str | Path = "lemon2024", controller: Controller | str | None = None, **options: Any
 ) -> StrikeTask:
     """The task behind an environment, from the environment's options.
 
@@ -55,15 +42,8 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
             `default_controller`.
-        zone: Zone of the targets; default: the paper's disc, in space a ball around the usual target.
-        arrival: How the tip has to arrive there, such as `ArrivalRule(angle=(0.5, 1.5))`; default: any way.
-        observation: `tip`, `relative` or `goal`, see `StrikeTask`.
-        hit_radius: Hit radius [m].
-        strikes: Strikes at one target before the episode is truncated.
-        t_stay: Time after the movement during which the tip is followed [s].
-        bounds: Box of the strikes.
-        limits: Limits that strikes have to keep; default: what the model's arm has, of a robot those of its joints,
-            itself and its floor, see `StrikeTask`; None: no limits.
+        options: Those of `StrikeTask`, by name, such as `zone`, `hit_radius`, `observation`, `strikes`, `limits` and
+            `arrival=ArrivalRule(angle=(0.5, 1.5))`.
 
     Raises:
         InputError: An option is out of range.
@@ -73,17 +53,7 @@ def make_task(
     if isinstance(controller, str):
         of_arm = as_named(controller, CONSTANT_PRESETS) in CONSTANT_PRESETS
         controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
-    return StrikeTask(
-        CompiledRollout(model, controller),
-        zone,
-        arrival=arrival,
-        observation=observation,
-        hit_radius=hit_radius,
-        strikes=strikes,
-        t_stay=t_stay,
-        bounds=bounds,
-        limits=limits,
-    )
+    return StrikeTask(CompiledRollout(model, controller), **options)
 
 
 def spaces(task: StrikeTask) -> tuple[Box, Box]:

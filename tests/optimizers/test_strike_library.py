@@ -11,7 +11,7 @@ from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 from whiptool.goals.target import Target
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
-from whiptool.optimizers.library import RATE, StrikeLibrary, library_search, warm_search
+from whiptool.optimizers.strike_library import RATE, StrikeLibrary, library_search, warm_search
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 0.5, 0.3, 0.8, 1.0))
 
