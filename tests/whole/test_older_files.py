@@ -23,7 +23,7 @@ from whiptool.goals.zone import Region
 from whiptool.identification.bare_arm import read_bare_arm
 from whiptool.impedance.files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
-from whiptool.optimizers.library import StrikeLibrary
+from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.recording.camera import read_cameras
 from whiptool.recording.readers.angles import read_angles
 from whiptool.rig.cyclelog import Cycles
