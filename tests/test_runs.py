@@ -27,7 +27,7 @@ def plain():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StrikePictures, "__enter__", lambda self: self)
         patch.setattr(StrikePictures, "draw", lambda self: [])
-        patch.setattr(optimize._Run, "_replay", lambda *_: {"miss_distance": None, "difference": None})
+        patch.setattr(optimize.SearchRun, "_replay", lambda *_: {"miss_distance": None, "difference": None})
         patch.setattr("whiptool.viz.plots.save_convergence", lambda *_, **__: None)
         yield
 

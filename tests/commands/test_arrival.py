@@ -64,7 +64,10 @@ def test_people_are_told_how_the_tip_arrives(capsys):
         (["--direction", "1", "0", "--cone", "0"], "--cone: got 0.0; allowed: a finite number > 0 and <= 180"),
         (["--cone", "5"], "--cone: got 5.0; allowed: only with --direction or --arrival-angle"),
         (["--direction", "1", "0", "0"], "--direction: got (1.0, 0.0, 0.0); allowed: 2 finite numbers"),
-        (["--direction", "1", "0", "--arrival-angle", "3"], "--arrival-angle: got 3.0; allowed: --direction or"),
+        (
+            ["--direction", "1", "0", "--arrival-angle", "3"],
+            "--arrival-angle: got 3.0; allowed: only without --direction",
+        ),
         (["--least-speed", "0"], "--least-speed: got 0.0; allowed: a finite number > 0"),
         (["--target", "1.514", "0", "--direction", "1", "0"], "--direction: got (1.0, 0.0); allowed: at right angles"),
         (["--export-trajectory", "x.txt"], "--export-trajectory: got 'x.txt'; allowed: a file named .csv"),

@@ -8,7 +8,7 @@ import types
 
 import pytest
 
-from whiptool.commands.optimize import missed_by, outcome_lines, strike_lines
+from whiptool.commands.strike_lines import missed_by, outcome_lines, strike_lines
 from whiptool.goals.target import Target
 from whiptool.models import SpatialArm
 from whiptool.models.spatial_arm import JointLimits, SpatialLink, without_inertia

@@ -62,4 +62,4 @@ def test_the_option_takes_it_without_a_preset():
     assert ControllerOptions(controller="position").controller_label() == "position control"
     for option, value in (("preset", "nah2020"), ("feedforward", True), ("torque_limit", 2.0)):
         with pytest.raises(InputError, match="only without"):
-            ControllerOptions(controller="position", **{option: value}).build_controller()
+            ControllerOptions(controller="position", **{option: value}).check()

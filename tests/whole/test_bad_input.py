@@ -38,7 +38,7 @@ OPTIONS = {
     "simulate": ("whiptool.commands.simulate", "SimulateOptions"),
     "train": ("whiptool.commands.train", "TrainOptions"),
     "map-build": ("whiptool.commands.map", "BuildOptions"),
-    "map-strike": ("whiptool.commands.map", "StrikeOptions"),
+    "map-strike": ("whiptool.commands.map", "MapStrikeOptions"),
     "compare": ("whiptool.commands.compare", "CompareOptions"),
     "reproduce": ("papers.reproduce", "ReproduceOptions"),
     "adapt": ("whiptool.commands.adapt", "AdaptOptions"),
@@ -98,7 +98,7 @@ SHARED = """
 --space hand --turn-stiffness 3 | only with --space pose
 --space hand --turn-damping 3 | only with --space pose
 --space pose --controller constant --turn-damping -1 | --turn-damping
---turn-stiffness 3 | only with --space hand
+--turn-stiffness 3 | only with --space pose
 --space hand --home 0.1 | posture: got
 --space hand --home nan 1 | --home
 --space hand --home 0.3 0 | not a singular
@@ -368,13 +368,13 @@ train --reward mine | paper, log
 train --zone-radius 50 | zone
 train --target 9 9 | target
 train --hit-radius 100 | --hit-radius: got 100
-train --region absent.npz | --region: got 'absent.npz'
+train --region absent.npz | --region: got
 train --region garbage.npz | garbage.npz
 train --region good.npz | good.npz
 train --region taken | taken
 train --region absent.npz --zone-radius 0.3 | --zone-radius
 train --region absent.npz --target 1 0 | --target
-map-build --region absent.npz | --region: got 'absent.npz'
+map-build --region absent.npz | --region: got
 map-build --region absent.npz --zone-radius 0.3 | --zone-radius
 map-build --region absent.npz --sector 1 2 -1 1 30 | --sector
 adapt --limits xm540 | xm430
@@ -415,7 +415,7 @@ train --episodes 2 --random-episodes 99 | --random-episodes
 train --direction 0 0 | --direction: got (0.0, 0.0); allowed: a vector that is not zero
 train --direction 1 0 0 | --direction: got (1.0, 0.0, 0.0); allowed: 2 coordinates
 train --direction 1 nan | direction
-train --direction 1 0 --arrival-angle 30 | --direction or --arrival-angle, not both
+train --direction 1 0 --arrival-angle 30 | only without --direction
 train --direction 1 0 --target 1.514 0 --zone-radius 0.01 | where arm and whip are stretched to their reach
 train --arrival-angle nan | --arrival-angle
 train --arrival-angle 90 30 | --arrival-angle: got (90.0, 30.0); allowed: an angle, or from which to which
@@ -442,7 +442,7 @@ train --batch-size 0 | --batch-size
 train --updates 0 | --updates
 train --noise 0.1 | noise
 train --noise nan --method td3 | --noise
-train --target-noise 0.1 --method ddpg | target_noise
+train --target-noise 0.1 --method ddpg | --target-noise: got 0.1; allowed: only with --method td3
 train --target-noise -1 --method td3 | --target-noise
 train --noise-clip inf --method td3 | --noise-clip
 train --delay 0 --method td3 | --delay

@@ -68,28 +68,13 @@ class NextOptions(OptionGroup):
         return needed_for(self.recordings)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 where a
-    robot of the user has to strike next, 130 after a signal."""
-    words = list(sys.argv[1:] if args is None else args)
-    return cli.run(lambda: _next(words[1:]) if words[:1] == [NEXT] else _main(words))
-
-
-def _main(args: Sequence[str]) -> int:
-    options = cli.parse_resumable(AdaptOptions, command="adapt", description=_ABOUT, args=args)
-    with cli.options_named(options):
-        return _adapt(options)
-
-
-def _next(args: Sequence[str]) -> int:
-    options = cli.parse(NextOptions, prog=f"whiptool adapt {NEXT}", description=_NEXT, args=args)
-    with cli.options_named(options, run_folder="--run"):
-        begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
-        if begun.port != ROBOT:
-            raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT}")
-        if options.cameras is not None and len(options.recordings) < 2:
-            raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
-        return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
+def _next(options: NextOptions) -> int:
+    begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
+    if begun.port != ROBOT:
+        raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT}")
+    if options.cameras is not None and len(options.recordings) < 2:
+        raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
+    return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
 
 
 def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
@@ -117,8 +102,8 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
             return _ask(waits, folder.path, as_json=options.json)
         summary = _summary(steps)
         folder.write_result(summary)
-        print(json.dumps(summary, allow_nan=False) if options.json else _conclusion(summary, folder.path), flush=True)
-        cli.drawing()
+        cli.tell(options, summary, _conclusion(summary, folder.path))
+        note("drawing ...")
         write_whole(folder.path / REPORT, _page(adaptation, steps, options))
         return 0 if summary["hit"] else 1
 
@@ -208,3 +193,14 @@ def _conclusion(summary: dict[str, Any], folder: Path) -> str:
     said = "hit claimed at" if summary["hit"] else "no hit claimed up to"
     misses = f"estimated misses [cm] with standard error and hit probability: {', '.join(judged)}"
     return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"
+
+
+_begun = cli.command(AdaptOptions, "adapt", _ABOUT, _adapt)
+_continued = cli.command(NextOptions, f"adapt {NEXT}", _NEXT, _next, named={"run_folder": "--run"})
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 where a
+    robot of the user has to strike next, 130 after a signal."""
+    words = list(sys.argv[1:] if args is None else args)
+    return _continued(words[1:]) if words[:1] == [NEXT] else _begun(words)

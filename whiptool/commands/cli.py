@@ -5,17 +5,19 @@ from __future__ import annotations
 import dataclasses
 import errno
 import io
+import json
 import os
 import pathlib
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
 
 from whiptool.commands.help import HELP, HELP_ALL, help_text
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
 from whiptool.commands.options.option_group import (
+    JsonOptions,
     OptionGroup,
     OutputOptions,
     ResumableOptions,
@@ -27,7 +29,7 @@ from whiptool.commands.options.option_group import (
 from whiptool.commands.spelling import choices, usual_words
 from whiptool.errors import NOTHING, InputError, WhiptoolError, alike
 from whiptool.extras import require
-from whiptool.progress import Progress, note
+from whiptool.progress import Progress
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
@@ -243,25 +245,6 @@ def parse_resumable(
                 "leave it out, or start a new run",
             )
     return again
-
-
-def parse_after_run(
-    options: type[T], *, command: str, description: str, args: Sequence[str] | None, of_run: Callable[[Path], T]
-) -> T:
-    """As `parse`, for a command that takes a run folder `RUN`, whose options hold unless they are given again.
-
-    Args:
-        options: Their class, with a positional field `run`.
-        command, description, args: As in `parse_resumable`.
-        of_run: Gives the options of a run.
-
-    Raises:
-        InputError: Also of `of_run`.
-    """
-    prog = f"whiptool {command}"
-    parsed: Any = _parsed(options, prog=prog, description=description, args=args)
-    default = None if parsed.run is None else of_run(parsed.run)
-    return parse(options, prog=prog, description=description, args=args, default=default)
 
 
 def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
@@ -492,6 +475,77 @@ def _line(error: BaseException, what: str = "") -> str:
     return "; ".join([f"whiptool: {said}", *getattr(error, "__notes__", [])])
 
 
+Main: TypeAlias = Callable[..., int]  # of the words of a command line; default: those that the process was called with
+
+
+def command(
+    options: type[T],
+    name: str,
+    about: str,
+    work: Callable[[T], int],
+    *,
+    prog: str = "",
+    quick: Mapping[str, Any] | None = None,
+    of_run: Callable[[Path], T] | None = None,
+    named: Mapping[str, str] | None = None,
+) -> Main:
+    """Return the `main` of a command: it parses a command line, does the work, and returns the exit status of `run`.
+
+    Args:
+        options: Class of its options; with `resume` they are those of `parse_resumable`.
+        name, about: Name, as in `python -m whiptool.NAME`, and description of the command.
+        work: Does what checked options ask for, and returns the exit status.
+        prog: How the command is called; default: `whiptool NAME`.
+        quick: Values that `--quick` sets where an option is not given.
+        of_run: Gives the options of the run folder in their positional field `run`, which hold unless they are given.
+        named: Options by names of the library that are not their own.
+    """
+    how: dict[str, Any] = {"prog": prog or f"whiptool {name}", "description": about}
+
+    def parsed(args: Sequence[str] | None) -> T:
+        if issubclass(options, ResumableOptions):
+            return parse_resumable(options, command=name, args=args, quick=quick, **how)
+        if of_run is None:
+            return parse(options, args=args, **how)
+        given: Any = _parsed(options, args=args, **how)
+        return parse(options, args=args, default=None if given.run is None else of_run(given.run), **how)
+
+    def called(args: Sequence[str] | None) -> int:
+        found = parsed(args)
+        with options_named(found, **named or {}):
+            return work(found)
+
+    return lambda args=None: run(lambda: called(args))
+
+
+def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = "") -> Main:
+    """Return the `main` of a command whose first word says what it does.
+
+    Args:
+        name: Name of the command.
+        mains: What each word does, and its `main`.
+        note: Last line of `--help`.
+    """
+
+    def main(args: Sequence[str] | None = None) -> int:
+        words = list(sys.argv[1:] if args is None else args)
+        if words[:1] in (["-h"], ["--help"]):
+            print(f"usage: whiptool {name} {'|'.join(mains)} [options]\n")
+            print("\n".join(f"  {word:8s} {what}" for word, (what, _) in mains.items()) + note)
+            return 0
+        if not words or words[0] not in mains:
+            fix = f"such as `whiptool {name} {next(iter(mains))} --help`"
+            return run(lambda: _unknown(name, " ".join(words[:1]), mains, fix))
+        return mains[words[0]][1](words[1:])
+
+    return main
+
+
+def tell(options: JsonOptions, summary: Mapping[str, Any], text: str) -> None:
+    """Print a result: one JSON object, or text for people."""
+    print(json.dumps(summary, allow_nan=False) if options.json else text, flush=True)
+
+
 COMMANDS = {
     "optimize": "find a strike that hits a target",
     "identify": "fit a whip's parameters to recorded strikes",
@@ -522,22 +576,12 @@ def main() -> int:
         print("\n`whiptool COMMAND --help` lists a command's options; `whiptool --version` prints the version.")
         return 0
     if args[0] not in COMMANDS:
-        return run(lambda: _unknown(args[0]))
+        return run(lambda: _unknown("command", args[0], COMMANDS))
     return import_module(f"whiptool.commands.{args[0]}").main(args[1:])
 
 
-def _unknown(command: str) -> int:
-    raise InputError("command", command, ", ".join(COMMANDS))
-
-
-def drawing() -> None:
-    """Say on stderr that the result is printed and that figures follow."""
-    note("drawing ...")
-
-
-def degrees(radians: float) -> str:
-    """An angle for people: in rad, with degrees in parentheses."""
-    return f"{radians:+.4f} rad ({radians * 57.29577951308232:+.1f} deg)"
+def _unknown(name: str, given: str, known: Iterable[str], fix: str = "") -> int:
+    raise InputError(name, given, ", ".join(known), fix)
 
 
 def as_plain(options: Any) -> dict:

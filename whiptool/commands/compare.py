@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -207,17 +206,10 @@ _EXAMPLE = (
 )
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(CompareOptions, command="compare", description=_EXAMPLE, args=args, quick=QUICK)
-    with cli.options_named(options):
-        comparison = options.comparison(options.methods, options.observation)
-        with open_folder("compare", options, comparison) as folder:
-            return _compare(options, comparison, folder)
+def _work(options: CompareOptions) -> int:
+    comparison = options.comparison(options.methods, options.observation)
+    with open_folder("compare", options, comparison) as folder:
+        return _compare(options, comparison, folder)
 
 
 def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
@@ -252,11 +244,8 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     targets = f"{counted(comparison.scene.targets, 'target')}: {words(comparison.scene.zone)}"
     about = f"{targets}{asked}. {difficulty_sentence(task)}"
     text = save(folder.path, series, about)
-    if options.json:
-        print(json.dumps(summary, allow_nan=False))
-    else:
-        print(text)
-        print(f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png, {CITATIONS})")
+    files = f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png, {CITATIONS})"
+    cli.tell(options, summary, f"{text}\n{files}")
     return 0
 
 
@@ -285,3 +274,6 @@ def save(folder: Path, series: Sequence[Series], about: str) -> str:
     write_whole(folder / "table.md", text)
     save_comparison(folder, series)
     return text
+
+
+main = cli.command(CompareOptions, "compare", _EXAMPLE, _work, quick=QUICK)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
@@ -34,21 +33,17 @@ class Finding:
     fix: str = ""
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0 unless a core package is missing."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    description = "Check the installation and this machine. Example: python -m whiptool.doctor"
-    options = cli.parse(DoctorOptions, prog="whiptool doctor", description=description, args=args)
+def _work(options: DoctorOptions) -> int:
     findings = examine()
-    if options.json:
-        print(json.dumps({f.name: {"found": f.found, "fix": f.fix} for f in findings}))
-    else:
-        for f in findings:
-            print(f"{'!' if f.fix else ' '} {f.name:22s} {f.found}" + (f"\n{'':25s}-> {f.fix}" if f.fix else ""))
+    lines = [
+        f"{'!' if f.fix else ' '} {f.name:22s} {f.found}" + (f"\n{'':25s}-> {f.fix}" if f.fix else "") for f in findings
+    ]
+    cli.tell(options, {f.name: {"found": f.found, "fix": f.fix} for f in findings}, "\n".join(lines))
     return int(any(f.name in CORE and f.fix for f in findings))
+
+
+_EXAMPLE = "Check the installation and this machine. Example: python -m whiptool.doctor"
+main = cli.command(DoctorOptions, "doctor", _EXAMPLE, _work)  # the exit status is 0 unless a core package is missing
 
 
 def examine() -> list[Finding]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from whiptool.commands.cli import options_named, parse, run
+from whiptool.commands import cli
 from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, whole
 from whiptool.errors import InputError
 
@@ -16,7 +15,11 @@ if TYPE_CHECKING:
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
-PATIENCE = 1.0  # [s] that a reply may take
+# [s] that a reply may take, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
+# (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
+# nor for this process: with eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's own
+# scan, a broadcast ping, waits 0.8 s. A servo that is not there costs a second for each baud rate that is tried.
+PATIENCE = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,23 +62,6 @@ class ServoOptions(OptionGroup):
                 whole(name, value, low=0, high=most)
         if self.set_id is not None and len(self.ids) != 1:
             raise InputError("--set-id", self.set_id, "together with one id in --ids")
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status.
-
-    A reply may take `PATIENCE`, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
-    (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
-    nor for this process: with eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's
-    own scan, a broadcast ping, waits 0.8 s. A servo that is not there costs a second for each baud rate that is tried.
-    """
-    return run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = parse(ServoOptions, prog="python -m whiptool.rig.dynamixel", description=__doc__ or "", args=args)
-    with options_named(options):
-        return _serve(options)
 
 
 def _serve(o: ServoOptions) -> int:
@@ -151,3 +137,6 @@ def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
         return
     fix = f"give that one another id first, or unplug it; --ids {o.set_id} shows it"
     raise InputError("--set-id", o.set_id, "an id that no other servo on the line has", fix)
+
+
+main = cli.command(ServoOptions, "rig.dynamixel", __doc__ or "", _serve, prog="python -m whiptool.rig.dynamixel")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from whiptool.commands.cli import options_named, parse, run
+from whiptool.commands import cli
 from whiptool.commands.dynamixel import Baud
 from whiptool.commands.options.option_group import Conditions, when
 from whiptool.commands.options.target_options import ModelOptions
@@ -31,24 +31,25 @@ class EmulatorOptions(ModelOptions):
     """Make a symbolic link with this name to the device."""
 
 
+def _serve(o: EmulatorOptions) -> int:
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+    from whiptool.rig.emulator.process import serve_alone
+    from whiptool.rig.emulator.twin_options import TwinOptions
+
+    motor = HARDWARE if o.friction else Motor()
+    serve_alone(TwinOptions(o.build_model(), motor, lockstep=o.lockstep, period=o.period, baud=o.baud), o.link)
+    return 0
+
+
+_command = cli.command(EmulatorOptions, "rig.emulator", __doc__ or "", _serve, prog="python -m whiptool.rig.emulator")
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    from whiptool.rig.emulator.process import serve_alone, serve_child
-
     words = list(sys.argv[1:] if args is None else args)
     if words[:1] == ["--control"]:  # started by `Emulator`
+        from whiptool.rig.emulator.process import serve_child
+
         serve_child(int(words[1]))
         return 0
-
-    def command() -> int:
-        from whiptool.rig.emulator.motor import HARDWARE, Motor
-        from whiptool.rig.emulator.twin_options import TwinOptions
-
-        o = parse(EmulatorOptions, prog="python -m whiptool.rig.emulator", description=__doc__ or "", args=words)
-        with options_named(o):
-            motor = HARDWARE if o.friction else Motor()
-            twin = TwinOptions(o.build_model(), motor, lockstep=o.lockstep, period=o.period, baud=o.baud)
-            serve_alone(twin, o.link)
-        return 0
-
-    return run(command)
+    return _command(words)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -14,6 +13,7 @@ from whiptool.commands import cli
 from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
 from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
+from whiptool.progress import note
 from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -31,22 +31,6 @@ _EXAMPLE = (
     "Fit a whip's parameters to recorded strikes. "
     "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
 )
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure or no convergence, 2 for bad input, 130 if stopped."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(IdentifyOptions, command="identify", description=_EXAMPLE, args=args)
-    with cli.options_named(options):
-        cli.check_out(options)  # before hours of film are tracked
-        run = _Run(options)
-        with run.open_folder() as folder:
-            run.write_recordings(folder)
-            run.fit()
-            return run.report(folder)
 
 
 def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
@@ -74,7 +58,7 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
     return tuple(found)
 
 
-class _Run:
+class FitRun:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
@@ -308,9 +292,8 @@ class _Run:
             self._say(f"{number} of {tried} failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
-        told = json.dumps(summary, allow_nan=False) if self.options.json else self._text(summary, path)
-        print(told, flush=True)
-        cli.drawing()
+        cli.tell(self.options, summary, self._text(summary, path))
+        note("drawing ...")
         from whiptool.identification.fit_report import sections
         from whiptool.viz.report import to_html
 
@@ -442,3 +425,15 @@ def _file_names(sources: list[str]) -> list[str]:
             number += 1
         names.append(name)
     return names
+
+
+def _work(options: IdentifyOptions) -> int:
+    cli.check_out(options)  # before hours of film are tracked
+    run = FitRun(options)
+    with run.open_folder() as folder:
+        run.write_recordings(folder)
+        run.fit()
+        return run.report(folder)
+
+
+main = cli.command(IdentifyOptions, "identify", _EXAMPLE, _work)  # 1 also where the fit did not converge

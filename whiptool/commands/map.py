@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,6 +12,7 @@ import numpy as np
 from tyro.conf import Positional
 
 from whiptool.commands import cli
+from whiptool.commands.limits_told import with_cure
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
 from whiptool.commands.options.limit_options import LimitOptions
 from whiptool.commands.options.option_group import (
@@ -31,16 +29,15 @@ from whiptool.commands.options.region_options import RegionOptions
 from whiptool.commands.options.simulator_options import StepOptions
 from whiptool.commands.options.target_options import GoalOptions, ModelOptions
 from whiptool.commands.options.trajectory_options import TrajectoryOptions
-from whiptool.commands.pictures import StrikePictures
-from whiptool.errors import InputError
+from whiptool.commands.pictures import StrikeRun, tell_strike
+from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines
 from whiptool.extras import optional
 
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models.strike import Strike
-    from whiptool.strike_map import StrikeMap
-
-WORDS = {"build": "build the map of a region of goals", "strike": "look up the strike for a goal in a map"}
+    from whiptool.objective import Outcome
+    from whiptool.strike_map import StrikeMap, Striker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +90,7 @@ class BuildOptions(
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
+class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     """Strike at a goal from a map; without --hit-radius at the map's."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
@@ -119,39 +116,20 @@ _BUILD = (
 _STRIKE = "Look up a strike in a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
-    words = list(sys.argv[1:] if args is None else args)
+def _build(options: BuildOptions) -> int:
+    from whiptool.strike_map.building import built
+    from whiptool.strike_map.map_runs import building_of
 
-    def command() -> int:
-        if words[:1] in (["-h"], ["--help"]):
-            print("usage: whiptool map build|strike [options]\n")
-            print("\n".join(f"  {word:8s} {what}" for word, what in WORDS.items()))
-            return 0
-        if not words or words[0] not in WORDS:
-            raise InputError("map", " ".join(words[:1]), ", ".join(WORDS), "such as `whiptool map build --help`")
-        return _build(words[1:]) if words[0] == "build" else _strike(words[1:])
-
-    return cli.run(command)
-
-
-def _build(args: Sequence[str]) -> int:
-    options = cli.parse_resumable(BuildOptions, command="map", description=_BUILD, args=args, prog="whiptool map build")
-    with cli.options_named(options):
-        from whiptool.strike_map.building import built
-        from whiptool.strike_map.map_runs import building_of
-
-        if options.gate_strikes:
-            optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
-
-        config = cli.configuration(options, "map", options.build_model(), options.build_controller())
-        building = building_of(config)
-        with cli.open_folder(options, "map", config) as folder:
-            start = time.monotonic()
-            strike_map = built(building, folder.path)
-            summary = _tested(options, strike_map, time.monotonic() - start)
-            folder.write_result(summary)
-            print(json.dumps(summary, allow_nan=False) if options.json else _text(summary, folder.path))
+    if options.gate_strikes:
+        optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
+    config = cli.configuration(options, "map", options.build_model(), options.build_controller())
+    building = building_of(config)
+    with cli.open_folder(options, "map", config) as folder:
+        start = time.monotonic()
+        strike_map = built(building, folder.path)
+        summary = _tested(options, strike_map, time.monotonic() - start)
+        folder.write_result(summary)
+        cli.tell(options, summary, _text(summary, folder.path))
     return 0
 
 
@@ -195,84 +173,80 @@ def _text(summary: dict[str, Any], path: Path) -> str:
     )
 
 
-def _strike(args: Sequence[str]) -> int:
-    options = cli.parse(StrikeOptions, prog="whiptool map strike", description=_STRIKE, args=args)
-    with cli.options_named(options, run_folder="run folder"):
-        from whiptool.strike_map.map_runs import load_map
+def _usual(run: Path) -> MapStrikeOptions:
+    """Return the options of strikes from a map: they hit within its radius unless another is given."""
+    from whiptool.runs import read_config
 
-        cli.check_out(options)
-        strike_map = load_map(options.run)
-        model = strike_map.striker.rollout.model
-        options.check_posture(model)
-        if "--hit-radius" not in cli.given_flags(args):
-            options = replace(options, hit_radius=strike_map.region.hit_radius)
-        target = options.build_target(model)
-        with warnings.catch_warnings(action="ignore"):  # what it misses or is beyond is printed
-            strike = strike_map.strike(target, refined=options.refine)
-        _report(options, strike_map, target, strike)
-    return 0
+    kept = read_config(run).get("options", {}) if run.exists() else {}
+    return MapStrikeOptions(run=run, **{name: kept[name] for name in ("hit_radius",) if name in kept})
 
 
-def _report(options: StrikeOptions, strike_map: StrikeMap, target: Target, strike: Strike) -> None:
-    """Play the strike and print the result, replay it in MuJoCo, then draw; JSON is printed after the replay."""
-    from whiptool.commands.limits_told import with_cure
-    from whiptool.commands.optimize import (
-        arrival_table,
-        export_trajectory,
-        missed_by,
-        outcome_lines,
-        strike_lines,
-    )
+def _strike(options: MapStrikeOptions) -> int:
+    """Play a strike of the map and print the result, replay it in MuJoCo, then draw."""
     from whiptool.models.strike import named_strike
     from whiptool.objective import Objective
-    from whiptool.rollout.reference import replay
     from whiptool.runs import code_version
+    from whiptool.strike_map.map_runs import load_map
 
+    cli.check_out(options)
+    strike_map = load_map(options.run)
     striker = strike_map.striker
-    rollout, model = striker.rollout, striker.rollout.model
+    rollout, model, limits = striker.rollout, striker.rollout.model, striker.limits.members
+    options.check_posture(model)
+    target = options.build_target(model)
+    with warnings.catch_warnings(action="ignore"):  # what it misses or is beyond is printed
+        strike = strike_map.strike(target, refined=options.refine)
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
-    limits = striker.limits.members
     beyond = striker.limits.explain(trajectory, model.arm.joints, strike)
     options.refuse_beyond(beyond)
     commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
-    outcome = objective.judge(trajectory, strike)
-    lines = [f"one strike from the map of {model.name}", *strike_lines(named_strike(strike, model.arm), model.arm)]
+    outcome, named = objective.judge(trajectory, strike), named_strike(strike, model.arm)
+    lines = [f"one strike from the map of {model.name}", *strike_lines(named, model.arm)]
     refused = [f"  outcome        refused, as it is beyond the limits: {with_cure(beyond)}"]
     lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
-    if not options.json:
-        print("\n".join(lines), flush=True)
-    place, expected = np.array(target.position), outcome.miss_distance
+    summary = {"strike": named, **outcome_table(outcome, target), "refined": options.refine, "beyond": beyond}
+    summary |= {"model": model.name, "version": code_version()}
     config = cli.configuration(options, "map strike", model, rollout.controller)
     if not options.run.exists():  # a map of the package, whose name is not a path
         config["options"]["run"] = options.run.name
-    with (
-        cli.new_folder(options, "map-strike", config) as folder,
-        StrikePictures(
-            folder.path, trajectory, model, target, "strike map", video=options.video, beyond=beyond
-        ) as pictures,
-    ):
-        seen = replay(model, rollout.controller, strike, place, t_stay=striker.t_stay, expected=expected)
-        summary = {
-            "strike": named_strike(strike, model.arm),
-            "target": list(target.position),
-            "hit_radius": target.hit_radius,
-            "refined": options.refine,
-            "miss_distance": outcome.known_miss,
-            "hit": outcome.hit,
-            "missed_by": missed_by(outcome, target),
-            "beyond": beyond,
-            "hit_time": outcome.hit_time,
-            "tip_speed": None if outcome.diverged else outcome.tip_speed,
-            "arrival": arrival_table(outcome, target),
-            "reference": {"miss_distance": seen.miss_distance},
-            "model": model.name,
-            "version": code_version(),
-        }
-        folder.write_result(summary)
-        said = "no result in MuJoCo" if seen.miss_distance is None else f"{seen.miss_distance:.4f} m in MuJoCo"
-        print(json.dumps(summary, allow_nan=False) if options.json else f"  reference      {said}", flush=True)
-        files = pictures.draw()
-    if not options.json:
-        print(f"  run folder     {folder.path} ({', '.join(files)})")
-    export_trajectory(options, commanded, rollout.controller)
+    with cli.new_folder(options, "map-strike", config) as folder:
+        tell_strike(
+            options,
+            folder,
+            StrikeRun(trajectory, model, target, "strike map", beyond),
+            summary,
+            lines,
+            video=options.video,
+            later=lambda: _replayed(striker, strike, target, outcome),
+        )
+    options.write_trajectory(commanded, rollout.controller)
+    return 0
+
+
+def _replayed(striker: Striker, strike: Strike, target: Target, outcome: Outcome) -> tuple[dict, str]:
+    """Return how a strike does in MuJoCo, for the result and for people."""
+    from whiptool.rollout.reference import replay
+
+    rollout, place = striker.rollout, np.array(target.position)
+    expected = {"t_stay": striker.t_stay, "expected": outcome.miss_distance}
+    miss = replay(rollout.model, rollout.controller, strike, place, **expected).miss_distance
+    said = "no result in MuJoCo" if miss is None else f"{miss:.4f} m in MuJoCo"
+    return {"reference": {"miss_distance": miss}}, f"  reference      {said}"
+
+
+main = cli.subcommands(
+    "map",
+    {
+        "build": (
+            "build the map of a region of goals",
+            cli.command(BuildOptions, "map", _BUILD, _build, prog="whiptool map build"),
+        ),
+        "strike": (
+            "look up the strike for a goal in a map",
+            cli.command(
+                MapStrikeOptions, "map strike", _STRIKE, _strike, of_run=_usual, named={"run_folder": "run folder"}
+            ),
+        ),
+    },
+)

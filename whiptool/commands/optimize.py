@@ -6,9 +6,8 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
@@ -28,15 +27,11 @@ from whiptool.commands.options.simulator_options import SimulatorOptions
 from whiptool.commands.options.space_options import SpaceOptions
 from whiptool.commands.options.target_options import GoalOptions, ModelOptions
 from whiptool.commands.options.trajectory_options import TrajectoryOptions
-from whiptool.commands.pictures import StrikePictures, drawing_process
+from whiptool.commands.pictures import StrikeRun, drawing_process, tell_strike
+from whiptool.commands.strike_lines import finite, outcome_lines, outcome_table, strike_lines
 from whiptool.errors import InputError
-from whiptool.progress import Progress, note
-from whiptool.references import CITATIONS
+from whiptool.progress import Progress
 from whiptool.words import counted
-
-if TYPE_CHECKING:
-    from whiptool.impedance import Controller
-    from whiptool.models.joint_trajectory import JointTrajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,24 +97,11 @@ class OptimizeOptions(
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 2 for bad input, 130 when interrupted."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(OptimizeOptions, command="optimize", description=_EXAMPLE, args=args)
-    with cli.options_named(options):
-        run = _Run(options)
-        with run.folder:
-            return run.report(run.search())
-
-
 _REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search reports it
 _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "speed": None}
 
 
-class _Run:
+class SearchRun:
     """One search: everything is checked before anything is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
@@ -226,43 +208,42 @@ class _Run:
         if result.strike is None:
             print("whiptool: ended before the first trial", file=sys.stderr)
             return status or 1
-        self.folder.write_result(self._summary(result, reference=_NOT_REPLAYED))  # whatever happens below
-        trajectory = self.rollout.trajectory(result.strike, t_stay=self.options.t_stay)
-        table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm.joints)
+        options, joints = self.options, self.model.arm.joints
+        trajectory = self.rollout.trajectory(result.strike, t_stay=options.t_stay)
+        table = limits_table(self.objective.limits, trajectory, result.strike, joints)
         table |= self._refusals(result) if table else {}
-        if not self.options.json:
-            print(self._text(result, self._summary(result, reference=_NOT_REPLAYED) | table), flush=True)
-        label, beyond = self.options.controller_label(), table.get("beyond")
-        with StrikePictures(
-            self.folder.path,
-            trajectory,
-            self.model,
-            self.target,
-            label,
-            video=self.options.video,
-            beyond=beyond,
-            process=self.drawing,
-        ) as pictures:
-            replayed = self._replay(result)
-            summary = self._summary(result, reference=replayed)
-            summary["warning"] = self._refine(result, trajectory)
-            summary |= table
-            self.folder.write_result(summary)
-            said = json.dumps(summary, allow_nan=False) if self.options.json else _in_mujoco(replayed, result.outcome)
-            print(said, flush=True)
-            files = pictures.draw()
-            from whiptool.viz.plots import save_convergence
+        summary = self._summary(result) | table
+        label, beyond = options.controller_label(), table.get("beyond")
 
-            label = f"{self.model.name}, {label}, {result.method}"
-            save_convergence(self.folder.path, result.trace, self.target, label=label)
-            files += self._save_front(result, label)
-        if not self.options.json:
-            print(f"  run folder     {self.folder.path} ({', '.join([*files, CITATIONS])})")
-        self.options.refuse_beyond(summary.get("beyond"))
+        def later() -> tuple[dict, str]:
+            replayed = self._replay(result)
+            warning = self._refine(result, trajectory)
+            return {"reference": replayed, "warning": warning}, _in_mujoco(replayed, result.outcome)
+
+        tell_strike(
+            options,
+            self.folder,
+            StrikeRun(trajectory, self.model, self.target, label, beyond),
+            summary,
+            self._lines(result, summary),
+            video=options.video,
+            later=later,
+            further=lambda: self._further(result, label),
+            process=self.drawing,
+        )
+        options.refuse_beyond(beyond)
         path = self.rollout.space.path(result.strike.vector)
-        commanded = self.options.build_trajectory(self.model, path, self.options.t_stay, self.given)
-        export_trajectory(self.options, commanded, self.controller)
+        commanded = options.build_trajectory(self.model, path, options.t_stay, self.given)
+        options.write_trajectory(commanded, self.controller)
         return status
+
+    def _further(self, result, label: str) -> list[str]:
+        """Draw how the search converged, and its front if there is one; return what that is, for people."""
+        from whiptool.viz.plots import save_convergence
+
+        label = f"{self.model.name}, {label}, {result.method}"
+        save_convergence(self.folder.path, result.trace, self.target, label=label)
+        return self._save_front(result, label)
 
     def _save_front(self, result, label: str) -> list[str]:
         """Write the Pareto front as JSON, CSV and figure, if one was asked for; return what that is, for people."""
@@ -348,7 +329,7 @@ class _Run:
             print(f"whiptool: {warning}", file=sys.stderr)
         return warning
 
-    def _summary(self, result, *, reference: dict) -> dict:
+    def _summary(self, result) -> dict:
         from whiptool.impedance.files import controller_to_table
 
         outcome = result.outcome
@@ -356,21 +337,14 @@ class _Run:
             "method": result.method,
             "status": result.status.value,
             "message": result.message,
-            "target": list(self.target.position),
-            "hit_radius": self.target.hit_radius,
             "space": self.rollout.space.kind,
             "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
-            "miss_distance": outcome.known_miss,
-            "hit": outcome.hit,
-            "missed_by": missed_by(outcome, self.target),
-            "hit_time": outcome.hit_time,
-            "tip_speed": outcome.tip_speed if math.isfinite(outcome.tip_speed) and not outcome.diverged else None,
-            "arrival": arrival_table(outcome, self.target),
+            **outcome_table(outcome, self.target),
             "judged": self._judged(result),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
             "wall_time": result.wall_time,
-            "reference": reference,
+            "reference": _NOT_REPLAYED,
             "warning": None,
             "controller": controller_to_table(self.controller),
             "model": self.model.name,
@@ -378,7 +352,7 @@ class _Run:
             "version": self.version,
         }
 
-    def _text(self, result, summary: dict) -> str:
+    def _lines(self, result, summary: dict) -> list[str]:
         from whiptool.objective import why_lost
 
         bounds = self.objective.bounds
@@ -404,116 +378,13 @@ class _Run:
             by = ", ".join(f"{n} {why}" for why, n in why_lost(refusals).items())
             lines.append(f"  refused        {counted(len(refusals), 'strike')}: {by}")
         lines.append(f"  model          {self.model.name}, {self.options.controller_label()}, {self.options.simulator}")
-        return "\n".join(lines)
+        return lines
 
 
 def closest(best) -> str:
     """Return for a progress bar what the best strike so far came to."""
     miss = best.known_miss
     return f"closest {miss:.4f} m" if miss is not None else f"all {best.status} so far"
-
-
-def finite(value: float | None) -> float | None:
-    """Return a number as JSON has it: None where it is not finite."""
-    return value if value is not None and math.isfinite(value) else None
-
-
-def strike_lines(strike: dict[str, float], arm, bounds=None) -> list[str]:
-    """A strike of an arm for people, with the bounds in which it was searched if given."""
-    from whiptool.models.strike import sliding_names
-
-    slides = sliding_names(arm)
-    lines = []
-    limits = list(bounds) if bounds is not None else [None] * len(strike)
-    width = max(14, *map(len, strike))
-    for (name, value), limit in zip(strike.items(), limits, strict=True):
-        text = _number_text(name, value, slides)
-        within = "" if limit is None else f"   within {limit[0]:+.4f} .. {limit[1]:+.4f}"
-        lines.append(f"  {name:{width}s} {text:27s}{within}")
-    return lines
-
-
-def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
-    """One of a strike's numbers for people: angles, or lengths where a joint slides or the hand is."""
-    if name == "D":
-        return f"{value:.4f} s"
-    return f"{value:+.4f} m" if name[0] in "xyz" or name in slides else cli.degrees(value)
-
-
-def torques_known(arm) -> bool:
-    """Whether an arm's torques are known: the inertia of all that moves is known."""
-    return not arm.weightless
-
-
-def _joint_lines(outcome, arm) -> list[str]:
-    """The lines that tell people how fast joints were, and with how much torque or force."""
-    width, lines = max(14, *map(len, arm.joints)), []
-    for joint, speed, torque in zip(arm.joints, outcome.max_joint_speed, outcome.max_torque, strict=True):
-        fast, strong, what = ("m/s", "N", "force") if joint in arm.slides else ("rad/s", "N m", "torque")
-        said = f"{torque:.1f} {strong}" if torques_known(arm) else f"{what} not known"
-        lines.append(f"  {joint:{width}s} at most {speed:.1f} {fast}, {said}")
-    return lines
-
-
-def missed_by(outcome, target) -> dict[str, float | None] | None:
-    """By how much a strike misses point [m], direction [rad] and speed [m/s], for JSON; of what it keeps None.
-
-    None where it hits, or where there is no closest approach.
-    """
-    if outcome.hit or outcome.lost:
-        return None
-    missed = target.missed_by(outcome.miss_distance, outcome.tip_velocity)
-    return {"point": None, "direction": None, "speed": None} | missed
-
-
-def outcome_lines(outcome, target, arm) -> list[str]:
-    """Return the lines that tell people the outcome of a strike of an arm."""
-    from whiptool.goals.target import missed_words
-
-    if outcome.diverged:
-        cure = "move less far or in more time, or take a smaller --timestep"
-        return [f"  outcome        the simulation diverged: the joint speeds grew without bound; {cure}"]
-    where = ", ".join(f"{x:.3f}" for x in target.position)
-    said = "hit" if outcome.hit else "missed"
-    if not outcome.hit and outcome.arrival is not None:
-        said = f"missed {missed_words(target.missed_by(outcome.miss_distance, outcome.tip_velocity))}"
-    return [
-        f"  target         ({where}) m, {said}: closest {outcome.miss_distance:.4f} m at {outcome.time:.3f} s, "
-        f"hit radius {target.hit_radius:.3f} m",
-        f"  tip speed      {outcome.tip_speed:.1f} m/s",
-        *_arrival_lines(outcome, target),
-        *_joint_lines(outcome, arm),
-    ]
-
-
-def arrival_table(outcome, target) -> dict | None:
-    """How the tip arrived, and what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
-    if target.goals.only_points:
-        return None
-    return {
-        "angle": None if outcome.arrival is None else outcome.arrival.angle,
-        "speed": None if outcome.arrival is None else outcome.arrival.speed,
-        "direction": None if target.direction is None else list(target.direction),
-        "sight": None if target.sight is None else list(target.sight),
-        "cone": None if target.direction is None else target.cone,
-        "least_speed": target.speed,
-    }
-
-
-def _arrival_lines(outcome, target) -> list[str]:
-    """The line that tells people how the tip arrived, if the target asks for more than a point."""
-    came = outcome.arrival
-    if came is None:
-        return []
-    said = []
-    if came.angle is not None:
-        said.append(f"{math.degrees(came.angle):.2f} degrees (at most {math.degrees(target.cone):g})")
-    if target.speed is not None or came.angle is not None:
-        along = "along it" if came.angle is not None else "fast"
-        least = "" if target.speed is None else f" (at least {target.speed:g})"
-        said.append(f"{came.speed:.1f} m/s {along}{least}")
-    lead = "from its direction " if came.angle is not None else ""
-    return [f"  arrival        {lead}{', '.join(said)}"]
 
 
 def _in_mujoco(reference: dict, outcome) -> str:
@@ -532,14 +403,10 @@ def _arrival_in_mujoco(reference: dict) -> str:
     return f"; arrives at {', '.join(said)}" if said else ""
 
 
-def export_trajectory(options: TrajectoryOptions, commanded: JointTrajectory | None, controller: Controller) -> None:
-    """Write a strike for a robot, if the options ask for it, and say what kind of robot makes the same strike of it.
+def _work(options: OptimizeOptions) -> int:
+    run = SearchRun(options)
+    with run.folder:
+        return run.report(run.search())
 
-    Raises:
-        InputError: The file cannot be written.
-    """
-    if commanded is None:
-        return
-    files = options.write_trajectory(commanded)
-    follows = "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
-    note(f"wrote {' and '.join(map(str, files))}{follows}")
+
+main = cli.command(OptimizeOptions, "optimize", _EXAMPLE, _work)  # 130 when interrupted

@@ -1,19 +1,44 @@
-"""What a command draws of a strike after it has printed the result: figures, an interactive page and a video."""
+"""The end of a command that made a strike: its result is written and told, then its pictures are drawn."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from whiptool.commands import cli
+from whiptool.commands.options.option_group import JsonOptions
+from whiptool.progress import note
+from whiptool.references import CITATIONS
 
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models import Model
     from whiptool.models.trajectory import Trajectory
+    from whiptool.runs import RunFolder
     from whiptool.viz.picture_process import PictureProcess
 
-VIDEO = "strike.mp4"
+TRAJECTORY, VIDEO, PAGE = "trajectory.npz", "strike.mp4", "strike.html"
+
+
+@dataclass(frozen=True)
+class StrikeRun:
+    """The strike of a run folder; the label is its controller in words, `beyond` which limit it is beyond, if any."""
+
+    trajectory: Trajectory
+    model: Model
+    target: Target
+    label: str
+    beyond: str | None = None
+
+    def write_page(self, folder: Path) -> None:
+        """Write the interactive page."""
+        from whiptool.viz.page import strike_page
+        from whiptool.whole_files import write_whole
+
+        page = strike_page(self.model, self.trajectory, self.target, label=self.label, beyond=self.beyond)
+        write_whole(folder / PAGE, page)
 
 
 def drawing_process() -> PictureProcess:
@@ -30,38 +55,24 @@ class StrikePictures:
 
     Args:
         folder: Run folder.
-        trajectory, model, target: The strike, what struck, and what was to be hit.
-        label: The controller in words.
+        strike: The strike; one beyond its limits is shown as no hit.
         video: Whether there is a video.
-        beyond: Beyond which limit the strike is, in words; it is then shown as no hit. None: beyond none.
         process: Process that draws; None: a new one.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        trajectory: Trajectory,
-        model: Model,
-        target: Target,
-        label: str,
-        *,
-        video: bool,
-        beyond: str | None = None,
-        process: PictureProcess | None = None,
-    ) -> None:
-        self._folder, self._trajectory, self._model, self._target = folder, trajectory, model, target
-        self._label, self._wanted, self._beyond = label, video, beyond
-        self._title = label + (", beyond its limits" if beyond else "")
-        self._process = process
-        trajectory.save(folder / "trajectory.npz")
+    def __init__(self, folder: Path, strike: StrikeRun, *, video: bool, process: PictureProcess | None = None) -> None:
+        self._folder, self._strike, self._wanted, self._process = folder, strike, video, process
+        title = strike.label + (", beyond its limits" if strike.beyond else "")
+        self._drawn = (strike.trajectory, strike.model, strike.target, title)
+        strike.trajectory.save(folder / TRAJECTORY)
 
     def __enter__(self) -> Self:
         if self._wanted:
             from whiptool.viz.picture_process import Pictures
 
             self._process = self._process or drawing_process()
-            drawn = (self._trajectory, self._model, self._target, self._title)
-            self._process.draw(Pictures(self._folder, self._folder / VIDEO, *drawn, beyond=self._beyond is not None))
+            beyond = self._strike.beyond is not None
+            self._process.draw(Pictures(self._folder, self._folder / VIDEO, *self._drawn, beyond=beyond))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
@@ -70,16 +81,50 @@ class StrikePictures:
 
     def draw(self) -> list[str]:
         """Write the page, and figures unless a process does; return what there is in the end, for people."""
-        cli.drawing()
-        from whiptool.viz.page import strike_page
-        from whiptool.whole_files import write_whole
-
-        folder, trajectory, model, target = self._folder, self._trajectory, self._model, self._target
-        page = strike_page(model, trajectory, target, label=self._label, beyond=self._beyond)
-        write_whole(folder / "strike.html", page)
+        note("drawing ...")
+        self._strike.write_page(self._folder)
         if self._process is None:
             from whiptool.viz.plots import save_strike_figures
 
-            save_strike_figures(folder, trajectory, model, target, self._title)
+            save_strike_figures(self._folder, *self._drawn)
             return ["trajectory", "figures", "page"]
         return ["trajectory", "figures", "page", "video"]
+
+
+def tell_strike(
+    options: JsonOptions,
+    folder: RunFolder,
+    strike: StrikeRun,
+    summary: dict[str, Any],
+    lines: Sequence[str],
+    *,
+    video: bool,
+    later: Callable[[], tuple[dict[str, Any], str]] | None = None,
+    further: Callable[[], list[str]] = list,
+    process: PictureProcess | None = None,
+) -> None:
+    """Write the result of a strike and tell it, then draw; JSON is printed when the result is complete.
+
+    Args:
+        options: How the result is printed.
+        folder: Run folder.
+        strike: The strike.
+        summary: Its result.
+        lines: The same for people.
+        video: Whether there is a video.
+        later: Returns what takes longer, for the result and for people, while a process draws.
+        further: Draws more pictures, and returns what there is then, for people.
+        process: See `StrikePictures`.
+    """
+    folder.write_result(summary)  # whatever happens below
+    if later is None or not options.json:
+        cli.tell(options, summary, "\n".join(lines))
+    with StrikePictures(folder.path, strike, video=video, process=process) as pictures:
+        if later is not None:
+            more, line = later()
+            summary |= more
+            folder.write_result(summary)
+            cli.tell(options, summary, line)
+        files = [*pictures.draw(), *further()]
+    if not options.json:
+        print(f"  run folder     {folder.path} ({', '.join([*files, CITATIONS])})")

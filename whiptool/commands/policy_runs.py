@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from whiptool.commands import cli
 from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.pictures import StrikeRun
 from whiptool.commands.train import TrainOptions
 from whiptool.rl.trained import BEST, CHECKPOINT, load_policy
 from whiptool.runs import CONFIG, read_config
-
-if TYPE_CHECKING:
-    from whiptool.goals.target import Target
-    from whiptool.models import Model
-    from whiptool.models.trajectory import Trajectory
 
 T = TypeVar("T", bound=OptionGroup)
 
@@ -52,12 +48,8 @@ def usual_for(kind: type[T], policy: Path) -> T:
     return kind(**mine)
 
 
-def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str, str | None]:
-    """Return the strike that a policy makes first at the first of its training's held-out goals.
-
-    Returns:
-        Its trajectory, its model, the target, its controller in words, and which limit it is beyond; None: none.
-    """
+def shown_strike(policy: Path) -> StrikeRun:
+    """Return the strike that a policy makes first at the first of its training's held-out goals."""
     from whiptool.goals.target import Target
     from whiptool.rl.held_out import held_out_goals
 
@@ -68,4 +60,4 @@ def shown_strike(policy: Path) -> tuple[Trajectory, Model, Target, str, str | No
     strike, model = loaded.strike(target), task.rollout.model
     trajectory = task.rollout.trajectory(strike, t_stay=task.t_stay)
     beyond = task.limits.explain(trajectory, model.arm.joints, strike)
-    return trajectory, model, target, trained.controller_label(), beyond
+    return StrikeRun(trajectory, model, target, trained.controller_label(), beyond)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -38,7 +36,6 @@ if TYPE_CHECKING:
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
     from whiptool.runs import RunFolder
 
-WORDS = ("strike", "learn")
 REPORT = "report.html"
 TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
 
@@ -126,22 +123,6 @@ _STRIKE = (
 _LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 after a fault, 2 for bad input, 130 after a signal."""
-    words = list(sys.argv[1:] if args is None else args)
-
-    def command() -> int:
-        if words[:1] in (["-h"], ["--help"]):
-            print("usage: whiptool rig strike|learn [options]\n\n  strike  " + _STRIKE + "\n  learn   " + _LEARN)
-            print("\nNothing here replaces a switch that cuts the servos' power, within reach.")
-            return 0
-        if not words or words[0] not in WORDS:
-            raise InputError("rig", " ".join(words[:1]), ", ".join(WORDS), "such as `whiptool rig strike --help`")
-        return _strike(words[1:]) if words[0] == "strike" else _learn(words[1:])
-
-    return cli.run(command)
-
-
 def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     """The rig that the options describe; everything is checked before anything moves."""
     from whiptool.models.files import load_model
@@ -182,13 +163,7 @@ def _check_camera(name: str) -> None:
         raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
 
 
-def _strike(words: list[str]) -> int:
-    options = cli.parse(RigStrikeOptions, prog="whiptool rig strike", description=_STRIKE, args=words)
-    with cli.options_named(options):
-        return _strike_once(options)
-
-
-def _strike_once(options: RigStrikeOptions) -> int:
+def _strike(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.joint_space import JointSpace, numbers_of
     from whiptool.rig.session import CYCLES, RECORDING
@@ -220,16 +195,13 @@ def _strike_once(options: RigStrikeOptions) -> int:
         except KeyboardInterrupt as interruption:
             folder.write_result(summary)
             if options.json:
-                print(json.dumps(summary, allow_nan=False))
+                cli.tell(options, summary, "")
             raise stopped or interruption from None  # a fault is raised, also if its report was not waited for
         summary["report"] = str(folder.path / REPORT)
         folder.write_result(summary)
-    if options.json:
-        print(json.dumps(summary, allow_nan=False))
-    else:
-        print("\n".join(_lines(struck, summary, target)))
-        kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
-        print(f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}")
+    kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
+    seen = f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}"
+    cli.tell(options, summary, "\n".join([*_lines(struck, summary, target), seen]))
     if stopped is not None:
         raise stopped
     return 0
@@ -301,14 +273,7 @@ def _lines(struck, summary: dict, target) -> list[str]:
     return lines
 
 
-def _learn(words: list[str]) -> int:
-    """A search whose objective is the rig."""
-    options = cli.parse_resumable(LearnOptions, command="rig learn", description=_LEARN, args=words)
-    with cli.options_named(options):
-        return _learn_strikes(options)
-
-
-def _learn_strikes(options: LearnOptions) -> int:
+def _learn(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
     from whiptool.commands.limits_told import refuse_unheld
     from whiptool.limits.all_limits import AllLimits
@@ -379,7 +344,7 @@ def _search(
         }
         folder.write_result(summary)
         if options.json:
-            print(json.dumps(summary))
+            cli.tell(options, summary, "")
         stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
@@ -388,7 +353,7 @@ def _search(
         summary["torque_off"] = interlock.torque_off
         lines[0] = with_state(lines[0])
     folder.write_result(summary)
-    print(json.dumps(summary) if options.json else "\n".join(lines))
+    cli.tell(options, summary, "\n".join(lines))
     return INTERRUPTED if result.status is Status.INTERRUPTED else 0
 
 
@@ -428,3 +393,13 @@ def _learned_lines(result: Result, objective: Objective, folder: Path) -> list[s
         strike = " ".join(f"{x:.4f}" for x in result.strike.vector)
         lines += [f"  miss distance  {_measured(result.outcome)}", f"  strike         {strike}"]
     return [*lines, f"  run folder     {folder}"]
+
+
+main = cli.subcommands(
+    "rig",
+    {
+        "strike": (_STRIKE, cli.command(RigStrikeOptions, "rig strike", _STRIKE, _strike)),
+        "learn": (_LEARN, cli.command(LearnOptions, "rig learn", _LEARN, _learn)),
+    },
+    note="\n\nNothing here replaces a switch that cuts the servos' power, within reach.",
+)

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 import tyro
 
 from whiptool.commands import cli
+from whiptool.commands.limits_told import limit_lines, limits_table
 from whiptool.commands.options.limit_options import LimitOptions
 from whiptool.commands.options.option_group import Condition, Conditions, OutputOptions, check_place, unless
 from whiptool.commands.options.simulator_options import SimulatorOptions
 from whiptool.commands.options.space_options import SpaceOptions
 from whiptool.commands.options.target_options import GoalOptions, ModelOptions
 from whiptool.commands.options.trajectory_options import TrajectoryOptions
-from whiptool.commands.pictures import StrikePictures
+from whiptool.commands.pictures import StrikeRun, tell_strike
+from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines
 from whiptool.errors import NOTHING, InputError
-from whiptool.references import CITATIONS
 from whiptool.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from whiptool.impedance import Controller
 
 # commands whose runs hold a strike, and that go on
 PLAYED, RESUMED = ("optimize", "simulate", "map strike"), ("optimize", "train")
@@ -101,28 +103,6 @@ _EXAMPLE = (
     "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7; "
     "python -m whiptool.simulate runs/directl-20260102-030405"
 )
-
-
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 where the simulation diverged, or 2 for bad input."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_after_run(
-        SimulateOptions, command="simulate", description=_EXAMPLE, args=args, of_run=strike_of
-    )
-    with cli.options_named(options):
-        cli.check_out(options)
-        model = options.build_model()
-        if options.run is not None:
-            _check_same(options, model)
-        strike = _strike(options, model)
-        if options.export is not None:
-            _export(options, model)
-        if strike is not None:
-            return _play(options, model, strike)
-        return 0 if options.trajectory is None else _follow(options, model)
 
 
 def strike_of(run_folder: Path) -> SimulateOptions:
@@ -218,19 +198,7 @@ def _export(options: SimulateOptions, model) -> None:
 
 def _play(options: SimulateOptions, model, strike) -> int:
     """Play a strike, write and tell what it did; return the exit status."""
-    from whiptool.commands.limits_told import limit_lines, limits_table
-    from whiptool.commands.optimize import (
-        arrival_table,
-        export_trajectory,
-        missed_by,
-        outcome_lines,
-        strike_lines,
-        torques_known,
-    )
-    from whiptool.impedance.files import controller_to_table
     from whiptool.limits.all_limits import AllLimits
-    from whiptool.rollout.refinement import refine
-    from whiptool.runs import code_version
 
     controller, target = options.build_controller(), options.build_target(model)
     target.check_fits(model)
@@ -243,45 +211,45 @@ def _play(options: SimulateOptions, model, strike) -> int:
     limits = AllLimits(given, by_joints=space.kind == "joint")
     used = limits_table(limits, trajectory, strike, model.arm.joints)
     options.refuse_beyond(used.get("beyond"))
-    outcome = _judged(rollout, trajectory, target)
-    place = np.array(target.position)
-    warning = refine(rollout, strike, trajectory, t_stay=options.t_stay, target=place)
+    outcome, label = _judged(rollout, trajectory, target), options.controller_label()
+    named = dict(zip(space.names, map(float, strike.vector), strict=True))
+    summary = {
+        "space": space.kind,
+        "strike": named,
+        **outcome_table(outcome, target),
+        **_motion(outcome, model.arm),
+        **used,
+        **_accuracy(options, rollout, strike, trajectory, target),
+    }
+    lines = [f"one strike: {model.name}, {label}, {rollout.engine} {rollout.accuracy}", *strike_lines(named, model.arm)]
+    lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
+    _write(options, StrikeRun(trajectory, model, target, label, used.get("beyond")), controller, summary, lines)
+    options.write_trajectory(commanded, controller)
+    return int(outcome.diverged)
+
+
+def _motion(outcome, arm) -> dict[str, Any]:
+    """Return for JSON how arm and tip moved."""
+    torque = None if arm.weightless else dict(zip(arm.joints, outcome.max_torque, strict=True))
+    speed = dict(zip(arm.joints, outcome.max_joint_speed, strict=True))
+    moved = {"time": outcome.time, "max_joint_speed": speed, "max_torque": torque}
+    return moved | {"diverged": outcome.diverged}
+
+
+def _accuracy(options: SimulateOptions, rollout, strike, trajectory, target) -> dict[str, Any]:
+    """Return for JSON how a strike was simulated, and what its integration may have got wrong; say the latter."""
+    from whiptool.rollout.refinement import refine
+
+    warning = refine(rollout, strike, trajectory, t_stay=options.t_stay, target=np.array(target.position))
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
-    summary: dict[str, Any] = {
-        "space": space.kind,
-        "strike": dict(zip(space.names, map(float, strike.vector), strict=True)),
-        "target": list(target.position),
-        "hit_radius": target.hit_radius,
-        "miss_distance": outcome.known_miss,
-        "hit": outcome.hit,
-        "missed_by": missed_by(outcome, target),
-        "time": outcome.time,
-        "hit_time": outcome.hit_time,
-        "tip_speed": None if outcome.diverged else outcome.tip_speed,
-        "arrival": arrival_table(outcome, target),
-        "max_joint_speed": dict(zip(model.arm.joints, outcome.max_joint_speed, strict=True)),
-        "max_torque": dict(zip(model.arm.joints, outcome.max_torque, strict=True))
-        if torques_known(model.arm)
-        else None,
-        "diverged": outcome.diverged,
-        **used,
+    return {
         "simulator": options.simulator,
         "engine": rollout.engine,
         "timestep": rollout.timestep if rollout.tolerance is None else None,
         "tolerance": rollout.tolerance,
         "warning": warning,
-        "controller": controller_to_table(controller),
-        "model": model.name,
-        "version": code_version(),
     }
-    label, engine = options.controller_label(), f"{rollout.engine} {rollout.accuracy}"
-    lines = [f"one strike: {model.name}, {label}, {engine}", *strike_lines(summary["strike"], model.arm)]
-    lines += [*outcome_lines(outcome, target, model.arm), *limit_lines(limits, used)]
-    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model, controller)) as folder:
-        _tell(options, folder, summary, lines, (trajectory, model, target, label), beyond=used.get("beyond"))
-    export_trajectory(options, commanded, controller)
-    return int(outcome.diverged)
 
 
 def _judged(rollout, trajectory, target):
@@ -297,13 +265,11 @@ def _judged(rollout, trajectory, target):
 def _follow(options: SimulateOptions, model) -> int:
     """Have servos follow a joint trajectory, say what the tip did from the strike's beginning on; return the exit
     status."""
-    from whiptool.commands.optimize import arrival_table, missed_by, outcome_lines
     from whiptool.impedance import Controller
     from whiptool.impedance.position import PositionControl
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.rollout.reference import ReferenceRollout
     from whiptool.rollout.servo_replay import replay_trajectory
-    from whiptool.runs import code_version
 
     assert options.trajectory is not None
     target, commanded = options.build_target(model), JointTrajectory.load_csv(options.trajectory)
@@ -311,37 +277,43 @@ def _follow(options: SimulateOptions, model) -> int:
     whole = replay_trajectory(model, commanded)
     strike = whole.since(commanded.strike_begins)
     outcome = _judged(ReferenceRollout(model, Controller(PositionControl())), strike, target)
-    a = model.arm.n
-    summary = {
-        "target": list(target.position),
-        "hit_radius": target.hit_radius,
-        "miss_distance": outcome.known_miss,
-        "hit": outcome.hit,
-        "missed_by": missed_by(outcome, target),
-        "time": outcome.time,
-        "tip_speed": None if outcome.diverged else outcome.tip_speed,
-        "arrival": arrival_table(outcome, target),
-        "tracking_error": float(np.abs(strike.q[:, :a] - strike.q_d).max()),
-        "diverged": outcome.diverged,
-        "model": model.name,
-        "version": code_version(),
-    }
-    label = "position servos"
-    lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm)]
+    error, label = float(np.abs(strike.q[:, : model.arm.n] - strike.q_d).max()), "position servos"
+    summary = {**outcome_table(outcome, target), "time": outcome.time, "tracking_error": error}
+    summary |= {"diverged": outcome.diverged}
     unit = "rad or m" if model.arm.slides else "rad"
-    lines.append(f"  servos         at most {summary['tracking_error']:.2g} {unit} from the trajectory")
-    with cli.new_folder(options, "simulate", cli.configuration(options, "simulate", model)) as folder:
-        _tell(options, folder, summary, lines, (strike, model, target, label))
+    lines = [f"a joint trajectory: {model.name}, {label}, MuJoCo", *outcome_lines(outcome, target, model.arm)]
+    lines.append(f"  servos         at most {error:.2g} {unit} from the trajectory")
+    _write(options, StrikeRun(strike, model, target, label), None, summary, lines)
     return int(outcome.diverged)
 
 
-def _tell(
-    options: SimulateOptions, folder, summary: dict[str, Any], lines: list[str], drawn: tuple, beyond: str | None = None
+def _write(
+    options: SimulateOptions, strike: StrikeRun, controller: Controller | None, summary: dict, lines: list[str]
 ) -> None:
-    """Write a result and tell it, then draw."""
-    folder.write_result(summary)
-    print(json.dumps(summary, allow_nan=False) if options.json else "\n".join(lines), flush=True)
-    with StrikePictures(folder.path, *drawn, video=options.video, beyond=beyond) as pictures:
-        files = pictures.draw()
-    if not options.json:
-        print(f"  run folder     {folder.path} ({', '.join([*files, CITATIONS])})")
+    """Make the run folder, and write, tell and draw the strike."""
+    from whiptool.impedance.files import controller_to_table
+    from whiptool.runs import code_version
+
+    if controller is not None:
+        summary["controller"] = controller_to_table(controller)
+    summary |= {"model": strike.model.name, "version": code_version()}
+    with cli.new_folder(
+        options, "simulate", cli.configuration(options, "simulate", strike.model, controller)
+    ) as folder:
+        tell_strike(options, folder, strike, summary, lines, video=options.video)
+
+
+def _work(options: SimulateOptions) -> int:
+    cli.check_out(options)
+    model = options.build_model()
+    if options.run is not None:
+        _check_same(options, model)
+    strike = _strike(options, model)
+    if options.export is not None:
+        _export(options, model)
+    if strike is not None:
+        return _play(options, model, strike)
+    return 0 if options.trajectory is None else _follow(options, model)
+
+
+main = cli.command(SimulateOptions, "simulate", _EXAMPLE, _work, of_run=strike_of)  # 1 where the simulation diverged

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -143,20 +141,7 @@ _EXAMPLE = (
 )
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse_resumable(TrainOptions, command="train", description=_EXAMPLE, args=args)
-    with cli.options_named(options):
-        run = _Run(options)
-        with run.folder:
-            return run.train()
-
-
-class _Run:
+class TrainingRun:
     """One training: everything is checked before anything is written."""
 
     def __init__(self, options: TrainOptions) -> None:
@@ -238,31 +223,57 @@ class _Run:
 
     def _report(self, seconds: float) -> None:
         """Eq. 21 of the best policy under every convention, as a file and for people; the curve as a picture."""
-        import numpy as np
-
-        from whiptool.goals.arrival_rule import sample_goals
-        from whiptool.rl.held_out import GOALS
-        from whiptool.rl.policy import CONVENTIONS, trials_to_hit
-        from whiptool.rl.trained import BEST, CHECKPOINT
         from whiptool.runs import code_version
+
+        best, options, zone, plan = self.training.best, self.options, self.tests.zone, self.training.plan
+        self._draw()
+        tried = self._trials()
+        summary = {
+            "method": options.method,
+            "observation": options.observation,
+            "training_strikes": plan.episodes * plan.trials,
+            "n_diverged": self.training.task.n_diverged,
+            "wall_time": seconds,
+            "tests": options.tests,
+            ("zone_area" if zone.dimension == 2 else "zone_volume"): zone.size,
+            "hit_radius": options.hit_radius,
+            "arrival": self.tests.arrival.table(),
+            "best": None if best is None else {"episode": best.episode, **asdict(best.score)},
+            "trials_to_hit": tried,
+            "seed": options.seed,
+            "version": code_version(),
+        }
+        self.folder.write_result(summary)
+        cli.tell(options, summary, "\n".join(self._lines(seconds, tried)))
+
+    def _draw(self) -> None:
+        """Draw how the training went."""
         from whiptool.viz.plots_learning import save_learning
 
-        best, learner = self.training.best, self.training.policy().learner
+        best, options = self.training.best, self.options
         save_learning(
             self.folder.path / CURVE,
             self.table.columns(),
-            random_episodes=self.options.random_episodes,
+            random_episodes=options.random_episodes,
             best=None if best is None else best.episode,
-            title=f"{self.options.method.upper()}, observation {self.options.observation}",
-            trials=self.options.trials,
+            title=f"{options.method.upper()}, observation {options.observation}",
+            trials=options.trials,
         )
-        zone, rule, rng = self.tests.zone, self.tests.arrival, np.random.default_rng(self.options.seed)
-        goals = sample_goals(zone, rule, self.tests.hit_radius, self.options.tests, rng)
+
+    def _trials(self) -> dict[str, dict[str, Any]]:
+        """Return how many trials the best policy needs at test targets, by convention."""
+        import numpy as np
+
+        from whiptool.goals.arrival_rule import sample_goals
+        from whiptool.rl.policy import CONVENTIONS, trials_to_hit
+
+        best, count, rng = self.training.best, self.options.tests, np.random.default_rng(self.options.seed)
+        goals = sample_goals(self.tests.zone, self.tests.arrival, self.tests.hit_radius, count, rng)
         which = "last policy" if best is None else f"best policy, of episode {best.episode}"
-        note(f"striking at {counted(self.options.tests, 'target')} with the {which} ...")
-        result: dict[str, Any] = {}
+        learner, found = self.training.policy().learner, {}
+        note(f"striking at {counted(count, 'target')} with the {which} ...")
         for convention in CONVENTIONS:
-            with Progress(total=self.options.tests, desc=convention, unit=" targets", leave=False) as bar:
+            with Progress(total=count, desc=convention, unit=" targets", leave=False) as bar:
                 trials, hit = trials_to_hit(
                     learner,
                     self.tests,
@@ -271,42 +282,42 @@ class _Run:
                     convention=convention,
                     on_trial=lambda ended, bar=bar: bar.update(ended - bar.n),
                 )
-            result[convention] = {
+            found[convention] = {
                 "mean_trials": float(trials.mean()),
                 "median_trials": float(np.median(trials)),
                 "largest": int(trials.max()),
                 "share_hit": float(hit.mean()),
             }
-        plan = self.training.plan
-        summary = {
-            "method": self.options.method,
-            "observation": self.options.observation,
-            "training_strikes": plan.episodes * plan.trials,
-            "n_diverged": self.training.task.n_diverged,
-            "wall_time": seconds,
-            "tests": self.options.tests,
-            ("zone_area" if zone.dimension == 2 else "zone_volume"): zone.size,
-            "hit_radius": self.options.hit_radius,
-            "arrival": rule.table(),
-            "best": None if best is None else {"episode": best.episode, **asdict(best.score)},
-            "trials_to_hit": result,
-            "seed": self.options.seed,
-            "version": code_version(),
-        }
-        self.folder.write_result(summary)
-        if self.options.json:
-            print(json.dumps(summary, allow_nan=False))
-            return
-        print(f"{self.options.method}: {counted(plan.episodes * plan.trials, 'strike')} in {seconds:.1f} s of training")
+        return found
+
+    def _lines(self, seconds: float, tried: dict[str, dict[str, Any]]) -> list[str]:
+        """Return the result for people."""
+        from whiptool.rl.held_out import GOALS
+        from whiptool.rl.policy import CONVENTIONS
+        from whiptool.rl.trained import BEST, CHECKPOINT
+
+        best, plan, rule = self.training.best, self.training.plan, self.tests.arrival
+        strikes = counted(plan.episodes * plan.trials, "strike")
+        lines = [f"{self.options.method}: {strikes} in {seconds:.1f} s of training"]
         if best is not None:
             share = f"{best.score.share_hit:.0%} of {counted(GOALS, 'held-out goal')} hit by its first strikes"
-            print(f"  best policy    of episode {best.episode}: {share}")
+            lines.append(f"  best policy    of episode {best.episode}: {share}")
         asked = "" if rule.only_points else f", {rule}"
-        print(f"  trials to the first hit of {counted(self.options.tests, 'target')}{asked}, at most {TRIALS_TO_HIT}")
-        for convention, r in result.items():
-            print(
-                f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "
-                f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
-            )
+        targets = counted(self.options.tests, "target")
+        lines.append(f"  trials to the first hit of {targets}{asked}, at most {TRIALS_TO_HIT}")
+        lines += [
+            f"  {convention:12s} mean {r['mean_trials']:.3f}   median {r['median_trials']:g}   "
+            f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
+            for convention, r in tried.items()
+        ]
         files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, "tensorboard", CITATIONS]
-        print(f"  run folder     {self.folder.path} ({', '.join(files)})")
+        return [*lines, f"  run folder     {self.folder.path} ({', '.join(files)})"]
+
+
+def _work(options: TrainOptions) -> int:
+    run = TrainingRun(options)
+    with run.folder:
+        return run.train()
+
+
+main = cli.command(TrainOptions, "train", _EXAMPLE, _work)

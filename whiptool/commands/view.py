@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
 import warnings
 import webbrowser
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
@@ -19,15 +17,15 @@ from whiptool.commands import cli
 from whiptool.commands.options.controller_options import ControllerOptions
 from whiptool.commands.options.option_group import JsonOptions, OptionGroup
 from whiptool.commands.options.target_options import GoalOptions, ModelOptions
+from whiptool.commands.pictures import PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
+from whiptool.progress import note
 
 if TYPE_CHECKING:
-    from whiptool.goals.target import Target
-    from whiptool.models import Model
-    from whiptool.models.trajectory import Trajectory
+    pass
 
 T = TypeVar("T", bound=OptionGroup)
-TRAJECTORY, VIDEO, PAGE, REPORT = "trajectory.npz", "strike.mp4", "strike.html", "report.html"
+REPORT = "report.html"
 RESUMED = ("optimize", "train", "compare", "reproduce", "adapt", "identify", "rig learn")  # commands with --resume
 FPS = 60.0  # frames a second in the viewer
 SPACE = 32  # GLFW's code of the key
@@ -51,40 +49,22 @@ class _Controlled(ControllerOptions, ModelOptions):
     in_space: ClassVar[bool] = True
 
 
-@dataclass(frozen=True)
-class StrikeRun:
-    """The strike of a run folder; the label is its controller in words, `beyond` which limit it is beyond, if any."""
-
-    trajectory: Trajectory
-    model: Model
-    target: Target
-    label: str
-    beyond: str | None = None
-
-
 _ABOUT = (
     "Show a run: play its strike in MuJoCo's viewer, in a loop (space pauses), or open its report. Without a display "
     "the paths of video and page are printed. Example: python -m whiptool.view runs/directl-20260102-030405"
 )
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 2 for bad input, 130 when interrupted."""
-    return cli.run(lambda: _main(args))
-
-
-def _main(args: Sequence[str] | None) -> int:
-    options = cli.parse(ViewOptions, prog="whiptool view", description=_ABOUT, args=args)
+def _work(options: ViewOptions) -> int:
     cli.check_matplotlib()
-    with cli.options_named(options):
-        shown = _look(options)
-    if options.json:
-        print(json.dumps(shown))
-        return 0
+    shown = _look(options)
     where = {"viewer": "shown in MuJoCo's viewer", "browser": "opened in the browser", None: "no window opens here"}
-    print(f"{shown['run']}: {where[shown['shown']]}")
-    print("".join(f"  {name:14s} {shown[name]}\n" for name in ("report", "page", "video") if shown[name]), end="")
+    files = [f"  {name:14s} {shown[name]}" for name in ("report", "page", "video") if shown[name]]
+    cli.tell(options, shown, "\n".join([f"{shown['run']}: {where[shown['shown']]}", *files]))
     return 0
+
+
+main = cli.command(ViewOptions, "view", _ABOUT, _work)
 
 
 def _look(options: ViewOptions) -> dict[str, Any]:
@@ -111,7 +91,7 @@ def _shown(folder: Path) -> dict[str, Any]:
 def _policy_strike(policy: Path) -> StrikeRun:
     from whiptool.commands.policy_runs import shown_strike
 
-    strike = StrikeRun(*shown_strike(policy))
+    strike = shown_strike(policy)
     at = ", ".join(f"{x:.3g}" for x in strike.target.position)
     print(f"whiptool: the policy's first strike at ({at}) m, one of its held-out goals", file=sys.stderr)
     return strike
@@ -125,7 +105,8 @@ def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, an
     if has_display() and not options.page and play(strike):
         return shown | {"shown": "viewer"}
     if anew or options.page or not (folder / PAGE).is_file():
-        _write_page(folder, strike)
+        note("drawing ...")
+        strike.write_page(folder)
     shown["page"] = str(folder / PAGE)
     if options.page:
         return shown | {"shown": _open(folder / PAGE)}
@@ -208,17 +189,8 @@ def _open(page: Path) -> str | None:
     return "browser" if has_display() and webbrowser.open(page.resolve().as_uri()) else None
 
 
-def _write_page(folder: Path, strike: StrikeRun) -> None:
-    cli.drawing()
-    from whiptool.viz.page import strike_page
-    from whiptool.whole_files import write_whole
-
-    page = strike_page(strike.model, strike.trajectory, strike.target, label=strike.label, beyond=strike.beyond)
-    write_whole(folder / PAGE, page)
-
-
 def _write_video(folder: Path, strike: StrikeRun) -> None:
-    cli.drawing()
+    note("drawing ...")
     from whiptool.viz.video import render_video
 
     render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target, beyond=strike.beyond is not None)

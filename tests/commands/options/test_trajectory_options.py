@@ -10,6 +10,7 @@ import yaml
 
 from whiptool.commands.options.trajectory_options import TrajectoryOptions
 from whiptool.errors import InputError
+from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
 from whiptool.models.hand_space import HandSpace
 from whiptool.models.joint_trajectory import JointTrajectory
@@ -24,7 +25,8 @@ def written(path: Path, strike) -> tuple[list[str], JointTrajectory]:
     options = TrajectoryOptions(export_trajectory=path, rest=0.1, trajectory_rate=50)
     found = options.build_trajectory(LEMON, strike, 0.1)
     assert found is not None
-    return [file.name for file in options.write_trajectory(found)], found
+    options.write_trajectory(found, Controller(OIAC()))
+    return sorted(file.name for file in path.parent.iterdir()), found
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,10 @@ def test_the_rule_that_options_ask_for(options, rule):
     ("options", "said"),
     [
         ({"cone": 20.0}, "--cone: got 20.0; allowed: only with --direction or --arrival-angle"),
-        ({"direction": (1.0, 0.0), "arrival_angle": (1.0,)}, "not both"),
+        (
+            {"direction": (1.0, 0.0), "arrival_angle": (1.0,)},
+            "--arrival-angle: got (1.0,); allowed: only without --direction",
+        ),
         ({"arrival_angle": (90.0, 30.0)}, "--arrival-angle"),
         ({"arrival_angle": (0.0, 361.0)}, "one turn at most"),
         ({"arrival_angle": ()}, "--arrival-angle"),

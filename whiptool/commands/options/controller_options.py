@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
+from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup
 from whiptool.errors import InputError
 from whiptool.words import as_named
 
@@ -21,7 +21,9 @@ Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
 LAWS = ("oiac", "constant", "position")
 CONTROLLERS = "{oiac,constant,position}|FILE.toml"
 _NOT_IN_FILE = Condition("only without a file as --controller: write it into the file", lambda o: not o.in_file)
-_NOT_POSITION = unless("controller", "position", of="law_or_file")
+_NOT_POSITION = Condition(
+    "only without position control; give --controller constant", lambda o: o.law_or_file != "position"
+)
 LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not controlled
 
 

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from whiptool.commands.options.option_group import Conditions, OptionGroup, check_place, when
 from whiptool.errors import InputError
+from whiptool.progress import note
 
 if TYPE_CHECKING:
+    from whiptool.impedance import Controller
     from whiptool.limits.all_limits import Limits
     from whiptool.models.joint_space import StrikePath
     from whiptool.models.joint_trajectory import JointTrajectory
@@ -103,22 +105,30 @@ class TrajectoryOptions(OptionGroup):
         if words is not None and self.export_trajectory is not None:
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
-    def write_trajectory(self, trajectory: JointTrajectory) -> list[Path]:
+    def write_trajectory(self, trajectory: JointTrajectory | None, controller: Controller) -> None:
         """Write a trajectory to the file that the options name, and the hand's poses, which that file lacks, next to
-        it; return the files.
+        it; say what kind of robot makes the same strike of it.
+
+        Args:
+            trajectory: From `build_trajectory`; None: nothing is written.
+            controller: Controller of the strike.
 
         Raises:
             InputError: A file cannot be written.
         """
         path = self.export_trajectory
-        assert path is not None
+        if trajectory is None or path is None:
+            return
         writers = {path: _WRITERS[path.suffix]}
         if trajectory.hand is not None and path.suffix != ".csv":
             writers[path.with_stem(f"{path.stem}-hand")] = "save_hand"
         try:
             for file, writer in writers.items():
                 getattr(trajectory, writer)(file)
-            return list(writers)
         except OSError as error:
             rule = f"a file that can be written ({error.strerror})"
             raise InputError("--export-trajectory", str(path), rule) from None
+        follows = (
+            "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
+        )
+        note(f"wrote {' and '.join(map(str, writers))}{follows}")
