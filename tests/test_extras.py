@@ -13,7 +13,7 @@ from processes import HANG
 from repository import ROOT
 
 from whiptool.errors import InputError
-from whiptool.extras import EXTRAS, MissingPackage, add_installed, optional, require
+from whiptool.extras import EXTRAS, MissingPackage, Registry, optional, require
 
 
 def test_extras_are_those_of_the_project():
@@ -70,12 +70,15 @@ def install(monkeypatch, folder, module, points):
 
 def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
     install(monkeypatch, tmp_path, "five = 5", "[whiptool.numbers]\nfive = lab:five\n")
-    known = {"four": 4}
+    known = Registry("numbers", int, {"four": 4})
+    assert known.find("Four") == 4
+    assert list(known) == ["four"]  # nothing of a package is loaded before it is asked for
     for _ in range(2):
-        add_installed(known, "numbers", int)
+        assert known.find("FIVE") == 5
         assert known == {"four": 4, "five": 5}
-    add_installed(known, "letters", str)
-    assert len(known) == 2
+    with pytest.raises(InputError, match="numbers: got 'six'; allowed: four, five"):
+        known.find("six")
+    assert Registry("letters", str) == {}
 
 
 @pytest.mark.parametrize(
@@ -89,44 +92,46 @@ def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
 def test_what_cannot_be_taken_up_is_named(monkeypatch, tmp_path, point, said):
     install(monkeypatch, tmp_path, "five, word = 5, 'five'", f"[whiptool.numbers]\n{point}\n")
     with pytest.raises(InputError, match=re.escape(said)):
-        add_installed({"four": 4}, "numbers", int)
+        Registry("numbers", int, {"four": 4}).find("five")
 
 
-LAB = """
-from add_controller import HardeningImpedance
-from add_optimizer import cross_entropy
-import whiptool as wt
-from whiptool.recording.readers import Format
-
-short_whip = wt.preset("lemon2024").with_whip(length=0.5)
-trc = Format("TRC", lambda path, head: path.suffix == ".trc", lambda path: wt.read_recording("strike.csv"))
-"""
-POINTS = """
-[whiptool.laws]
-hardening = lab:HardeningImpedance
-[whiptool.methods]
-cross-entropy = lab:cross_entropy
-[whiptool.presets]
-short-whip = lab:short_whip
-[whiptool.readers]
-trc = lab:trc
-"""
+LAB = (ROOT / "docs" / "examples" / "lab.py").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+GROUPS = tomllib.loads(PAGE.split("```toml")[1].split("```")[0])["project"]["entry-points"]
+POINTS = "\n".join(
+    "\n".join([f"[{group}]", *(f"{name} = {home}" for name, home in points.items())])
+    for group, points in GROUPS.items()
+)
 USED = """
 import numpy as np
 import whiptool as wt
 from whiptool.impedance.files import controller_from_table
 from whiptool.optimizers import find_method
 
+from whiptool.adaptation import default_prior
+from whiptool.adaptation.twins import FAMILIES
+from whiptool.commands.optimize import OptimizeOptions, main
+from whiptool.commands.options.adapt_options import AdaptOptions
+from whiptool.goals.criteria import find_criterion
+
 assert wt.load_model("Short_Whip").whip.length == wt.preset("lemon2024").with_whip(length=0.5).whip.length
 assert "short-whip" in wt.presets()
 assert find_method("Cross-Entropy").__name__ == "cross_entropy"
 assert controller_from_table({"law": "hardening", "c": 50.0}).law.c == 50
+law = OptimizeOptions(controller="Hardening").build_controller().law
+assert law.kind == "hardening"
+assert "law.c" in default_prior(wt.preset("lemon2024"), wt.Controller(law)).names
+assert OptimizeOptions(arm="hanging", model="ur5e").build_model().arm != wt.preset("ur5e").arm
+assert wt.limits_preset("strong").stall_torque == 9.0
+assert wt.draw_twin("soft", 3, wt.preset("lemon2024"), wt.Controller(wt.OIAC())).family == "soft"
+words = "--minimise Brief --limits strong --max-trials 3 --no-video --json --out run --method random".split()
+assert main(words) == 0
 for _ in range(2):
     assert len(wt.read_recording("strike.trc").t) == 50
 """
 
 
-def test_laws_methods_presets_and_readers_of_an_installed_package_are_found(monkeypatch, tmp_path):
+def test_all_that_an_installed_package_adds_is_found(monkeypatch, tmp_path):
     """In a separate process, for the registries keep what they took up; a format that whiptool refuses is read, too."""
     install(monkeypatch, tmp_path, LAB, POINTS)
     rows = [f"{0.01 * i},{0.01 * i},{0.5}" for i in range(50)]

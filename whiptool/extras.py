@@ -5,13 +5,17 @@ What is missing is refused with the command that installs it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 from whiptool.errors import InputError
+from whiptool.words import as_named
+
+T = TypeVar("T")
 
 # of each extra: modules, and the packages that hold them
 EXTRAS = {
@@ -79,29 +83,67 @@ def optional(module: str, purpose: str = "") -> Any:
         raise MissingPackage(purpose or package, state, _command([package])) from error
 
 
-def add_installed(known: dict[str, Any], group: str, kind: Any) -> None:
-    """Add to a registry what installed packages register as entry points of `whiptool.<group>`.
+class Registry(dict[str, T]):
+    """What users choose by name: of the toolbox, and of installed packages, which add theirs by entry points.
 
-    Whoever looks up a name calls it where the name is not known yet, so that nothing is loaded that is not asked for.
+    Nothing of a package is loaded until a name is asked for that the toolbox does not have.
 
     Args:
-        known: The registry, objects by name; the names of the toolbox itself stay.
-        group: `laws`, `methods`, `readers` or `presets`.
-        kind: Type of its objects.
-
-    Raises:
-        InputError: An object cannot be imported, is of another type, or has the name of another one.
+        group: Packages register objects as entry points of `whiptool.<group>`.
+        kind: Type of the objects.
+        known: Those of the toolbox.
+        what: What a name is called in error messages; default: the group.
+        spelled: Returns the one of some names that a written name means.
     """
-    for point in entry_points(group=f"whiptool.{group}"):
-        name = f"entry point {point.name} of whiptool.{group}"
-        try:
-            found = point.load()
-        except Exception as error:
-            raise InputError(name, point.value, f"an object that can be imported ({error!r})") from error
-        if not isinstance(found, kind):
-            raise InputError(name, point.value, f"an object of type {kind.__name__}")
-        if known.setdefault(point.name, found) is not found:
-            raise InputError(name, point.value, "a name that no other has")
+
+    def __init__(
+        self,
+        group: str,
+        kind: Any,
+        known: Mapping[str, T] = MappingProxyType({}),
+        *,
+        what: str = "",
+        spelled: Callable[[str, Iterable[str]], str] = as_named,
+    ) -> None:
+        super().__init__(known)
+        self.group, self.kind, self.what, self.spelled = group, kind, what or group, spelled
+
+    def find(self, name: str) -> T:
+        """Return the object called `name`, in any spelling.
+
+        Raises:
+            InputError: None has that name; the message lists the names. Or one of a package cannot be taken up.
+        """
+        return self[self.name(name)]
+
+    def name(self, written: str) -> str:
+        """Return the name of the object that is meant by a name as it is written; errors as for `find`."""
+        if not isinstance(written, str):
+            raise InputError(self.what, written, ", ".join(self))
+        own = self.spelled(written, self)
+        if own not in self:
+            self.add_installed()
+            own = self.spelled(written, self)
+        if own not in self:
+            raise InputError(self.what, written, ", ".join(self))
+        return own
+
+    def add_installed(self) -> None:
+        """Add what installed packages register; the names of the toolbox itself stay.
+
+        Raises:
+            InputError: An object cannot be imported, is of another type, or has the name of another one.
+        """
+        for point in entry_points(group=f"whiptool.{self.group}"):
+            name = f"entry point {point.name} of whiptool.{self.group}"
+            try:
+                found = point.load()
+            except Exception as error:
+                raise InputError(name, point.value, f"an object that can be imported ({error!r})") from error
+            if not isinstance(found, self.kind):
+                raise InputError(name, point.value, f"an object of type {self.kind.__name__}")
+            if self.setdefault(point.name, found) is not found:
+                raise InputError(name, point.value, "a name that no other has")
 
 
 def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:

@@ -30,6 +30,7 @@ class HardeningImpedance:
     B: tuple[tuple[float, ...], ...] = EQ22.B
 
     kind: ClassVar[str] = "hardening"
+    uncertain: ClassVar[tuple[str, ...]] = ("c",)
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K and B for errors `e` [rad] and `de` [rad/s], (..., n): each (..., n, n)."""

@@ -57,7 +57,7 @@ BRIEF = PlanningEffort(pool=64, polished=4, steps=4, whips=4, population=4, roun
 
 def families(model: str) -> tuple[str, ...]:
     """Return the families of a preset that can be simulated here: `rope` needs PyElastica."""
-    return (*FAMILIES, ROPE) if model == SPACE and find_spec("elastica") is not None else FAMILIES
+    return (*FAMILIES, ROPE) if model == SPACE and find_spec("elastica") is not None else tuple(FAMILIES)
 
 
 @dataclass(frozen=True, kw_only=True)

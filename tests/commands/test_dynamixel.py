@@ -7,12 +7,14 @@ import sys
 import termios
 import threading
 import time
+from typing import get_args
 
 import pytest
 from ports import sdk
 from processes import HANG
 
 from whiptool.commands import dynamixel as command
+from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator import Emulator, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode
 from whiptool.rig.emulator.server import Server
@@ -87,3 +89,7 @@ def test_a_servo_that_does_not_answer_is_named(twin, monkeypatch, capsys):
     said = capsys.readouterr().err
     assert "servo 9 does not answer when asked to carry out instruction 8: check its power, cable and id" in said
     assert "status packet" not in said
+
+
+def test_baud_rates_are_those_of_the_control_table():
+    assert sorted(get_args(command.Baud)) == sorted(BAUD_RATES.values())

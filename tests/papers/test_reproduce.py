@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from typing import get_args
 
 import pytest
 from command_line import called, whiptool
@@ -58,3 +59,12 @@ def test_unknown_part_gets_one_line(tmp_path, monkeypatch, capsys):
     assert all(name in error for name in PARTS)
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_choices_are_what_the_papers_know():
+    from papers.parts import PARTS
+    from papers.reproduce import Part, Row
+    from papers.unknown.study import WAYS
+
+    assert sorted(get_args(Part)) == sorted([*PARTS, "all"])
+    assert sorted(get_args(Row)) == sorted(WAYS)

@@ -18,7 +18,7 @@ from whiptool.identification.inputs import profile_of
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant, units
 from whiptool.identification.variables import Prior, Variable, variable
-from whiptool.impedance import OIAC, Controller
+from whiptool.impedance import Controller
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WAVES, WhipProfile
 from whiptool.models.tables import read_toml
@@ -221,9 +221,22 @@ def default_prior(
         model = stock.owned(model)  # with drag and friction, where it has none
     if not controller.prescribed:
         entries |= {f"arm.mass[{i}]": (None, _SPREAD.arm_mass) for i in range(model.arm.n)}
-    if isinstance(controller.law, OIAC):
-        entries["law.a"] = (None, _SPREAD.gain)
+    entries |= {f"law.{name}": (None, _SPREAD.gain) for name in _uncertain(controller)}
     return _joined(_profile(Plant(model, controller, profile_of(model, "")), stock), entries)
+
+
+def _uncertain(controller: Controller) -> tuple[str, ...]:
+    """Return the parameters of the controller's law that are not exactly known.
+
+    Raises:
+        InputError: The law, which is of another package, does not say which they are.
+    """
+    names = getattr(controller.law, "uncertain", None)
+    if names is None:
+        rule = "a law that says which of its parameters are not exactly known"
+        fix = 'add uncertain = ("NAME", ...) to its class, or an empty tuple'
+        raise InputError("controller.law", controller.law.kind, rule, fix)
+    return names
 
 
 def _uniform(plant: Plant, stock: Stock) -> Belief:

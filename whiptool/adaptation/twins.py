@@ -7,20 +7,21 @@ from the model that is fitted.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
-from whiptool.errors import InputError, expect
+from whiptool.errors import expect
+from whiptool.extras import Registry
 from whiptool.impedance import OIAC, Controller
 from whiptool.models.parameters import Model, WhipParameters, whole
 from whiptool.models.planar_arm import AnyArm
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 
-FAMILIES = ("kin", "strange", "stranger")
 NODES = 36  # of a strange whip
 _SMOOTH = 3  # waves along a strange whip
 BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published whip stay below
@@ -89,41 +90,77 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     """
     expect(Model, model=model)
     expect(Controller, controller=controller)
-    if family not in FAMILIES:
-        raise InputError("family", family, ", ".join(FAMILIES))
-    seed = whole("seed", seed, low=0)
+    kind, seed = FAMILIES.find(family), whole("seed", seed, low=0)
     own = None if stock is not None else model.whip
     stock = stock or stock_of_model(model)
-    rng = np.random.default_rng([FAMILIES.index("strange") if family == "stranger" else FAMILIES.index(family), seed])
+    rng = np.random.default_rng([kind.stream, seed])
     latency, noise = float(rng.uniform(0.0005, 0.0015)), 0.005
-    numbers, name = stock.draw(rng), f"{family}-{seed}"
-    if family == "kin":
-        whip = uniform_whip(numbers, model.whip)
-        if own is not None:
-            whip = dataclasses.replace(whip, drag=own.drag, dry_friction=own.dry_friction)
-        friction = rng.uniform(0.0, 0.01, model.arm.n)
-        arm = model.arm if model.dimension == 3 else _with_friction(model, friction)
-        return Twin(family, int(seed), Model(whip, arm, model.gravity, name), controller, latency, 0.0, noise)
-    size = 2.0 if family == "stranger" else 1.0
-    whip, arm = _strange_whip(numbers, rng, size), model.arm
+    true, acting, offset = kind.draw(stock.draw(rng), rng, model, controller)
+    if own is not None and kind.like_model:
+        whip = dataclasses.replace(true.whip, drag=own.drag, dry_friction=own.dry_friction)
+        true = dataclasses.replace(true, whip=whip)
+    family = FAMILIES.name(family)
+    true = dataclasses.replace(true, name=f"{family}-{seed}")
+    return Twin(family, int(seed), true, acting, latency, offset, noise)
+
+
+Drawn = tuple[
+    Model, Controller, float
+]  # the true model, the controller as it acts, the delay of the camera's clock [s]
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family of unknown whips.
+
+    Args:
+        stream: Whole number with which random numbers are seeded, next to the seed: families with the same number
+            deviate in the same directions.
+        draw: Draws one from the numbers of a stock, a generator, and the nominal model and controller.
+        like_model: Whether whips have the drag and the friction of the nominal model if no stock is given.
+    """
+
+    stream: int
+    draw: Callable[[Mapping[str, float], np.random.Generator, Model, Controller], Drawn]
+    like_model: bool = False
+
+
+def _kin(numbers: Mapping[str, float], rng: np.random.Generator, model: Model, controller: Controller) -> Drawn:
+    friction = rng.uniform(0.0, 0.01, model.arm.n)
+    arm = model.arm if model.dimension == 3 else _with_friction(model, friction)
+    return Model(uniform_whip(numbers, model.whip), arm, model.gravity), controller, 0.0
+
+
+def _strange(
+    numbers: Mapping[str, float], rng: np.random.Generator, model: Model, controller: Controller, *, size: float = 1.0
+) -> Drawn:
+    strange = _strange_whip(numbers, rng, size)
     if model.dimension == 3:  # there the arm is a robot's, which follows its command exactly
-        whip = _joined_in_space(whip, model.whip)
-    else:
-        arm, controller = _strange_arm(model, controller, rng, size)
-    offset = float(size * rng.uniform(-0.008, 0.008))
-    return Twin(family, int(seed), Model(whip, arm, model.gravity, name), controller, latency, offset, noise)
-
-
-def _strange_arm(
-    model: Model, controller: Controller, rng: np.random.Generator, size: float
-) -> tuple[AnyArm, Controller]:
-    """An arm with other masses and more friction, and its controller with another gain; `size` 1 is strange."""
+        strange = _joined_in_space(strange, model.whip)
+        offset = float(size * rng.uniform(-0.008, 0.008))
+        return Model(strange, model.arm, model.gravity), controller, offset
     factors = np.exp(size * rng.uniform(-0.08, 0.08, model.arm.n)).tolist()
     heavier = {f"arm.{x}[{i}]": f for x in ("mass", "inertia") for i, f in enumerate(factors)}
     named = model.parameters()
-    other = model.with_parameters({name: named[name] * f for name, f in heavier.items()})
-    arm = _with_friction(other, size * rng.uniform(0.0, 0.01, model.arm.n))
-    return arm, _with_gain(controller, float(np.exp(size * rng.uniform(-0.08, 0.08))))
+    arm = _with_friction(
+        model.with_parameters({name: named[name] * f for name, f in heavier.items()}),
+        size * rng.uniform(0.0, 0.01, model.arm.n),
+    )
+    gain = float(np.exp(size * rng.uniform(-0.08, 0.08)))
+    offset = float(size * rng.uniform(-0.008, 0.008))
+    return Model(strange, arm, model.gravity), _with_gain(controller, gain), offset
+
+
+FAMILIES: Registry[Family] = Registry(
+    "families",
+    Family,
+    {
+        "kin": Family(0, _kin, like_model=True),
+        "strange": Family(1, _strange),
+        "stranger": Family(1, partial(_strange, size=2.0)),
+    },
+    what="family",
+)
 
 
 def _strange_whip(numbers: Mapping[str, float], rng: np.random.Generator, size: float) -> WhipParameters:

@@ -22,6 +22,7 @@ from whiptool.commands.options.option_group import (
     OutputOptions,
     ResumableOptions,
     flag,
+    names_of,
     of_run,
     options_named,
     renaming,
@@ -104,7 +105,18 @@ def _typed(options: type[T], words: list[str], default: T | None = None) -> T:
         needs = f.name not in options.named("may_be_empty")
         if needs and flag(f.name) in given and getattr(parsed, f.name) == ():
             raise InputError(flag(f.name), NOTHING, "one value or more")
-    return parsed
+    return _spelled(parsed, given)
+
+
+def _spelled(parsed: T, given: Sequence[str]) -> T:
+    """Return options with the names that are given in the spelling of the library, which has to know them."""
+    found: dict[str, Any] = {}
+    for name, kind in get_type_hints(type(parsed), include_extras=True).items():
+        if flag(name) in given and (names := names_of(kind)):
+            value, option = getattr(parsed, name), flag(name)
+            one = isinstance(value, str)
+            found[name] = names.name(option, value) if one else tuple(names.name(option, x) for x in value or ())
+    return dataclasses.replace(parsed, **found) if found else parsed
 
 
 def _refusal(event: Any, options: type[OptionGroup], words: list[str]) -> InputError:
@@ -267,7 +279,7 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
     fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
     fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
-    for name in (name for name, kind in kinds.items() if "Observation" in kind and fields.get(name) is not None):
+    for name in (name for name, kind in kinds.items() if "observation" in name and fields.get(name) is not None):
         fields[name] = _named_now(fields[name])
     paths = [name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None]
     try:

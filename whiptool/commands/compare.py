@@ -8,13 +8,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
 from whiptool.commands.options.option_group import MANY_TARGETS, Condition, Conditions, ResumableOptions, unless, whole
 from whiptool.commands.options.search_options import (
-    Learner,
     Methods,
     Observation,
     TrainingOptions,
@@ -46,7 +45,7 @@ QUICK: dict[str, Any] = {
 }
 
 LEARNING = ("observation", "episodes", "trials", "random_episodes", "hindsight")
-_LEARNED = Condition("only with a learner among --methods", lambda o: bool(set(get_args(Learner)) & set(o.methods)))
+_LEARNED = Condition("only with a learner among --methods", lambda o: bool(learned_with(o.methods)))
 
 
 def _sees_more_than_the_tip(options: CompareOptions) -> bool:

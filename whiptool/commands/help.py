@@ -15,7 +15,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from whiptool.commands.options.option_group import OptionGroup, flag
+from whiptool.commands.options.option_group import Names, OptionGroup, flag
 from whiptool.errors import WhiptoolError
 from whiptool.words import counted
 
@@ -171,6 +171,9 @@ def _given(f: Field, kind: Any) -> str:
 def _metavar(kind: Any, name: str) -> str:
     """Return what stands for the value of an option."""
     if get_origin(kind) is Annotated:
+        if isinstance(names := get_args(kind)[1], Names):
+            listed = names.known()
+            return "|".join(listed) if names.beside is None else f"{{{','.join(listed)}}}{names.beside}"
         given = next((x.metavar for x in get_args(kind)[1:] if getattr(x, "metavar", None)), None)
         return given or _metavar(get_args(kind)[0], name)
     if get_origin(kind) is Literal:

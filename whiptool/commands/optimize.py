@@ -9,8 +9,6 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar
 
-from tyro.conf import arg
-
 from whiptool.commands import cli
 from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
 from whiptool.commands.options.criteria_options import CriteriaOptions
@@ -60,7 +58,7 @@ class OptimizeOptions(
         "pareto": unless("simulator", "reference", why=", which has no derivatives"),
     }
 
-    method: Annotated[str | None, arg(metavar=METHODS)] = None
+    method: Annotated[str, METHODS] | None = None
     """Search method; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms, such as
     nlopt:GN_CRS2_LM."""
     max_time: float | None = None

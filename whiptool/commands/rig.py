@@ -21,7 +21,7 @@ from whiptool.commands.options.search_options import (
     learned_with,
     spell_methods,
 )
-from whiptool.commands.options.target_options import LONGEST_STAY, MODELS
+from whiptool.commands.options.target_options import LONGEST_STAY, ModelName
 from whiptool.errors import InputError
 from whiptool.progress import note
 from whiptool.words import counted
@@ -49,7 +49,7 @@ class RigOptions(ArmOptions):
     cap: bool = False
     """Reduce stiffness and damping to what is stable at the sampling rate, instead of refusing an unstable
     controller."""
-    true_model: Annotated[str | None, arg(metavar=MODELS)] = None
+    true_model: ModelName | None = None
     """Model that the simulated twin really has; default: --model."""
 
     def check(self) -> None:
@@ -89,7 +89,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
 
     first: ClassVar[tuple[str, ...]] = ("method",)
 
-    method: Annotated[str, arg(metavar="{" + ",".join(WITHOUT_DERIVATIVES) + "}")] = "cmaes"
+    method: Annotated[str, WITHOUT_DERIVATIVES] = "cmaes"
     """Search method; any method of whiptool optimize that needs no derivatives."""
     max_trials: int = 20
     """Largest number of strikes."""

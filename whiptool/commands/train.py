@@ -6,13 +6,14 @@ import sys
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
     Conditions,
+    Names,
     ResumableOptions,
     SeedOptions,
     flag,
@@ -72,7 +73,7 @@ class TrainOptions(
     """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
     observation: Observation = "goal"
     """What the policy observes."""
-    reward: Literal["paper", "log"] = "paper"
+    reward: Annotated[str, Names("whiptool.rl.task:REWARDS")] = "paper"
     """Reward: Eq. 17, or minus the logarithm of the miss distance in units of the hit radius."""
     strikes: int = 100
     """Largest number of strikes at one target in an episode."""

@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.extras import Registry
 from whiptool.goals.goals import Goals
 from whiptool.models.numbers import numbers
 from whiptool.models.strike import StrikeBounds
@@ -248,9 +249,6 @@ class Robustness(Criterion):
         return values.reshape(strikes, -1, *values.shape[1:]).mean(axis=1)
 
 
-CRITERIA = ("miss", "effort", "peak-torque", "speed", "robustness")
-
-
 def find_criterion(name: str, bounds: StrikeBounds, *, noise: Sequence[float] = (NOISE,)) -> Criterion:
     """Return a criterion by its name.
 
@@ -262,12 +260,16 @@ def find_criterion(name: str, bounds: StrikeBounds, *, noise: Sequence[float] = 
     Raises:
         InputError: No criterion has that name, or the noise does not fit the bounds.
     """
-    if name == "robustness":
-        return _robustness(bounds, tuple(noise))
-    simple = {kind.name: kind for kind in (Miss, Effort, PeakTorque, Speed)}
-    if name not in simple:
-        raise InputError("criterion", name, ", ".join(CRITERIA))
-    return simple[name]()
+    kind = CRITERIA.find(name)
+    return _robustness(bounds, tuple(noise)) if kind is Robustness else kind()
+
+
+CRITERIA: Registry[type[Criterion]] = Registry(
+    "criteria",
+    type,
+    {kind.name: kind for kind in (Miss, Effort, PeakTorque, Speed, Robustness)},
+    what="criterion",
+)
 
 
 def _robustness(bounds: StrikeBounds, noise: tuple[float, ...]) -> Robustness:

@@ -61,6 +61,7 @@ class ConstantImpedance(NoArray, instead="its K or B"):
     B: Matrix | float = ((2.95, 1.43), (1.43, 3.93))
 
     kind: ClassVar[str] = "constant"
+    uncertain: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "K", _gain("K", self.K))

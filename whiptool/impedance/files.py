@@ -11,7 +11,6 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.extras import add_installed
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.hand import HandControl
 from whiptool.impedance.law import LAWS, Law
@@ -40,10 +39,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     """
     numbers = dict(table)
     law = numbers.pop("law", None)
-    if isinstance(law, str) and law not in LAWS:
-        add_installed(LAWS, "laws", type)
-    if not isinstance(law, str) or law not in LAWS:
-        raise InputError("controller.law", law, ", ".join(LAWS))
+    law = LAWS.name(law)
     options = {key: numbers.pop(key) for key in _OPTIONS if key in numbers}
     if "hand" in options:
         options["hand"] = _hand(options["hand"])

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_chec
 
 import numpy as np
 
+from whiptool.extras import Registry
+
 if TYPE_CHECKING:
     import casadi as ca
 
@@ -16,6 +18,7 @@ class Law(Protocol):
     """From tracking errors to stiffness and damping: `tau = K e + B de` (Eq. 2). A frozen dataclass of numbers."""
 
     kind: ClassVar[str]
+    # further, where unknown whips are learned: `uncertain`, the names of single parameters that are not exactly known
     if TYPE_CHECKING:  # what makes it a dataclass
         __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -44,7 +47,7 @@ class Law(Protocol):
         ...
 
 
-LAWS: dict[str, type[Law]] = {}
+LAWS: Registry[type[Law]] = Registry("laws", type, what="controller.law")
 L = TypeVar("L", bound=type[Law])
 
 

@@ -36,6 +36,7 @@ class OIAC(NoArray, instead="its parameters()"):
     C: float = 5.0
 
     kind: ClassVar[str] = "oiac"
+    uncertain: ClassVar[tuple[str, ...]] = ("a",)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "a", number("a", self.a, low=0, strict=True))

@@ -23,6 +23,7 @@ class PositionControl:
     """
 
     kind: ClassVar[str] = "position"
+    uncertain: ClassVar[tuple[str, ...]] = ()
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Zeros for errors `e` and `de` of shape (..., n): each (..., n, n)."""

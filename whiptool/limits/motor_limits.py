@@ -9,12 +9,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from whiptool.errors import InputError, expect
+from whiptool.errors import expect
+from whiptool.extras import Registry
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
 from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.words import as_named
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class MotorLimits(NoArray, instead="its numbers by name"):
 
 # XM430-W350 at 12 V, from https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/: 4.1 N m at 2.3 A, 46 rev/min
 XM430 = MotorLimits("XM430-W350", stall_torque=4.1, no_load_speed=46 * 2 * math.pi / 60, stall_current=2.3)
-LIMITS = {"xm430": XM430}
+LIMITS: Registry[MotorLimits] = Registry("limits", MotorLimits, {"xm430": XM430})
 
 
 def limits_preset(name: str) -> MotorLimits:
@@ -148,7 +148,4 @@ def limits_preset(name: str) -> MotorLimits:
         InputError: No motor has that name; the message lists the motors.
     """
     expect(str, name=name)
-    own = as_named(name, LIMITS)
-    if own not in LIMITS:
-        raise InputError("limits", name, ", ".join(LIMITS))
-    return LIMITS[own]
+    return LIMITS.find(name)

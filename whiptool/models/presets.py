@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
-from whiptool.errors import InputError, expect
-from whiptool.extras import add_installed
+from whiptool.errors import expect
+from whiptool.extras import Registry
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.robots import NAH2023, PANDA, UR5E
-from whiptool.words import as_named
 
 # Wang et al. 2024, Tables 2 and 3. Table 3 gives no inertias: uniform rods.
 _LEMON = Model(
@@ -29,22 +28,27 @@ def _nah(name: str, whip: WhipParameters) -> Model:
     return Model(name=name, whip=whip, arm=_NAH_ARM)
 
 
-PRESETS: dict[str, Model] = {
-    model.name: model
-    for model in (
-        _LEMON,
-        *(_nah(f"nah2020-n{N}", WhipParameters(N=N, l=0.1, m=0.1, k=0.05, b=0.005)) for N in (10, 15, 20)),
-        _nah("nah2020-fitted", WhipParameters(N=25, l=0.072, m=0.012, k=0.242, b=0.092)),
-        NAH2023,
-        UR5E,
-        PANDA,
-    )
-}
+PRESETS: Registry[Model] = Registry(
+    "presets",
+    Model,
+    {
+        model.name: model
+        for model in (
+            _LEMON,
+            *(_nah(f"nah2020-n{N}", WhipParameters(N=N, l=0.1, m=0.1, k=0.05, b=0.005)) for N in (10, 15, 20)),
+            _nah("nah2020-fitted", WhipParameters(N=25, l=0.072, m=0.012, k=0.242, b=0.092)),
+            NAH2023,
+            UR5E,
+            PANDA,
+        )
+    },
+    what="model preset",
+)
 
 
 def presets() -> list[str]:
     """Return the names of the published models and those of installed packages: `preset(name)` is one."""
-    add_installed(PRESETS, "presets", Model)
+    PRESETS.add_installed()
     return list(PRESETS)
 
 
@@ -55,10 +59,4 @@ def preset(name: str) -> Model:
         InputError: No preset has that name; the message lists the presets.
     """
     expect(str, name=name)
-    own = as_named(name, PRESETS)
-    if own not in PRESETS:
-        add_installed(PRESETS, "presets", Model)
-        own = as_named(name, PRESETS)
-    if own not in PRESETS:
-        raise InputError("model preset", name, ", ".join(PRESETS))
-    return dataclasses.replace(PRESETS[own])
+    return dataclasses.replace(PRESETS.find(name))

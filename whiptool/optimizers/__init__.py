@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,7 +11,7 @@ import nlopt
 import numpy as np
 
 from whiptool.errors import InputError, expect, refuse_call
-from whiptool.extras import add_installed
+from whiptool.extras import Registry
 from whiptool.models.numbers import whole
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers.evolutionary_search import cmaes_search, genetic_search
@@ -27,16 +27,30 @@ from whiptool.words import method_name
 __all__ = ["METHODS", "Result", "Status", "find_method", "run_search", "search"]
 
 Method = Callable[..., None]
+
+
+def _spelled(written: str, names: Iterable[str]) -> str:
+    """Return a method's name as it is registered, which others may have done in any spelling."""
+    plain = method_name(written)
+    return next((own for own in names if method_name(own) == plain), plain)
+
+
 LEARNERS = ("sac", "td3", "ddpg", "ppo")  # named here so that listing methods does not import torch
-METHODS: dict[str, Method] = {
-    "directl": partial(nlopt_search, algorithm=DIRECT_L),
-    "gradient": gradient_search,
-    "map": map_search,
-    "cmaes": cmaes_search,
-    "ga": genetic_search,
-    **{name: partial(learner_search, learner=name) for name in LEARNERS},
-    "random": random_search,
-}
+METHODS: Registry[Method] = Registry(
+    "methods",
+    Callable,
+    {
+        "directl": partial(nlopt_search, algorithm=DIRECT_L),
+        "gradient": gradient_search,
+        "map": map_search,
+        "cmaes": cmaes_search,
+        "ga": genetic_search,
+        **{name: partial(learner_search, learner=name) for name in LEARNERS},
+        "random": random_search,
+    },
+    what="method",
+    spelled=_spelled,
+)
 MAX_TRIALS = 600  # of a search that is given a target and no other end
 _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIME}
 
@@ -50,15 +64,15 @@ def find_method(name: str) -> Method:
         InputError: No method has that name; the message lists the methods.
     """
     expect(str, method=name)
-    found = _own_name(name)
-    if found.startswith("nlopt:") and found.removeprefix("nlopt:") in nlopt_names():
-        return partial(nlopt_search, algorithm=found.removeprefix("nlopt:"))
-    if found not in METHODS:
-        add_installed(METHODS, "methods", Callable)
-        found = _own_name(name)
-    if found in METHODS:
-        return METHODS[found]
-    raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())]))
+    algorithm = method_name(name).removeprefix("nlopt:")
+    if method_name(name) != algorithm and algorithm in nlopt_names():
+        return partial(nlopt_search, algorithm=algorithm)
+    try:
+        return METHODS.find(name)
+    except InputError as error:
+        if error.name != METHODS.what:
+            raise
+        raise InputError("method", name, ", ".join([*METHODS, *(f"nlopt:{n}" for n in nlopt_names())])) from None
 
 
 def usual_method(rollout: Rollout) -> str:
@@ -69,12 +83,6 @@ def usual_method(rollout: Rollout) -> str:
     """
     has_derivatives = type(rollout).slopes is not Rollout.slopes
     return "gradient" if rollout.model.dimension == 3 and has_derivatives else "directl"
-
-
-def _own_name(written: str) -> str:
-    """Return a method's name as `METHODS` has it, whose names others may have registered in any spelling."""
-    plain = method_name(written)
-    return next((own for own in METHODS if method_name(own) == plain), plain)
 
 
 def search(
@@ -122,7 +130,7 @@ def search(
     elif target is not None or options:
         given = ["target"] * (target is not None) + list(options)
         raise InputError("search", ", ".join(given), "nothing but method, seed and first: an Objective has the rest")
-    method = usual_method(objective.rollout) if method is None else _own_name(method)
+    method = usual_method(objective.rollout) if method is None else _spelled(method, METHODS)
     return run_search(objective, find_method(method), method, seed=seed, first=first)
 
 

@@ -29,6 +29,7 @@ from whiptool.rollout.mujoco_rods import MujocoRods
 from whiptool.rollout.mujoco_rods import stable_timestep as rods_timestep
 
 Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]
+INTEGRATORS = get_args(Integrator)
 TIMESTEP = 1e-4  # [s], largest that is chosen
 RODS_TIMESTEP = 6e-4  # [s], likewise; `benchmarks/defaults.py --replays` compares it with the compiled rollout
 SMALLEST_TIMESTEP = 2e-5  # [s], likewise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,6 +12,7 @@ from tyro.conf import Positional
 
 from whiptool.commands import cli
 from whiptool.commands.options.option_group import (
+    Names,
     OptionGroup,
     OutputOptions,
     ResumableOptions,
@@ -115,3 +117,26 @@ def test_options_are_written_with_dashes_but_positional_ones_are_not():
         "quiet": "--quiet", "workers": "--workers", "t_stay": "--t-stay", "seed": "--seed",
         "json": "--json", "out": "--out", "resume": "--resume",
     }  # fmt: skip
+
+
+def test_names_are_those_of_the_library_in_any_spelling():
+    known = Names("whiptool.goals.criteria:CRITERIA", others=("none",), without=("miss",))
+    assert known.known() == ["effort", "peak-torque", "speed", "robustness", "none"]
+    assert known.name("--minimise", "Peak_Torque") == "peak-torque"
+    with pytest.raises(InputError, match="--minimise: got 'beauty'; allowed: effort, peak-torque"):
+        known.name("--minimise", "beauty")
+    assert Names("whiptool.models.presets:PRESETS", beside="|FILE.toml").name("--model", "own.toml") == "own.toml"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["optimize", "--preset", "table5"], "--preset: got 'table5'; allowed: printed, table4"),
+        (["optimize", "--integrator", "RK5"], "--integrator: got 'RK5'; allowed: RK4, Euler, implicit, implicitfast"),
+        (["compare", "--observation", "god"], "--observation: got 'god'; allowed: tip, relative, goal"),
+        (["dynamixel", "--port", "x", "--baud", "3"], "--baud: got '3'; allowed: 9600, 57600"),
+    ],
+)
+def test_a_name_that_is_none_is_told_the_choices_in_their_order(words, said, capsys):
+    assert import_module(f"whiptool.commands.{words[0]}").main(words[1:]) == 2
+    assert said in capsys.readouterr().err

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import Condition, Conditions, ResumableOptions, unless, when, whole
+from whiptool.commands.options.option_group import Condition, Conditions, Names, ResumableOptions, unless, when, whole
 from whiptool.commands.options.rig_options import ArmOptions, hardware_rig, loop_options
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.errors import InputError
@@ -55,10 +55,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Camera. With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and
     tracked images), d435-color (the same in colour), or tip (60 frames a second, 5 mm noise, no servos). With a real
     arm: realsense, or a RealSense recording."""
-    family: Literal["kin", "strange", "stranger"] = "strange"
+    family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Family from which the twin's whip is drawn. kin: uniform; strange: tapered, with a bead, a soft joint and more;
     stranger: the same deviations, doubled."""
-    material: Literal["cotton", "leather", "nylon", "silicone", "steel-chain", "polypropylene", "manila"] | None = None
+    material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
     """Material of the whip. The prior mean is then that of the material, otherwise that of --model; the prior
     covariance is that of materials in general."""
     diameter: float | None = None
@@ -67,14 +67,14 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Measured length of a whip of --material [m]."""
     max_strikes: int = 6
     """Largest number of strikes; the look before the first strike does not count."""
-    whip: Literal["profile", "uniform"] = "profile"
+    whip: Annotated[str, Names("whiptool.adaptation.prior:WHIPS")] = "profile"
     """Model of the whip that is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
     prior: str | None = None
     """TOML file with lines such as "profile.length" = {value = 0.9, error = 0.05}. They replace the default prior of
     the parameters that they name."""
     known: tuple[str, ...] = ()
     """Recordings of earlier strikes with the same whip, with the tip and the commanded strike."""
-    limits: Literal["xm430"] | None = None
+    limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS")] | None = None
     """Motor whose limits plans have to keep; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
     """Film the hanging whip before the first strike, to measure its length. Not needed with --wiggle or --known."""

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from tyro.conf import arg
-
-from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup
+from whiptool.commands.options.option_group import Condition, Conditions, Names, OptionGroup
 from whiptool.errors import InputError
 from whiptool.words import as_named
 
@@ -17,9 +15,8 @@ if TYPE_CHECKING:
     from whiptool.impedance.law import Law
     from whiptool.models.parameters import Model
 
-Preset = Literal["printed", "table4", "nah2020", "nah2023", "ur5e", "panda"]
-LAWS = ("oiac", "constant", "position")
-CONTROLLERS = "{oiac,constant,position}|FILE.toml"
+Preset = Annotated[str, Names("whiptool.impedance:OIAC_PRESETS", "whiptool.impedance:CONSTANT_PRESETS")]
+LawName = Annotated[str, Names("whiptool.impedance:LAWS", beside="|FILE.toml")]
 _NOT_IN_FILE = Condition("only without a file as --controller: write it into the file", lambda o: not o.in_file)
 _NOT_POSITION = Condition(
     "only without position control; give --controller constant", lambda o: o.law_or_file != "position"
@@ -37,7 +34,7 @@ class LawOptions(OptionGroup):
     takes_hand: ClassVar[bool] = False  # whether the command takes controllers of the hand
     only_with: ClassVar[Conditions] = {"preset": (_NOT_IN_FILE, _NOT_POSITION)}
 
-    controller: Annotated[str | None, arg(metavar=CONTROLLERS)] = None
+    controller: LawName | None = None
     """Control law, or a TOML file with one. The file has a table [controller], as config.toml of a run has. With
     position the joints follow their path exactly, as those of stiff robots do. Default: position for a robot's arm,
     constant for nah2023, oiac for planar arms."""
@@ -54,7 +51,7 @@ class LawOptions(OptionGroup):
     @property
     def law_or_file(self) -> str:
         """The law or file as given, or else the law of the preset that is given, or that goes with the model."""
-        from whiptool.impedance import CONSTANT_PRESETS, default_controller
+        from whiptool.impedance import CONSTANT_PRESETS, LAWS, default_controller
 
         if self.controller is not None:
             return as_named(self.controller, LAWS)
@@ -98,19 +95,23 @@ class LawOptions(OptionGroup):
         return found
 
     def _named_law(self) -> Law:
-        from whiptool.impedance import PositionControl, constant_preset, oiac_preset
+        from whiptool.impedance import LAWS, constant_preset, oiac_preset
 
-        if self.law_or_file not in LAWS:
-            raise InputError("--controller", self.law_or_file, ", ".join(LAWS) + ", or a .toml file")
-        if self.law_or_file == "position":
-            return PositionControl()
         constant = self._constant  # before errors are named after the preset: the model may be none
         try:
             if self.law_or_file == "oiac":
                 return oiac_preset(self.usual_preset if self.preset is None else self.preset)
-            return constant_preset(constant)
+            if self.law_or_file == "constant":
+                return constant_preset(constant)
         except InputError as error:  # a preset of the other law
             raise error.renamed("--preset") from None
+        try:
+            return LAWS.find(self.law_or_file)()
+        except InputError as error:
+            raise InputError("--controller", error.given, f"{error.allowed}, or a .toml file") from None
+        except TypeError:
+            fix = "write a file with its numbers"
+            raise InputError("--controller", self.law_or_file, "a law whose numbers all have defaults", fix) from None
 
     @property
     def _constant(self) -> str:
@@ -128,7 +129,9 @@ class LawOptions(OptionGroup):
             return "position control"
         if self.law_or_file == "constant":
             return "constant impedance" + (f" {self._constant}" if self._constant != "nah2020" else "")
-        return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
+        if self.law_or_file == "oiac":
+            return f"OIAC {self.usual_preset if self.preset is None else self.preset}"
+        return self.law_or_file
 
 
 @dataclass(frozen=True, kw_only=True)

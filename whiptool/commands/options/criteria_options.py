@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
+from whiptool.commands.options.option_group import Condition, Conditions, Names, OptionGroup, unless
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.goals.criteria import Criterion
     from whiptool.models.strike import StrikeBounds
 
-CriterionName = Literal["miss", "effort", "peak-torque", "speed", "robustness"]  # those of `whiptool.goals.criteria`
+CriterionName = Annotated[str, Names("whiptool.goals.criteria:CRITERIA")]
 
 
 @dataclass(frozen=True, kw_only=True)

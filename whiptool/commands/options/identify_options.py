@@ -7,19 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from whiptool.commands.options.controller_options import CONTROLLERS, LawOptions, Preset
-from whiptool.commands.options.option_group import Conditions, ResumableOptions, SeedOptions, unless, when, whole
-from whiptool.commands.options.target_options import MODELS, ModelOptions
+from whiptool.commands.options.controller_options import LawName, LawOptions, Preset
+from whiptool.commands.options.option_group import Conditions, Names, ResumableOptions, SeedOptions, unless, when, whole
+from whiptool.commands.options.target_options import ModelName, ModelOptions
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
 
-Drive = Literal["command", "joints", "robot", "hand", "handle", "passive", "free"]
-Own = Literal[
-    "delay", "clock_rate", "scale", "rotation", "shift_x", "shift_y", "start", "rotation_x", "rotation_y", "rotation_z",
-    "shift_z",
-]  # fmt: skip
+Drive = Annotated[str, Names("whiptool.identification.drives:DRIVES")]
+Own = Annotated[str, Names("whiptool.identification.placement:NEUTRAL", others=("start",))]
 
 OF_WHIPS = (
     "per_recording",
@@ -75,9 +72,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     clamp: float | None = None
     """With --drive passive: the whip is clamped at this angle, 0 being straight down [rad]; a first guess if clamp is
     in --free. Default: the whip hangs from a free hinge."""
-    model: Annotated[str, tyro.conf.arg(metavar=MODELS)] = "lemon2024"
+    model: ModelName = "lemon2024"
     """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
-    controller: Annotated[str | None, tyro.conf.arg(metavar=CONTROLLERS)] = None
+    controller: LawName | None = None
     """Controller for recordings that do not contain theirs; default: the controller of simulate for this model."""
     preset: Preset | None = None
     """Parameters of that controller's law; default: table4 for oiac, nah2020 (Eq. 22) for constant."""

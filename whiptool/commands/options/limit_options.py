@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands.options.option_group import Conditions, OptionGroup, options_named, unless
+from whiptool.commands.options.option_group import Conditions, Names, OptionGroup, options_named, unless
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class LimitOptions(OptionGroup):
         "ignore_collisions": (unless("limits", "none"),),
     }
 
-    limits: Literal["xm430", "arm", "none"] | None = None
+    limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS", others=("arm", "none"))] | None = None
     """Limits that strikes have to keep. arm: those of the joints; xm430: the speed-torque line of that motor. optimize
     counts strikes beyond a limit as misses; simulate reports them. Default: arm, if its joints have limits."""
     keep_free: float = 0.0

@@ -6,12 +6,72 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias, get_args
 
 from whiptool.errors import InputError
+from whiptool.extras import Registry
+from whiptool.words import as_named
 
 MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
+
+
+@dataclass(frozen=True, init=False)
+class Names:
+    """In the annotation of an option: it is a name of registries of the library, which are loaded when it is looked up.
+
+    Args:
+        homes: Module and name of each registry, such as `whiptool.goals.criteria:CRITERIA`.
+        others: Further names, which are the option's own.
+        without: Names that the option does not take.
+        beside: What may be given otherwise, as help shows it, such as `|FILE.toml`; names are then not checked here.
+            None: nothing else, and they are.
+    """
+
+    homes: tuple[str, ...]
+    others: tuple[str, ...]
+    without: tuple[str, ...]
+    beside: str | None
+
+    def __init__(
+        self, *homes: str, others: tuple[str, ...] = (), without: tuple[str, ...] = (), beside: str | None = None
+    ) -> None:
+        for name, value in (("homes", homes), ("others", others), ("without", without), ("beside", beside)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def registries(self) -> list[Any]:
+        """The registries, or mere tuples or dictionaries of names."""
+        return [getattr(import_module(home.partition(":")[0]), home.partition(":")[2]) for home in self.homes]
+
+    def known(self) -> list[str]:
+        """Return all names, in order."""
+        every = (*(name for registry in self.registries for name in registry), *self.others)
+        return [name for name in every if name not in self.without]
+
+    def name(self, option: str, written: str) -> str:
+        """Return the name that is meant by one as it is written.
+
+        Raises:
+            InputError: There is no such name; the message lists them.
+        """
+        if self.beside is not None:
+            return written
+        if as_named(written, self.known()) not in self.known():
+            for registry in self.registries:
+                if isinstance(registry, Registry):
+                    registry.add_installed()
+        own, known = as_named(written, self.known()), self.known()
+        if own not in known:
+            raise InputError(option, written, ", ".join(known))
+        return own
+
+
+def names_of(kind: Any) -> Names | None:
+    """Return the names that are allowed within a type, in whatever it is nested."""
+    found = next((x for x in getattr(kind, "__metadata__", ()) if isinstance(x, Names)), None)
+    return found or next((inner for part in get_args(kind) if (inner := names_of(part))), None)
 
 
 @dataclass(frozen=True)

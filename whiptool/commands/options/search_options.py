@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from tyro.conf import arg
-
-from whiptool.commands.options.option_group import MANY_TARGETS, OptionGroup, whole
+from whiptool.commands.options.option_group import MANY_TARGETS, Names, OptionGroup, whole
 from whiptool.errors import InputError
 from whiptool.words import method_name
 
@@ -17,13 +15,12 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
 
-Learner = Literal["sac", "td3", "ddpg", "ppo"]
-Observation = Literal["tip", "relative", "goal"]
-WITHOUT_DERIVATIVES = ("directl", "cmaes", "ga", "sac", "td3", "ddpg", "ppo", "random", "nlopt:NAME")
+Learner = Annotated[str, Names("whiptool.rl.settings:SETTINGS")]
+Observation = Annotated[str, Names("whiptool.rl.task:OBSERVATIONS")]
 WITH_DERIVATIVES = ("gradient", "map")
-LEARNERS = get_args(Learner)
-METHODS = "{" + ",".join((*WITH_DERIVATIVES, *WITHOUT_DERIVATIVES)) + "}"
-Methods = Annotated[tuple[str, ...], arg(metavar=f"[{METHODS} ...]")]
+METHODS = Names("whiptool.optimizers:METHODS", others=("nlopt:NAME",), beside="")  # `find_method` checks them
+WITHOUT_DERIVATIVES = Names("whiptool.optimizers:METHODS", others=METHODS.others, without=WITH_DERIVATIVES, beside="")
+Methods = tuple[Annotated[str, METHODS], ...]
 
 
 def spell_methods(options: OptionGroup, name: str) -> None:
@@ -40,7 +37,9 @@ def spell_methods(options: OptionGroup, name: str) -> None:
 
 def learned_with(methods: Iterable[str]) -> tuple[str, ...]:
     """Return the modules of extras that some methods need: learners need PyTorch."""
-    return ("torch",) if set(LEARNERS) & set(methods) else ()
+    from whiptool.rl.settings import SETTINGS
+
+    return ("torch",) if SETTINGS.keys() & set(methods) else ()
 
 
 @dataclass(frozen=True, kw_only=True)

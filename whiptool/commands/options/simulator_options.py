@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, when
+from whiptool.commands.options.option_group import Conditions, Names, OptionGroup, unless, when
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from whiptool.rollout.interface import Rollout
 
 Simulator = Literal["compiled", "reference"]
-Integrator = Literal["RK4", "Euler", "implicit", "implicitfast"]  # those of `whiptool.rollout.reference`
 MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more than 0.3 mm before it is said
 
 
@@ -85,7 +84,7 @@ class SimulatorOptions(StepOptions):
     timestep: float | None = None
     """Use equal integration steps of this length [s]. Default: compiled, the steps that --tolerance needs; reference,
     at most 0.0001, with rods 0.0004."""
-    integrator: Integrator | None = None
+    integrator: Annotated[str, Names("whiptool.rollout.reference:INTEGRATORS")] | None = None
     """Integrator of the reference simulator; default: RK4 unless the whip is too stiff for it."""
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:

@@ -8,9 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from tyro.conf import arg
-
-from whiptool.commands.options.option_group import Condition, Conditions, OptionGroup, unless
+from whiptool.commands.options.option_group import Condition, Conditions, Names, OptionGroup, unless
 from whiptool.commands.options.whip_options import WhipOptions
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
@@ -22,9 +20,7 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import Model
 
 LONGEST_STAY = 60.0  # [s]
-MODELS = (
-    "{lemon2024,nah2020-n10,nah2020-n15,nah2020-n20,nah2020-fitted,nah2023,ur5e,panda}|FILE.toml|FILE.urdf|FILE.xml"
-)
+ModelName = Annotated[str, Names("whiptool.models.presets:PRESETS", beside="|FILE.toml|FILE.urdf|FILE.xml")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +163,7 @@ class ModelOptions(WhipOptions):
     )
     in_space: ClassVar[bool] = False  # whether the command takes models in space
 
-    model: Annotated[str, arg(metavar=MODELS)] = "lemon2024"
+    model: ModelName = "lemon2024"
     """Model of arm and whip. A preset (nah2023, ur5e and panda are in space) or a file. A robot in URDF or MJCF gets
     the rope of ur5e."""
 

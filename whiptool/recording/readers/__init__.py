@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, expect
-from whiptool.extras import add_installed
+from whiptool.extras import Registry
 from whiptool.given_files import whole_file
 from whiptool.recording.readers.angles import holds_angles, read_angles
 from whiptool.recording.readers.c3d import read_c3d
@@ -57,28 +57,33 @@ def _deeplabcut(path: Path, head: bytes) -> bool:
     return path.suffix.lower() == ".csv" and head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"scorer")
 
 
-READERS: dict[str, Format] = {
-    "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
-    "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
-    "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
-    "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
-    "mat": Format("MAT version 5", _named(".mat"), read_mat),
-    "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
-    "lerobot": Format(
-        "folder of a LeRobotDataset v3",
-        lambda p, _: (p / "meta/info.json").is_file(),
-        read_lerobot,
-        lerobot_video,
-        needs="pyarrow",
-    ),
-    "db3": Format(
-        "ROS 2 bag (.db3, or its folder)",
-        lambda p, _: p.suffix.lower() == ".db3" or (p / "metadata.yaml").is_file(),
-        video=read_db3,
-        needs="rosbags",
-    ),
-    "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video, needs="cv2"),
-}
+READERS: Registry[Format] = Registry(
+    "readers",
+    Format,
+    {
+        "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
+        "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
+        "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
+        "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
+        "mat": Format("MAT version 5", _named(".mat"), read_mat),
+        "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
+        "lerobot": Format(
+            "folder of a LeRobotDataset v3",
+            lambda p, _: (p / "meta/info.json").is_file(),
+            read_lerobot,
+            lerobot_video,
+            needs="pyarrow",
+        ),
+        "db3": Format(
+            "ROS 2 bag (.db3, or its folder)",
+            lambda p, _: p.suffix.lower() == ".db3" or (p / "metadata.yaml").is_file(),
+            video=read_db3,
+            needs="rosbags",
+        ),
+        "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video, needs="cv2"),
+    },
+    what="format",
+)
 
 _OWN = frozenset(READERS)
 
@@ -123,7 +128,7 @@ def find_format(path: Path | str) -> str:
 
 def _installed_format(path: Path, head: bytes) -> str | None:
     """Return the key of the format of a path that an installed package reads; None: no package does."""
-    add_installed(READERS, "readers", Format)
+    READERS.add_installed()
     return next((name for name in READERS if name not in _OWN and READERS[name].matches(path, head)), None)
 
 
@@ -177,11 +182,7 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
 
 def _format(path: Path | str, name: str | None) -> Format:
     name = find_format(path) if name is None else name
-    if name not in READERS:
-        add_installed(READERS, "readers", Format)
-    if name not in READERS:
-        raise InputError("format", name, "one of " + ", ".join(READERS))
-    return READERS[name]
+    return READERS.find(name)
 
 
 def _checked(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
