@@ -217,7 +217,6 @@ def _strike(options: MapStrikeOptions) -> int:
             StrikeRun(trajectory, model, target, "strike map", beyond),
             summary,
             lines,
-            video=options.video,
             later=lambda: _replayed(striker, strike, target, outcome),
         )
     options.write_trajectory(commanded, rollout.controller)

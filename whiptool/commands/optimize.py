@@ -224,7 +224,6 @@ class SearchRun:
             StrikeRun(trajectory, self.model, self.target, label, beyond),
             summary,
             self._lines(result, summary),
-            video=options.video,
             later=later,
             further=lambda: self._further(result, label),
             process=self.drawing,

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from whiptool.commands import cli
-from whiptool.commands.options.option_group import JsonOptions
 from whiptool.progress import note
 from whiptool.references import CITATIONS
 
@@ -92,13 +91,12 @@ class StrikePictures:
 
 
 def tell_strike(
-    options: JsonOptions,
+    options: Any,
     folder: RunFolder,
     strike: StrikeRun,
     summary: dict[str, Any],
     lines: Sequence[str],
     *,
-    video: bool,
     later: Callable[[], tuple[dict[str, Any], str]] | None = None,
     further: Callable[[], list[str]] = list,
     process: PictureProcess | None = None,
@@ -106,12 +104,11 @@ def tell_strike(
     """Write the result of a strike and tell it, then draw; JSON is printed when the result is complete.
 
     Args:
-        options: How the result is printed.
+        options: Options of the command, which say how the result is printed, and whether there is a video.
         folder: Run folder.
         strike: The strike.
         summary: Its result.
         lines: The same for people.
-        video: Whether there is a video.
         later: Returns what takes longer, for the result and for people, while a process draws.
         further: Draws more pictures, and returns what there is then, for people.
         process: See `StrikePictures`.
@@ -119,7 +116,7 @@ def tell_strike(
     folder.write_result(summary)  # whatever happens below
     if later is None or not options.json:
         cli.tell(options, summary, "\n".join(lines))
-    with StrikePictures(folder.path, strike, video=video, process=process) as pictures:
+    with StrikePictures(folder.path, strike, video=options.video, process=process) as pictures:
         if later is not None:
             more, line = later()
             summary |= more

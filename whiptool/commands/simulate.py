@@ -300,7 +300,7 @@ def _write(
     with cli.new_folder(
         options, "simulate", cli.configuration(options, "simulate", strike.model, controller)
     ) as folder:
-        tell_strike(options, folder, strike, summary, lines, video=options.video)
+        tell_strike(options, folder, strike, summary, lines)
 
 
 def _work(options: SimulateOptions) -> int:
