@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lagrangian import tip_state
 from random_chains import (
     POINT_INERTIA,
     VECTORS,
@@ -44,7 +45,6 @@ from whiptool.dynamics.chain import (
     passive_torque,
     potential_energy,
     ride_on_end,
-    tip_state,
 )
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.rollout.mujoco_model import build_spec

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lagrangian import lagrangian, lagrangian_dynamics
 from random_chains import Case, Key, acceleration, cases, evaluate, examples, numbers, symbols, terms, tolerance, worst
-
-from whiptool.dynamics.lagrangian import lagrangian, lagrangian_dynamics
 
 SHORT = st.integers(1, 14)
 

@@ -11,17 +11,16 @@ import numpy as np
 import pinocchio as pin
 from hypothesis import settings
 from hypothesis import strategies as st
+from lagrangian import link_ends, tip_state
 
 from whiptool.dynamics.chain import (
     Chain,
     bias_forces,
     forward_dynamics,
     kinetic_energy,
-    link_ends,
     mass_matrix,
     passive_torque,
     potential_energy,
-    tip_state,
 )
 from whiptool.impedance.arm import pinocchio_chain
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
+from lagrangian import lagrangian_dynamics
 from shared_by_threads import check_shared
 
 from whiptool.dynamics.chain import Chain, mass_matrix, potential_energy
-from whiptool.dynamics.lagrangian import lagrangian_dynamics
 from whiptool.impedance.arm import Arm
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
 from whiptool.models.presets import PRESETS, preset

@@ -165,7 +165,8 @@ def _check_camera(name: str) -> None:
 
 def _strike(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
-    from whiptool.models.joint_space import JointSpace, numbers_of
+    from whiptool.models.hand_space import numbers_of
+    from whiptool.models.joint_space import JointSpace
     from whiptool.rig.session import CYCLES, RECORDING
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
 

@@ -173,7 +173,7 @@ def _strike(options: SimulateOptions, model):
         return load_policy(options.run).strike(options.build_target(model))
     if options.strike is None:
         return None
-    from whiptool.models.joint_space import numbers_of
+    from whiptool.models.hand_space import numbers_of
 
     space = options.build_controller().strike_space(model.arm)
     if len(options.strike) != space.width:

@@ -102,20 +102,6 @@ def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
     )
 
 
-def link_ends(chain: Chain, q: ca.SX) -> ca.SX:
-    """Positions of the links' far ends [m], shape (n, 2); the last row is the tip."""
-    theta = ca.cumsum(ca.SX(q))
-    l = ca.SX(chain.length)
-    return ca.horzcat(ca.cumsum(l * ca.sin(theta)), ca.cumsum(-l * ca.cos(theta)))
-
-
-def tip_state(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Tip position [m] and velocity [m/s], each (2, 1)."""
-    theta, omega, l = ca.cumsum(ca.SX(q)), ca.cumsum(ca.SX(v)), ca.SX(chain.length)
-    s, c = l * ca.sin(theta), l * ca.cos(theta)
-    return ca.vertcat(ca.sum1(s), -ca.sum1(c)), ca.vertcat(ca.dot(c, omega), ca.dot(s, omega))
-
-
 def passive_torque(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
     """Torque of springs, dampers and smoothed dry friction [N m], shape (n, 1)."""
     bent = q - ca.SX(chain.rest_angle)

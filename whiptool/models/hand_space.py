@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -15,7 +15,7 @@ from whiptool.models.hand_path import DEGREE, NODES, TO_POWERS, TO_SERIES, HandP
 from whiptool.models.hand_strike import HandStrike
 from whiptool.models.hand_way import HandWay
 from whiptool.models.inverse_kinematics import HandKinematics
-from whiptool.models.joint_space import check_turns, refuse_far
+from whiptool.models.joint_space import JointSpace, check_turns, refuse_far
 from whiptool.models.numbers import numbers
 from whiptool.models.planar_arm import AnyArm
 from whiptool.models.strike import StrikeBounds, default_bounds
@@ -274,6 +274,15 @@ class HandSpace:
         low, high = np.array([limits.position for limits in self.arm.joint_limits]).T
         half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
         return np.maximum(low - q, q - high) / half
+
+
+StrikeSpace: TypeAlias = JointSpace | HandSpace
+"""What describes strikes: the joints, or the hand."""
+
+
+def numbers_of(space: StrikeSpace) -> str:
+    """Return in words which numbers a strike of a space has, such as `5 numbers, q_si q_ei q_sf q_ef D`."""
+    return f"{space.width} numbers, {' '.join(space.names)}"
 
 
 @lru_cache(maxsize=32)

@@ -1,8 +1,8 @@
-"""Joint space: strikes described by where the joints begin and end; and the interface of any space of strikes."""
+"""Joint space: strikes described by where the joints begin and end."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -33,69 +33,6 @@ class StrikePath(Protocol):
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
         ...
-
-
-class StrikeSpace(Protocol):
-    """What describes strikes: the joints (`JointSpace`) or the hand (`HandSpace`)."""
-
-    @property
-    def kind(self) -> str:
-        """`joint`, `hand`, or `pose`: the hand's place, and with its orientation."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of a strike's numbers."""
-        ...
-
-    @property
-    def width(self) -> int:
-        """Numbers of a strike vector; the last is D."""
-        ...
-
-    @property
-    def layout(self) -> Mapping[str, int]:
-        """Name and size of every block of `numbers`; the first is `q_i`."""
-        ...
-
-    @property
-    def bounds(self) -> StrikeBounds:
-        """Bounds in which strikes are usually searched."""
-        ...
-
-    def strike(self, vector: Sequence[float] | np.ndarray) -> Any:
-        """Return the strike of a vector."""
-        ...
-
-    def path(self, vector: np.ndarray) -> StrikePath:
-        """Return the strike of a vector as the arm's joints make it."""
-        ...
-
-    def numbers(self, vectors: np.ndarray) -> np.ndarray:
-        """Return what rollouts take of strikes (B, width), as `layout` has it."""
-        ...
-
-    def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `numbers` by the strikes' own, (B, numbers, width)."""
-        ...
-
-    def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, width) are from what the arm can do, (B,); 0: it can."""
-        ...
-
-    def check_turns(self, name: str, vectors: Any) -> None:
-        """Refuse strikes, (width,) or (B, width), with an angle farther from 0 than two turns, as degrees would be.
-
-        Args:
-            name: Name of the values for the user.
-            vectors: Strikes.
-        """
-        ...
-
-
-def numbers_of(space: StrikeSpace) -> str:
-    """Return in words which numbers a strike of a space has, such as `5 numbers, q_si q_ei q_sf q_ef D`."""
-    return f"{space.width} numbers, {' '.join(space.names)}"
 
 
 class JointSpace:

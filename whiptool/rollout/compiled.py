@@ -15,7 +15,8 @@ from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.default import default_controller
-from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace
+from whiptool.models.hand_space import StrikeSpace
+from whiptool.models.joint_space import AnyStrike, JointSpace
 from whiptool.models.numbers import array_of, texts, whole
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY

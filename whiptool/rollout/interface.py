@@ -11,7 +11,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.closest import Points, target_points
-from whiptool.models.joint_space import AnyStrike, JointSpace, StrikeSpace, checked_vectors
+from whiptool.models.hand_space import StrikeSpace
+from whiptool.models.joint_space import AnyStrike, JointSpace, checked_vectors
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
 from whiptool.models.trajectory import Approach, Trajectory

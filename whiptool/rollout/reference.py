@@ -16,7 +16,8 @@ from whiptool.errors import InputError, expect
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.default import default_controller
-from whiptool.models.joint_space import AnyStrike, StrikeSpace
+from whiptool.models.hand_space import StrikeSpace
+from whiptool.models.joint_space import AnyStrike
 from whiptool.models.numbers import numbers
 from whiptool.models.parameters import Model, number
 from whiptool.models.strike import T_STAY

@@ -11,7 +11,7 @@ from whiptool.errors import InputError
 from whiptool.words import method_name
 
 if TYPE_CHECKING:
-    from whiptool.models.joint_space import StrikeSpace
+    from whiptool.models.hand_space import StrikeSpace
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
 
@@ -72,7 +72,8 @@ class SearchOptions(OptionGroup):
         Raises:
             InputError: They are not of this arm, or cross.
         """
-        from whiptool.models.joint_space import JointSpace, numbers_of
+        from whiptool.models.hand_space import numbers_of
+        from whiptool.models.joint_space import JointSpace
 
         space = JointSpace(model.arm) if space is None else space
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):

@@ -1,6 +1,6 @@
-"""The same chain derived the other way, from its energies by Lagrange's equations: for analysis and as a check.
+"""The planar chain derived the other way, from its energies by Lagrange's equations, and where its links end.
 
-Nothing here is shared with the recursive algorithms of `chain.py` but the parameters.
+Nothing here is shared with the recursive algorithms of `whiptool.dynamics.chain` but the parameters.
 """
 
 from __future__ import annotations
@@ -64,3 +64,17 @@ def _along(angle: ca.SX) -> ca.SX:
 
 def _pairs(column: ca.SX) -> list[ca.SX]:
     return ca.vertsplit(column, 2)
+
+
+def link_ends(chain: Chain, q: ca.SX) -> ca.SX:
+    """Positions of the links' far ends [m], shape (n, 2); the last row is the tip."""
+    theta = ca.cumsum(ca.SX(q))
+    l = ca.SX(chain.length)
+    return ca.horzcat(ca.cumsum(l * ca.sin(theta)), ca.cumsum(-l * ca.cos(theta)))
+
+
+def tip_state(chain: Chain, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Tip position [m] and velocity [m/s], each (2, 1)."""
+    theta, omega, l = ca.cumsum(ca.SX(q)), ca.cumsum(ca.SX(v)), ca.SX(chain.length)
+    s, c = l * ca.sin(theta), l * ca.cos(theta)
+    return ca.vertcat(ca.sum1(s), -ca.sum1(c)), ca.vertcat(ca.dot(c, omega), ca.dot(s, omega))
