@@ -16,7 +16,7 @@ from robot_files import URDF
 
 from whiptool.goals.zone import Region
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.impedance.files import read_controller, write_controller
+from whiptool.impedance.controller_files import read_controller, write_controller
 from whiptool.models import preset
 from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.arm_files import read_robot

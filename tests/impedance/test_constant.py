@@ -11,7 +11,7 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.impedance import CONSTANT_PRESETS, ConstantImpedance, Controller, constant_preset
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.impedance.controller_files import controller_from_table, controller_to_table
 from whiptool.models import PRESETS, Strike, preset
 from whiptool.rollout import CompiledRollout
 

@@ -9,7 +9,12 @@ from scipy.linalg import eigvalsh
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, HandControl, PositionControl, hand_impedance
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.files import controller_from_table, controller_to_table, read_controller, write_controller
+from whiptool.impedance.controller_files import (
+    controller_from_table,
+    controller_to_table,
+    read_controller,
+    write_controller,
+)
 from whiptool.models import preset
 from whiptool.models.joint_space import JointSpace
 

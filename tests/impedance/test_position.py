@@ -10,7 +10,7 @@ from whiptool.commands.options.rig_options import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, PositionControl
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.impedance.controller_files import controller_from_table, controller_to_table
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 

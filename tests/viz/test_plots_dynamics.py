@@ -19,7 +19,7 @@ from whiptool.models.planar_arm import in_space
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.energy import Energies, energies
 from whiptool.viz import plots_dynamics
-from whiptool.viz.posture import arm_and_whip
+from whiptool.viz.drawn_posture import arm_and_whip
 
 LEMON = preset("lemon2024")
 CHAIN = WhipProfile(length=0.9, linear_density=0.17, bending_stiffness=1e-9, bending_damping=0.0)

@@ -21,7 +21,7 @@ from papers.finished_comparison import read_run
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
 from whiptool.identification.bare_arm import read_bare_arm
-from whiptool.impedance.files import read_controller
+from whiptool.impedance.controller_files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.recording.camera import read_cameras

@@ -309,7 +309,7 @@ def configuration(
         model, controller: As the options resolve them; None: they stand elsewhere.
         parts: Further resolved parts, as plain TOML data.
     """
-    from whiptool.impedance.files import controller_to_table
+    from whiptool.impedance.controller_files import controller_to_table
     from whiptool.models.files import model_to_table
 
     config = {"command": command, "options": as_plain(options.kept()), **parts}
@@ -408,7 +408,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
     """Return whether a run's model or controller, of which older versions wrote fewer keys, is the present one."""
-    from whiptool.impedance.files import controller_from_table, controller_to_table
+    from whiptool.impedance.controller_files import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 
     try:

@@ -307,7 +307,7 @@ class FitRun:
 
     def _summary(self, plant: Plant, path: Path) -> dict[str, Any]:
         from whiptool.identification.summary import fit_table
-        from whiptool.impedance.files import controller_to_table
+        from whiptool.impedance.controller_files import controller_to_table
 
         plane = None
         if self.plane is not None:

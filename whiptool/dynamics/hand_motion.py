@@ -15,7 +15,7 @@ from whiptool.models.spatial_arm import SpatialArm
 _PLACE = 3
 
 
-class HandMotion(NamedTuple):
+class HandInputs(NamedTuple):
     """The hand at I instants, as `whiptool.dynamics.swing.SpatialSwing` takes it, and where it is.
 
     Args:
@@ -30,12 +30,12 @@ class HandMotion(NamedTuple):
     by_joints: np.ndarray
 
 
-def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> HandMotion:
+def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> HandInputs:
     """Return how the hand moves where the joints' positions, speeds and accelerations are these, (I, joints) each."""
     found, slopes = _of_joints(arm)(q.T, v.T, a.T)
     values = found.full().T
     by_joints = slopes.full().reshape(SPATIAL_BASE + _PLACE, len(q), 3, arm.n).swapaxes(0, 1)
-    return HandMotion(values[:, :SPATIAL_BASE], values[:, SPATIAL_BASE:], by_joints)
+    return HandInputs(values[:, :SPATIAL_BASE], values[:, SPATIAL_BASE:], by_joints)
 
 
 @lru_cache(maxsize=8)

@@ -16,7 +16,7 @@ from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
-from whiptool.impedance.files import controller_from_table, controller_to_table
+from whiptool.impedance.controller_files import controller_from_table, controller_to_table
 from whiptool.models.parameters import Model, number
 from whiptool.models.profile import WhipProfile, even_profile, lumped_from
 from whiptool.models.tables import read_toml

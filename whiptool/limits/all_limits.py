@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.motor_limits import LIMITS, limits_preset
 from whiptool.models.joint_space import AnyStrike
 from whiptool.models.mount import default_floor
@@ -19,67 +19,6 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.words import as_named
-
-
-class Smooth(Protocol):
-    """Functions of a strike that are <= 0 where it keeps something, with derivatives."""
-
-    def constraints(self, strike: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
-        """Return the functions (m,) and their derivatives (m, 2 a + 1) at a strike, (2 a + 1,)."""
-        ...
-
-    def kept(self, strikes: np.ndarray, /) -> np.ndarray:
-        """Return whether strikes (B, 2 a + 1) keep it, (B,)."""
-        ...
-
-
-class Limits(Protocol):
-    """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
-
-    `by_peaks` is true if the peak values of a strike suffice to judge it.
-    """
-
-    judges: ClassVar[str]
-    by_peaks: ClassVar[bool]
-
-    @property
-    def words(self) -> str:
-        """The limits in words."""
-        ...
-
-    @property
-    def command(self) -> CommandLimits | None:
-        """What may be commanded; None: anything."""
-        ...
-
-    @property
-    def smooth(self) -> Sequence[Smooth]:
-        """What a search can keep beforehand."""
-        ...
-
-    @property
-    def positions(self) -> np.ndarray | None:
-        """Lowest and highest position of each joint [rad or m], (2, a); None: any."""
-        ...
-
-    @property
-    def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best."""
-        ...
-
-    def violation_of_peaks(self, outcome: Approach, /) -> np.ndarray:
-        """Excess of strikes over the limits by their peak values alone, (B,); at most 0 if they certainly keep the
-        limits."""
-        ...
-
-    def violation(self, trajectory: Trajectory, /) -> float:
-        """Excess of a strike over the limits; at most 0 if it keeps them."""
-        ...
-
-    def explain(self, trajectory: Trajectory, joints: Sequence[str], /) -> str:
-        """What a strike uses most of, in words."""
-        ...
-
 
 COMMANDED = "joint"  # what judges a movement that is commanded faster than the joints may go: the joints' limits
 

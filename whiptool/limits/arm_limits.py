@@ -11,6 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.command_limits import ROUNDING, CommandLimits
+from whiptool.limits.limits import Limits
 from whiptool.models.planar_arm import AnyArm
 from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.torque_rate import torque_rates
@@ -26,7 +27,7 @@ def _limited(joints: Sequence[JointLimits]) -> bool:
 
 
 @dataclass(frozen=True)
-class ArmLimits:
+class ArmLimits(Limits):
     """Limits of each joint of an arm.
 
     Position, velocity and torque are judged by what the joints do, acceleration and jerk by the commanded path alone,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.limits.limits import Limits
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Approach, Trajectory
@@ -25,7 +26,7 @@ UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
 
 
 @dataclass(frozen=True)
-class Clearance:
+class Clearance(Limits):
     """The distance that arm, whip and floor keep from each other, as capsules; see `Scene`.
 
     Links that have but one between them are always near each other: they have to be apart, but need not keep more.
@@ -54,14 +55,6 @@ class Clearance:
         object.__setattr__(self, "least", metres("least", self.least, longest=LARGEST_GAP, strict=False))
         if not self.is_of(self.model) and self.floor is None:
             raise InputError("clearance", "none", "an arm with capsules, or a floor")
-
-    @property
-    def command(self) -> None:
-        """None: a movement may be commanded at any speed."""
-
-    @property
-    def positions(self) -> None:
-        """None: joints may be anywhere where nothing touches."""
 
     @property
     def of_candidates(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from whiptool.errors import expect
 from whiptool.extras import Registry
+from whiptool.limits.limits import Limits
 from whiptool.models.arrays import NoArray
 from whiptool.models.parameters import number
 from whiptool.models.spatial_arm import kept_free
@@ -18,7 +19,7 @@ from whiptool.models.trajectory import Approach, Trajectory
 
 
 @dataclass(frozen=True)
-class MotorLimits(NoArray, instead="its numbers by name"):
+class MotorLimits(NoArray, Limits, instead="its numbers by name"):
     """The speed-torque line of a motor at its supply voltage.
 
     Driving at speed w, a motor gives at most `stall_torque (1 - w / no_load_speed)`; braking, at most its stall
@@ -46,24 +47,6 @@ class MotorLimits(NoArray, instead="its numbers by name"):
         expect(str, name=self.name)
         for name in ("stall_torque", "no_load_speed", "stall_current"):
             number(name, getattr(self, name), low=0, strict=True)
-
-    @property
-    def command(self) -> None:
-        """Limits of the command: none, a movement may be commanded at any speed."""
-
-    @property
-    def smooth(self) -> tuple[()]:
-        """Limits that a search can keep beforehand: none."""
-        return ()
-
-    @property
-    def positions(self) -> None:
-        """Limits of position: none, a motor turns without end."""
-
-    @property
-    def of_candidates(self) -> bool:
-        """Whether only hits and best strikes are judged by their whole trajectory: no, all strikes are."""
-        return False
 
     def keeping_free(self, share: float) -> MotorLimits:
         """Return the line reduced by a share that is kept free.

@@ -13,7 +13,7 @@ from whiptool.goals.arrival_rule import named_rule, named_zone
 from whiptool.goals.goal_region import GoalRegion, usual_region
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import RADIUS
-from whiptool.impedance.files import controller_from_table
+from whiptool.impedance.controller_files import controller_from_table
 from whiptool.limits.all_limits import named_limits
 from whiptool.models import Model
 from whiptool.models.files import model_from_table

@@ -24,7 +24,7 @@ from whiptool.recording.depth_noise import stereo_depth
 from whiptool.vision.exposure import Exposed, expose
 from whiptool.vision.source import Frame
 from whiptool.vision.strike_drawing import StrikeDrawing
-from whiptool.viz.posture import as_mujoco_shows
+from whiptool.viz.drawn_posture import as_mujoco_shows
 
 _FINE = 4  # samples per pixel and direction where the tip is
 _TIP_STEP = 1.0  # pixels that the tip moves from one sub-frame to the next, at most

@@ -21,9 +21,9 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
+from whiptool.viz.drawn_posture import arm_and_whip, at_times
 from whiptool.viz.frames import drawn_frames, write_film
 from whiptool.viz.plots_strike import box_around, plot_ball, set_up_perspective
-from whiptool.viz.posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, STYLE
 
 FPS = 25.0
@@ -118,12 +118,7 @@ def animate(
 
     with matplotlib.rc_context(STYLE):
         figure, ax, zone = (_in_space if model.dimension == 3 else _in_plane)(every, goal, width, dpi)
-        (trail,) = ax.plot([], [], *_nothing(model), color=COLORS["vermilion"], linewidth=1)
-        (whip,) = ax.plot([], [], *_nothing(model), color=COLORS["black"], linewidth=2.2, solid_joinstyle="round")
-        (arm,) = ax.plot(
-            [], [], *_nothing(model), "o-", color=COLORS["blue"], linewidth=5, markersize=7, markerfacecolor="white"
-        )
-        (tip,) = ax.plot([], [], *_nothing(model), "o", color=COLORS["vermilion"], markersize=6)
+        trail, whip, arm, tip = _lines(ax, model)
         title = ax.set_title(" ", fontsize=11)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, not in every frame
@@ -138,6 +133,17 @@ def animate(
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
 
         return StrikeAnimation(figure, (zone, trail, whip, arm, tip, title), len(times), show, fps)
+
+
+def _lines(ax: Axes, model: Model) -> tuple[Any, Any, Any, Any]:
+    """The path of the tip, the whip, the arm and the tip, without places so far."""
+    (trail,) = ax.plot([], [], *_nothing(model), color=COLORS["vermilion"], linewidth=1)
+    (whip,) = ax.plot([], [], *_nothing(model), color=COLORS["black"], linewidth=2.2, solid_joinstyle="round")
+    (arm,) = ax.plot(
+        [], [], *_nothing(model), "o-", color=COLORS["blue"], linewidth=5, markersize=7, markerfacecolor="white"
+    )
+    (tip,) = ax.plot([], [], *_nothing(model), "o", color=COLORS["vermilion"], markersize=6)
+    return trail, whip, arm, tip
 
 
 def _nothing(model: Model) -> list[list[float]]:

@@ -12,7 +12,7 @@ from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.viz.posture import as_mujoco_shows, at_times
+from whiptool.viz.drawn_posture import as_mujoco_shows, at_times
 from whiptool.viz.viewpoint import Viewpoint
 
 MAX_SEGMENTS = 800  # of the tip's path

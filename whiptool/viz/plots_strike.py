@@ -27,7 +27,7 @@ from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
-from whiptool.viz.posture import arm_and_whip, at_times
+from whiptool.viz.drawn_posture import arm_and_whip, at_times
 from whiptool.viz.style import COLORS, SPEED, STYLE, legend_above, length_text, ticks
 
 AXES = {2: ("x, forward [m]", "y, up [m]"), 3: ("x, forward [m]", "y, left [m]", "z, up [m]")}

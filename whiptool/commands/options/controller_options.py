@@ -79,7 +79,7 @@ class LawOptions(OptionGroup):
             InputError: No controller has that name, the file holds none, or an option is given that the file has.
         """
         from whiptool.impedance import Controller
-        from whiptool.impedance.files import read_controller
+        from whiptool.impedance.controller_files import read_controller
 
         if not self.in_file:
             return Controller(law=self._named_law())

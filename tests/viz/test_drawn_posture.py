@@ -10,7 +10,7 @@ from space_swing import places, swing
 from spatial_arms import of_universal_nodes
 
 from whiptool.models import preset
-from whiptool.viz.posture import arm_and_whip, as_mujoco_shows, at_times
+from whiptool.viz.drawn_posture import arm_and_whip, as_mujoco_shows, at_times
 
 LEMON, UR5E = preset("lemon2024"), of_universal_nodes("ur5e")
 PATH = swing(UR5E)

@@ -6,7 +6,12 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.impedance.files import controller_from_table, controller_to_table, read_controller, write_controller
+from whiptool.impedance.controller_files import (
+    controller_from_table,
+    controller_to_table,
+    read_controller,
+    write_controller,
+)
 
 CONTROLLERS = (
     Controller(),
