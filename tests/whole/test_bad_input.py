@@ -83,7 +83,7 @@ SHARED = """
 --t-stay -1 | --t-stay
 --t-stay nan | --t-stay
 --t-stay 1e9 | --t-stay
---controller pid | oiac, constant
+--controller pid | constant, oiac
 --controller "" | --controller
 --preset table5 | printed, table4
 --preset "" | preset
