@@ -26,14 +26,14 @@ NOTHING = _Nothing()
 
 
 class InputError(WhiptoolError, ValueError):
-    """A value from outside that breaks a rule.
+    """A value given by the user that is not allowed.
 
     Args:
         name: Name of the value for the user (option, key, argument).
         given: The value as given.
-        allowed: The rule that it breaks.
-        fix: Correction, if the rule does not say it already; default: the question whether one of the words
-            that are allowed was meant, where one is like what was given.
+        allowed: What is allowed.
+        fix: How to correct it, if `allowed` does not say so; default: "did you mean ...?" if a word in `allowed`
+            resembles the value.
     """
 
     def __init__(self, name: str, given: object, allowed: str, fix: str = "") -> None:
@@ -43,11 +43,11 @@ class InputError(WhiptoolError, ValueError):
         super().__init__(" ".join(message.split()))  # always one line
 
     def within(self, place: str) -> InputError:
-        """The same error, its name prefixed with where it stands (`whip.` or `model.toml: `)."""
+        """Return the same error with `place`, such as `whip.` or `model.toml: `, before its name."""
         return self.renamed(place + self.name)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """The same error under the name that the value has where it was written, and with a fix if it has none."""
+        """Return the same error under another name, and with `fix` if it has no correction yet."""
         return InputError(name, self.given, self.allowed, self.fix or fix)
 
 
@@ -63,9 +63,9 @@ def _meant(given: object, allowed: str) -> str:
 
 
 def alike(given: str, names: Iterable[str]) -> str:
-    """Return the name of which another is a misspelling; empty where none is.
+    """Return the one of `names` of which `given` is probably a misspelling; empty if no name is similar.
 
-    A misspelling begins with the same letter: `zone` is not taken for `cone`.
+    Both have to begin with the same letter: `zone` is not taken for `cone`.
     """
     possible = [name for name in names if name[:1] == given[:1]]
     return next(iter(difflib.get_close_matches(given, possible, n=1, cutoff=0.7)), "")
@@ -100,7 +100,7 @@ _WORDS = {str: "text", bool: "true or false", type(None): "none", Mapping: "a di
 
 
 def expect(*kinds: type, **arguments: object) -> None:
-    """Refuse arguments that are of no kind that is allowed, each by its name.
+    """Refuse arguments that are not instances of the allowed classes; the error names the argument.
 
     Args:
         kinds: Classes that are allowed.
@@ -116,12 +116,12 @@ def expect(*kinds: type, **arguments: object) -> None:
 
 
 def no_attribute(owner: object, name: str, cures: Mapping[str, str] | None = None) -> AttributeError:
-    """Return the error of an object that has no attribute of a name, with what does what was meant, if that is known.
+    """Return the AttributeError for a missing attribute, with a hint at the right one if `cures` has it.
 
     Args:
         owner: The object.
         name: Name of the attribute.
-        cures: Corrections by names that users guess.
+        cures: Hints by the wrong names that users try.
     """
     cure = (cures or {}).get(name)
     said = f"{type(owner).__name__} has no attribute {name!r}"
@@ -135,15 +135,15 @@ _OTHERS_NAMES = {  # of arguments, as other libraries have them
 
 
 def refuse_call(whose: str, callee: Callable[..., object], *args: object, **named: object) -> None:
-    """Refuse a call whose arguments are not those that a function has; it is not called.
+    """Refuse a call whose arguments do not fit the function's signature; the function is not called.
 
     Args:
         whose: The function's name for the user.
         callee: The function.
-        args, named: Of the call.
+        args, named: Arguments of the call.
 
     Raises:
-        InputError: An argument is unknown, missing or there twice.
+        InputError: An argument is unknown, missing or given twice.
     """
     signature = inspect.signature(callee)
     try:

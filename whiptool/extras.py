@@ -43,7 +43,7 @@ class MissingPackage(InputError):
         self.args = (f"{purpose}: {state}; install with: {fix}",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """Return the error itself, for its name is that of what needs the package and not that of an option."""
+        """Return the error unchanged: its name is that of the command that needs the package, not that of an option."""
         return self
 
 
@@ -55,7 +55,7 @@ def require(purpose: str, modules: Iterable[str]) -> None:
         modules: Top-level modules of extras.
 
     Raises:
-        MissingPackage: Some are not installed; it names all of them, and the command that installs them.
+        MissingPackage: Some are not installed; the message names all of them, and the command that installs them.
     """
     missing = [module for module in dict.fromkeys(modules) if find_spec(module) is None]
     if missing:
@@ -63,14 +63,14 @@ def require(purpose: str, modules: Iterable[str]) -> None:
 
 
 def optional(module: str, purpose: str = "") -> Any:
-    """Import a module of an extra.
+    """Import and return a module that an optional dependency (extra) installs.
 
     Args:
-        module: Its name, such as `pyarrow.parquet`.
+        module: Name of the module, such as `pyarrow.parquet`.
         purpose: What needs it; default: the module itself.
 
     Raises:
-        MissingPackage: It is not installed, or cannot be imported.
+        MissingPackage: The module is not installed, or cannot be imported.
     """
     try:
         return import_module(module)
@@ -117,7 +117,7 @@ class Registry(dict[str, T]):
         return self[self.name(name)]
 
     def name(self, written: str) -> str:
-        """Return the name of the object that is meant by a name as it is written; errors as for `find`."""
+        """Return the registered name for one in any spelling; errors as for `find`."""
         if not isinstance(written, str):
             raise InputError(self.what, written, ", ".join(self))
         own = self.spelled(written, self)

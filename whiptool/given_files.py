@@ -26,12 +26,12 @@ _SIZES = npy.read_array_header_1_0, npy.read_array_header_2_0  # readers of an a
 
 
 def whole_file(path: Path | str, name: str = "recording", *, largest: float = LARGEST) -> Path:
-    """The path of a file that can be read and is not empty.
+    """Return the path of a file after checking that it is a readable regular file and not empty.
 
     Args:
         path: The file.
         name: Name in error messages.
-        largest: Size [bytes].
+        largest: Largest allowed size [bytes].
 
     Raises:
         InputError: It is not there, is a folder, a pipe or a device, empty, cannot be opened, or is too large.
@@ -63,7 +63,7 @@ def _size(path: Path, name: str, kind: str) -> int:
 
 
 def read_text(path: Path | str, kind: str, name: str = "file") -> str:
-    """A text file in UTF-8.
+    """Return the content of a text file in UTF-8.
 
     Args:
         path: The file.
@@ -83,14 +83,14 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
 
 
 def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
-    """A JSON file.
+    """Return the content of a JSON file.
 
     Args:
         path: The file.
-        kind: Kind of the whole.
+        kind: Expected type of the content.
 
     Raises:
-        InputError: It cannot be read, is not JSON, or holds something else.
+        InputError: The file cannot be read, is not JSON, or has another content.
     """
     try:
         content = json.loads(read_text(path, "JSON"))
@@ -104,17 +104,17 @@ def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
 
 
 def read_arrays(path: Path | str, name: str, shapes: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:
-    """The arrays of an NPZ file, without pickle.
+    """Return the arrays of an NPZ file by name, without loading pickled objects.
 
     Args:
         path: The file.
         name: Name in error messages, such as `recording`.
-        shapes: Arrays of numbers that there must be, with a letter for each of their axes: axes with the same letter
-            are equally long. None: whatever there is.
+        shapes: Required numeric arrays by name, with one letter for each axis; axes with the same letter have equal
+            lengths. None: any arrays.
 
     Raises:
-        InputError: It cannot be read, is damaged, holds pickled objects or more than `LARGEST` bytes, or what `shapes`
-            names is missing, no array of numbers, or of another shape.
+        InputError: The file cannot be read, is damaged, holds pickled objects or more than `LARGEST` bytes, or a
+            required array is missing, not numeric or of another shape.
     """
     path = whole_file(path, name)
     with parsing(path, "NPZ"):
@@ -164,10 +164,11 @@ def _check_shapes(arrays: Mapping[str, np.ndarray], shapes: Mapping[str, str]) -
 
 @contextmanager
 def parsing(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a parser throws at damaged bytes into one line that names the file.
+    """Turn any exception that a parser raises for a damaged file into an InputError that names the file.
 
     Raises:
-        InputError: The block raised anything but an error of whiptool itself, whose place is added instead.
+        InputError: The block raised an exception that is not whiptool's own. To an InputError of whiptool the file's
+            name is added.
     """
     try:
         yield
@@ -184,10 +185,10 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
 
 
 def sha256(paths: Path | Iterable[Path]) -> str:
-    """Of the bytes of a file, or of several one after the other, as hexadecimal digits.
+    """Return the SHA-256 checksum of a file, or of several concatenated, as hexadecimal digits.
 
     Raises:
-        InputError: One cannot be read.
+        InputError: A file cannot be read.
     """
     digest = hashlib.sha256()
     for path in [paths] if isinstance(paths, Path) else paths:

@@ -17,7 +17,7 @@ _HOME = "whiptool.rl.environment"
 
 
 def register_with_gymnasium() -> None:
-    """Register the environment now, or when Gymnasium is imported."""
+    """Register the environment with Gymnasium now, or as soon as Gymnasium is imported."""
     if "gymnasium" in sys.modules:
         _register()
     else:

@@ -19,7 +19,7 @@ class _Package(ModuleType):
 
 
 def doors_aside(package: str, names: Mapping[str, str]) -> None:
-    """Let the names of a package stand for what they are, also once a module of the same name has been imported."""
+    """Make the names of a package refer to its functions even after a module of the same name has been imported."""
     module = sys.modules[package]
     module.__class__ = _Package
     module._functions = frozenset(names)  # pyrefly: ignore[missing-attribute]
@@ -30,12 +30,12 @@ def imported_when_used(
 ) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Return the `__getattr__` and the `__dir__` of a package whose names are imported when first used.
 
-    A name is looked up in its module whenever it is asked for. It is not kept in the package, where an import of a
-    module of the same name would replace it.
+    A name is looked up in its module at every use. It is not stored in the package, because importing a module of the
+    same name would overwrite it.
 
     Args:
-        package: Its `__name__`.
-        homes: The module below the package that each name is imported from.
+        package: `__name__` of the package.
+        homes: For each name, the module of the package from which it is imported.
     """
 
     def find(name: str) -> object:

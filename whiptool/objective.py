@@ -43,8 +43,9 @@ class Arrival:
     """How the tip arrived at a target that asks for a direction or a speed.
 
     Args:
-        angle: Between its velocity and the direction [rad], see `Target`; None: the target asks for none.
-        speed: Along the direction [m/s]; of a target without direction the tip's speed.
+        angle: Angle between the tip's velocity and the required direction [rad], see `Target`; None: no direction is
+            required.
+        speed: Speed along the required direction [m/s]; without direction the tip's speed.
         cost: Cost that searches minimise instead of the miss distance [m], see `Goals.residuals`.
     """
 
@@ -108,7 +109,7 @@ class Outcome(ArrayLike):
 
     @property
     def known_miss(self) -> float | None:
-        """The miss distance [m]; None where no strike was measured, and `miss_distance` is a penalty."""
+        """The miss distance [m]; None if the strike has no true one, so that `miss_distance` is a penalty."""
         return None if self.lost else self.miss_distance
 
     @property
@@ -154,7 +155,7 @@ class Trial(NoArray, instead="its strike or outcome"):
 
 
 def why_lost(trials: Sequence[Trial]) -> dict[str, int]:
-    """Return how many trials have no miss distance, by why: `diverged`, `would collide` and the like."""
+    """Return how many trials have no miss distance, by reason: `diverged`, `would collide` and so on."""
     lost = [trial.outcome for trial in trials if trial.outcome.lost]
     return dict(Counter(_why_lost(outcome) for outcome in lost))
 
@@ -290,11 +291,11 @@ class Objective:
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
-        """Limits that searches can keep beforehand, as smooth functions of a strike."""
+        """Differentiable constraints that searches can keep without simulating a strike."""
         return self.limits.smooth
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, 2 n + 1) for a search, shortened where joints would be commanded faster than they may.
+        """Return strikes (B, 2 n + 1) for a search, shortened so that the commanded path keeps the joints' limits.
 
         They stay within the bounds. The limits may still be exceeded, because the motion of the joints depends on the
         whip and the controller; this is judged with the outcome.
@@ -332,11 +333,11 @@ class Objective:
         return self.batch(np.atleast_2d(self._array(strike)))[0]
 
     def batch(self, strikes: np.ndarray) -> list[Outcome]:
-        """Outcomes of strike vectors, shape (B, 2 n + 1), each a trial.
+        """Return the outcomes of strike vectors (B, 2 n + 1), each of which counts as a trial.
 
         Raises:
-            SearchStopped: The budget ended within the batch (the trials up to its end are counted), or one of them
-                was the hit to stop at (all are counted, but of a rollout that is `one_by_one` no later ones).
+            SearchStopped: The budget was used up within the batch (trials up to its end are counted), or one strike was
+                the hit to stop at (all are counted; with a simulator that is `one_by_one` only those up to the hit).
         """
         strikes = np.array(self._array(strikes), ndmin=2)  # a copy: optimizers reuse their buffers
         width = self.space.width
@@ -484,7 +485,7 @@ class Objective:
         """Return the outcome of an existing trajectory; it does not count as a trial.
 
         Args:
-            trajectory: Motion of the strike.
+            trajectory: Trajectory of the strike.
             strike: The commanded strike; None: limits of the command are not checked.
         """
         expect(Trajectory, trajectory=trajectory)

@@ -10,10 +10,10 @@ import tqdm
 
 
 class Progress(tqdm.tqdm):
-    """A progress bar of tqdm for one process.
+    """A tqdm progress bar without tqdm's semaphore between processes.
 
-    tqdm guards its bars by a semaphore that all processes share: Python warns that it leaked when a process that has
-    drawn one is killed, as workers of an interrupted command are.
+    Python would warn of a leaked semaphore whenever a process with a bar is killed, such as a worker of an interrupted
+    command.
     """
 
     quiet: ClassVar[bool] = False  # whether neither bars nor notes are shown in this process
@@ -23,7 +23,7 @@ class Progress(tqdm.tqdm):
 
 
 def note(text: str) -> None:
-    """Tell on stderr what is being done, unless the command is quiet."""
+    """Print a note on stderr, unless the command is quiet."""
     if not Progress.quiet:
         print(text, file=sys.stderr, flush=True)
 

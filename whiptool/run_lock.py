@@ -18,15 +18,16 @@ LOCK = ".lock"
 
 
 class RunLock:
-    """A lock of the operating system on a run folder's `.lock`, held until `release` or the end of the process.
+    """A lock of the operating system on the file `.lock` of a run folder, held until `release` or the end of the
+    process.
 
-    The file names its holder. A lock that a killed process left is free, and is taken over.
+    The file names its holder. The lock of a killed process is free.
 
     Args:
         folder: An existing folder.
 
     Raises:
-        InputError: Another process holds it; it is named.
+        InputError: Another process holds the lock; it is named.
         OSError: The file cannot be written.
     """
 
@@ -52,8 +53,7 @@ class RunLock:
             raise
 
     def release(self) -> None:
-        """Let others have the folder; the file is removed while it is still held, so that no other process's file is
-        removed."""
+        """Release the lock; the file is removed before, so that no other process's file is removed."""
         if self._lock.is_locked:
             self.path.unlink(missing_ok=True)
             self._lock.release()

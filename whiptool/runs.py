@@ -24,7 +24,7 @@ CONFIG, RESULT = "config.toml", "result.json"
 
 
 def code_version() -> str:
-    """The package's version, with the commit where the code is a git checkout."""
+    """Return the package's version, with the commit if the code is a git checkout."""
     folder = Path(__file__).resolve().parent
     if not (folder.parent / ".git").exists():
         return __version__
@@ -43,10 +43,10 @@ def begun_by(config: Mapping[str, Any]) -> str:
 
 
 def default_folder(name: str) -> Path:
-    """A new folder `runs/NAME-DATE-TIME` below the current one; a number is added where another run has it.
+    """Create and return a folder `runs/NAME-DATE-TIME` in the current folder, with a number added if it exists.
 
     Raises:
-        InputError: It cannot be made.
+        InputError: The folder cannot be created.
     """
     first = Path("runs") / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
     for number in range(1, 1000):
@@ -62,23 +62,23 @@ def default_folder(name: str) -> Path:
 
 
 class FolderTaken(InputError):
-    """A folder in which a run is to begin holds something already."""
+    """The folder for a new run is not empty."""
 
     def __init__(self, path: Path) -> None:
         super().__init__("run folder", str(path), "a folder that is new or empty")
 
 
 class RunFolder:
-    """A folder that holds one run, and is this process's alone until `close`.
+    """The folder of one run, locked for this process until `close`.
 
-    As a context manager it is closed in the end; a new one in which an error of whiptool's own left nothing but the
-    configuration is removed, so that the corrected command finds the place free.
+    As a context manager it is closed at the end. If a whiptool error leaves a new folder with only the configuration,
+    it is removed, so that the corrected command can use the same name.
 
     Args:
         path: An existing folder.
-        lock: Held on it.
-        new: Whether this process made the run.
-        on_interrupt: Note that an interruption gets, such as how to go on.
+        lock: Lock on the folder.
+        new: Whether this process created the run.
+        on_interrupt: Text that is added to an interruption's message, such as how to resume.
     """
 
     def __init__(self, path: Path, lock: RunLock, *, new: bool, on_interrupt: str = "") -> None:
@@ -86,10 +86,10 @@ class RunFolder:
 
     @classmethod
     def create(cls, path: Path, config: Mapping, *, on_interrupt: str = "") -> RunFolder:
-        """A new folder with its configuration.
+        """Create a folder with a configuration.
 
         Raises:
-            InputError: It cannot be written, is not empty, or another process writes in it.
+            InputError: The folder cannot be written, is not empty, or another process writes in it.
         """
         path = Path(path)
         try:
@@ -109,10 +109,10 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path, *, on_interrupt: str = "") -> RunFolder:
-        """A folder that `create` made; what a killed process had not finished writing is removed from it.
+        """Open a folder that `create` made; incomplete files of a killed process are removed.
 
         Raises:
-            InputError: It is not a run folder, cannot be written, or another process writes in it.
+            InputError: The folder is not a run folder, cannot be written, or another process writes in it.
         """
         path = Path(path)
         read_config(path)
@@ -125,22 +125,22 @@ class RunFolder:
 
     @property
     def config(self) -> dict:
-        """Return the configuration as it was resolved when the run began."""
+        """Return the configuration with which the run was started."""
         return read_config(self.path)
 
     def go_on_with(self, options: Mapping) -> None:
-        """Write the run's options as they are given now, and remove the result that it ended with under others."""
+        """Store changed options of a resumed run, and remove the result that it had with the old ones."""
         if options != self.config["options"]:
             write_whole(self.path / CONFIG, tomli_w.dumps({**self.config, "options": dict(options)}))
             (self.path / RESULT).unlink(missing_ok=True)
 
     def write_result(self, result: Mapping) -> None:
-        """Write the result, and what to cite for it, each at once, so that no half of it is ever seen."""
+        """Write the result and the works to cite, each as a complete file."""
         write_whole(self.path / CITATIONS, citations(*used_by(self.config, result)))
         write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
 
     def close(self) -> None:
-        """Let other processes have the folder."""
+        """Release the folder for other processes."""
         self._lock.release()
 
     def __enter__(self) -> RunFolder:
@@ -161,10 +161,10 @@ class RunFolder:
 
 
 def check_new(path: Path) -> None:
-    """Refuse a folder that `RunFolder.create` would refuse, and leave it as it is.
+    """Refuse a folder that `RunFolder.create` would refuse, without changing it.
 
     Raises:
-        InputError: It is not empty, or another process writes in it.
+        InputError: The folder is not empty, or another process writes in it.
     """
     try:
         if (path / LOCK).exists():
@@ -195,10 +195,10 @@ def config_of(path: Path, command: str) -> dict:
 
 
 def read_config(path: Path) -> dict:
-    """The resolved configuration of a run, whoever writes in its folder.
+    """Return the configuration of a run, even if another process writes in its folder.
 
     Raises:
-        InputError: It is not a run folder, or its configuration is damaged.
+        InputError: The folder is not a run folder, or its configuration is damaged.
     """
     if not (path / CONFIG).is_file():
         raise InputError("run folder", str(path), f"a run folder (it has no {CONFIG})")

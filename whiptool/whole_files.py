@@ -15,12 +15,12 @@ _UNFINISHED = ".tmp-"
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """A name next to the file's own to write it under; it takes the file's name when the block ends without an error.
+    """Yield a temporary path next to a file; it is renamed to the file when the `with` block ends without an error.
 
-    What is there already and no regular file, a device such as /dev/stdout or a pipe, is written to and not replaced.
+    A device such as /dev/stdout, or a pipe, is written to directly.
 
     Raises:
-        OSError: The disk is full, or the like; it names the file. What was there before stays.
+        OSError: Writing fails, such as on a full disk; the error names the file. An existing file is unchanged.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -42,10 +42,10 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 
 def write_whole(path: Path | str, content: str | bytes) -> None:
-    """Write a file so that no half of it is ever seen; where it cannot be written, what was there before stays.
+    """Write a file atomically: it is never incomplete, and an existing file is kept if writing fails.
 
     Raises:
-        OSError: The disk is full, or the like; it names the file.
+        OSError: Writing fails, such as on a full disk; the error names the file.
     """
     with replacing(path) as unfinished:
         unfinished.write_bytes(_encoded(content))
@@ -63,7 +63,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, Any]) -> None:
 
 
 def append_whole(path: Path | str, content: str | bytes) -> None:
-    """Add to the end of a file; where not all of it can be added, the file stays as it was.
+    """Append to a file; if not everything can be written, the file is unchanged.
 
     Raises:
         OSError: As for `write_whole`.
@@ -73,7 +73,7 @@ def append_whole(path: Path | str, content: str | bytes) -> None:
 
 
 def append_to(file: FileIO, content: bytes) -> None:
-    """As `append_whole`, to a file that is open, unbuffered and at its end."""
+    """As `append_whole`, for a file that is open, unbuffered and at its end."""
     before, left = file.tell(), content
     try:
         while left:
@@ -85,13 +85,13 @@ def append_to(file: FileIO, content: bytes) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what a killed process had not finished writing in a folder and those below it."""
+    """Remove, from a folder and its subfolders, incomplete files of killed processes."""
     for path in folder.rglob(_UNFINISHED + "*"):
         path.unlink(missing_ok=True)
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether a file is what a killed process had not finished writing."""
+    """Whether a file is an incomplete file of a killed process."""
     return path.name.startswith(_UNFINISHED)
 
 

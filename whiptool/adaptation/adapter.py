@@ -51,11 +51,11 @@ class Options:
         adapt: Whether to learn; if not, one strike is planned from the prior and repeated.
         starts: Number of starting points of every identification.
         seed: Seed of candidate strikes, sampled whips and starting points.
-        t_stay: A strike is watched so long after the movement ended [s].
-        bounds, limits: Of the strikes, see `whiptool.adaptation.plan_search.Demands`.
+        t_stay: Time after the movement's end for which the tip is still observed [s].
+        bounds, limits: Bounds and limits of the strikes, see `whiptool.adaptation.plan_search.Demands`.
         check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
             None if it is.
-        first, later: Planning effort before any recording has been learned from, and after.
+        first, later: Planning effort before, and after, the first recording from which something was learned.
         retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
             from, has a hit probability below 50 %, or breaks a limit.
     """
@@ -93,8 +93,8 @@ class Options:
 class Adapter:
     """Learns an unknown whip from strikes that are made elsewhere: `ask` plans one, `tell` takes its recording.
 
-    What the folder holds of an earlier run is read and not planned again; a strike that was planned and not reported
-    is asked for again, the same one.
+    Steps of an earlier run are read from the folder and not planned again. A strike that was planned but not reported
+    is returned by `ask` again, unchanged.
 
     Args:
         prior: Belief about the whip before the first strike.
@@ -107,8 +107,8 @@ class Adapter:
 
     Attributes:
         number: Number of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
-        belief: About the whip, after all that was reported.
-        steps: All that were reported.
+        belief: Belief about the whip after all reported recordings.
+        steps: All steps that were reported.
         done: Whether all strikes have been made, or the last one hit.
     """
 
@@ -163,7 +163,7 @@ class Adapter:
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
-            raise InputError("told", f"strike {self.number}", "a strike that was requested")
+            raise InputError("recording", f"one of strike {self.number}", "one of a strike that `ask` has returned")
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:
@@ -208,7 +208,8 @@ class Adapter:
         return learned
 
     def kept_steps(self) -> Iterator[Step]:
-        """Go on with the steps of which the folder has what was seen, one after the other.
+        """Resume an earlier run: process, one after the other, the recordings that the folder holds, and yield each
+        step.
 
         Raises:
             InputError: The folder is damaged.

@@ -22,13 +22,13 @@ STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approa
 
 
 class AimedSearch(Search):
-    """Random strikes, the best of which are refined; past ones are candidates, too."""
+    """Search in space: random strikes and past ones, of which the best are refined along derivatives."""
 
     spread = 0.02
 
     @cached_property
     def front(self) -> Front:
-        """What turns strikes to where the goal lies."""
+        """Rotation about the arm's first joint that brings a strike to the direction of the goal."""
         return Front(self.rollout.model)
 
     def candidates(
@@ -41,7 +41,7 @@ class AimedSearch(Search):
         return self.refined(starts, effort.steps), effort.pool + len(past)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """See `Search.beyond`."""
+        """Return the excess of strikes (B, m) over the limits, (B,), cut at 10; see `Search.beyond`."""
         return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
 
     def allows(self, strike: np.ndarray) -> bool:
@@ -49,10 +49,11 @@ class AimedSearch(Search):
         return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
-        """Random strikes whose tips pass the goal best with the mean: those within limits of peaks, (B, m).
+        """Return the random strikes whose tips pass nearest to the goal with the belief's mean, within the limits, (B,
+        m).
 
-        An arm whose first joint turns all of it strikes in all directions alike: at every instant of a path it is
-        turned to where the goal lies.
+        If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
+        direction.
         """
         striker, goal = self.striker, self.goal
         pool = striker.admissible(rng.uniform(striker.lower, striker.upper, (effort.pool, len(striker.lower))))
@@ -82,9 +83,10 @@ class AimedSearch(Search):
         return wrapped
 
     def refined(self, starts: np.ndarray, steps: int) -> np.ndarray:
-        """Strikes corrected until the mean hits, or they get no better; those without sound derivatives are left out.
+        """Return strikes (B, m) refined along derivatives until they hit with the belief's mean or improve no further.
 
-        Where the tip is nearest at rest, its direction and the instant of its closest approach have none.
+        Strikes without finite derivatives are dropped: where the tip is at rest at its closest approach, its direction
+        and the instant of that approach are not differentiable.
         """
         slopes = self.striker.derivatives(starts, self.goals(len(starts)))
         size = np.abs(slopes).max(axis=(1, 2))
@@ -94,5 +96,5 @@ class AimedSearch(Search):
         return refine(self.striker, self.goals(int(sound.sum())), starts[sound], slopes[sound], steps=steps).strikes
 
     def goals(self, count: int) -> Goals:
-        """Return the goal of so many strikes."""
+        """Return the goal, repeated for `count` strikes."""
         return self.goal.rows(np.zeros(count, int))

@@ -27,13 +27,14 @@ def information(
     """Return the information gain of recording each strike, for a belief linearised around its mean.
 
     Args:
-        belief: Beforehand.
+        belief: Belief before the recording.
         strikes: Strike vectors, (B, 2 a + 1).
-        t_stay: A strike is watched so long after the movement ended [s].
+        t_stay: Time after the movement's end for which the tip is still observed [s].
 
     Returns:
-        Half the logarithm of the determinant of prior over posterior covariance [nat], (B,); largest speed of the tip
-        between two frames [m/s], (B,); largest standard error of its place in a frame beforehand [m], (B,).
+        Information gain, half the logarithm of the ratio of the determinants of prior and posterior covariance [nat],
+        (B,); largest speed of the tip between two frames [m/s], (B,); largest standard error with which the belief
+        predicts the tip's position in any frame [m], (B,).
     """
     recordings, d = [], belief.plant.model.dimension
     for vector in strikes:
@@ -76,18 +77,18 @@ def choose_wiggle(
     candidates: int = 32,
     keeps: Given = (),
 ) -> tuple[Strike, float]:
-    """The D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
+    """Return the D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
 
-    In space, of an unevener whip, a linearised prior promises most of movements that are hardly predictable, and whose
-    recordings many whips explain; those it leaves out.
+    In space, a linearised prior overrates movements that it can hardly predict, and whose recordings many whips
+    explain; such movements are left out.
 
     Args:
-        belief: Beforehand.
+        belief: Belief before the movement.
         rng: Random generator of the candidates.
-        bounds: Box of strikes, that the arm starts in and stays in; default: `default_bounds`.
+        bounds: Box of strikes, in which the arm starts and remains; default: `default_bounds`.
         t_stay: As in `information`.
-        candidates: How many are compared.
-        keeps: Limits that it has to keep, with the mean of the belief.
+        candidates: Number of random movements that are compared.
+        keeps: Limits that the movement has to keep, judged with the mean of the belief.
 
     Raises:
         InputError: None of them is slow enough, or keeps the limits.

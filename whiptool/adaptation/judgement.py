@@ -23,9 +23,12 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """Return the judgement of a miss distance alone [m], as a port without a recording returns it.
+    """Return the judgement of a strike of which only the miss distance is known, from a port that returns no recording.
 
-    It says nothing of the tip's velocity: of a target that asks for a direction or a speed no hit is claimed.
+    Args:
+        miss: Miss distance [m].
+        target: Target. If it asks for a direction or a speed, no hit is claimed, as the tip's velocity is unknown.
+        error: Standard error of the miss distance [m].
     """
     return Judgement(miss, error, float(target.goals.hit_probability(np.array(miss), None, error)))
 
@@ -38,18 +41,18 @@ def judge(
     until: float | None = None,
     seed: Sequence[int] = (0,),
 ) -> Judgement | None:
-    """The miss distance of a recorded strike.
+    """Return the miss distance of a recorded strike with its standard error, and the probability that it hit.
 
     Args:
-        recording: The tip, with the strike's command.
+        recording: Recording of the tip, with the strike's command.
         target: Point and hit radius.
         belief: The posterior of the whip, this strike included; None: the strike is judged by the frames alone.
-        until: Later frames are not looked at, unless the tip comes nearest there [s]: a whip that met its target moves
-            on as no model does. None: all are.
-        seed: Seed of the whips that are drawn.
+        until: Frames after this time [s] are ignored, unless the closest approach is among them: after a contact with
+            the target the whip moves as no model predicts. None: all frames are used.
+        seed: Seed of the whips that are drawn from the belief.
 
     Returns:
-        None where too few frames show the tip.
+        The judgement; None if too few frames show the tip.
     """
     frames = frames_of(recording, target, until)
     if frames is None:

@@ -57,7 +57,7 @@ class Adaptation:
         expect(Options, options=self.options)
         if not callable(getattr(self.port, "strike", None)):
             raise InputError(
-                "port", type(self.port).__name__, "an object that strikes and films: a TipPort, a RigPort or yours"
+                "port", type(self.port).__name__, "an object with the methods of a Port, such as a TipPort or a RigPort"
             )
         self._check_together()
 

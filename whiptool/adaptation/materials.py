@@ -69,17 +69,17 @@ _POWERS = np.array([
 
 @dataclass(frozen=True)
 class Material:
-    """What whips of a material have, from the least to the most.
+    """Ranges (least, largest) of the physical properties of whips of one material.
 
     Args:
-        diameter: Outer one, of a chain that of its wire [m].
+        diameter: Outer diameter, of a chain the diameter of its wire [m].
         density: Mass per length over `pi d^2 / 4` [kg/m^3].
         modulus: Bending stiffness over `pi d^4 / 64` [Pa].
         relaxation: Bending damping over bending stiffness [s].
         friction: Moment of dry friction [N m].
-        drag_coefficient: Across.
+        drag_coefficient: Drag coefficient across the whip.
         length: Length [m].
-        width: Width of the cross section in the air flow, in diameters.
+        width: Width of the cross section across the air flow, in diameters.
     """
 
     diameter: Range
@@ -93,12 +93,12 @@ class Material:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Logarithms of the ends of each cause, (7, 2)."""
+        """Logarithms of the lower and upper end of each property of `CAUSES`, (7, 2)."""
         return np.log([getattr(self, name) for name in CAUSES])
 
     @property
     def factors(self) -> np.ndarray:
-        """What each number is when every cause is 1, (6,)."""
+        """Constant factor of each of `NUMBERS`: its value if all properties are 1, (6,)."""
         return np.array([1.0, np.pi / 4, np.pi / 64, np.pi / 64, AIR * self.width / 2, 1.0])
 
 
@@ -118,12 +118,12 @@ USUAL = ("cotton", "leather", "nylon", "silicone", "steel-chain")  # of which a 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Stock:
-    """Distribution of the whips of a material: the logarithms of their numbers depend on independent causes.
+    """Distribution of the whips of a material: the logarithms of their parameters are linear in independent properties.
 
     Args:
         name: Name of the material, or of the model.
         centre: Logarithms of `NUMBERS`, (6,).
-        spread: How far each cause moves them, from its middle to its end, (6, 7).
+        spread: Change of each logarithm as a property moves from the middle to the end of its range, (6, 7).
     """
 
     name: str
@@ -132,26 +132,28 @@ class Stock:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Those in the middle."""
+        """Parameters of the median whip, by name."""
         return dict(zip(NUMBERS, np.exp(self.centre).tolist(), strict=True))
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the logarithms, each cause uniform between its ends, (6, 6)."""
+        """Covariance of the logarithms of the parameters, each property being uniform over its range, (6, 6)."""
         return self.spread @ self.spread.T / 3
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """The numbers of one whip."""
+        """Return the parameters of one random whip, by name."""
         log = self.centre + self.spread @ rng.uniform(-1, 1, len(CAUSES))
         return dict(zip(NUMBERS, np.exp(log).tolist(), strict=True))
 
     def owned(self, model: Model) -> Model:
-        """The prior's middle: the model's arm with the uniform whip of the middle numbers."""
+        """Return the model with its whip replaced by the uniform whip of median parameters; the mean of the prior."""
         return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip), name=self.name)
 
 
 def uniform_whip(numbers: Mapping[str, float], like: WhipParameters) -> WhipParameters:
-    """Equal nodes with the `NUMBERS` of a whip, as many as another one has and joined as they are."""
+    """Return a uniform whip with the parameters `numbers` (`NUMBERS`), with as many nodes and the same joints as
+    `like`.
+    """
     N = like.N
     l = numbers["length"] / N
     return WhipParameters(
@@ -168,7 +170,7 @@ def uniform_whip(numbers: Mapping[str, float], like: WhipParameters) -> WhipPara
 
 
 def stock_of_material(name: str, *, diameter: float | None = None, length: float | None = None) -> Stock:
-    """Whips of a material.
+    """Return the distribution of the whips of a material.
 
     Args:
         name: One of `MATERIALS`.
@@ -191,9 +193,10 @@ def stock_of_material(name: str, *, diameter: float | None = None, length: float
 
 
 def stock_of_model(model: Model) -> Stock:
-    """Whips around one's own model, as wide as usual materials are on average (root mean square).
+    """Return a distribution of whips around a model, as wide as those of usual materials are on average (root mean
+    square).
 
-    What the model leaves out (damping, drag, friction of 0) is there with every whip: the middle of the materials.
+    Damping, drag or friction that is 0 in the model is replaced by the geometric mean over the materials.
 
     Raises:
         InputError: The model has values per node.

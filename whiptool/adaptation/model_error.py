@@ -18,11 +18,11 @@ from whiptool.models.parameters import number
 
 @dataclass(frozen=True)
 class ModelError:
-    """Student's t of the signed distance between predicted and true path where they pass the target.
+    """Student's t distribution of the signed distance between the predicted and the true path of the tip at the target.
 
     Args:
         scale: Scale [m].
-        freedom: Degrees of freedom; infinite: a normal distribution of that standard error.
+        freedom: Degrees of freedom; infinite: a normal distribution with standard deviation `scale`.
 
     Raises:
         InputError: The scale is negative, or the freedom not positive.
@@ -37,15 +37,14 @@ class ModelError:
             number("degrees of freedom of the model error", self.freedom, low=0, strict=True)
 
     def updated(self, variance: float, readings: float, strikes: float) -> ModelError:
-        """Return the distribution after errors were seen.
+        """Return the distribution after errors were observed.
 
-        The scale is that of the posterior after so many independent readings. The residuals of one strike, many as
-        they are, tell how well the whip is modelled in that strike: another one may go better or worse, and a strike
-        is worth one degree of freedom.
+        The scale is updated as by `readings` independent readings. The residuals of one strike only tell how well the
+        whip is modelled in that strike, so each strike adds one degree of freedom.
 
         Args:
             variance: Mean square of the errors [m^2].
-            readings: How many independent ones there were; with none the distribution stays.
+            readings: Effective number of independent errors; if 0, the distribution is unchanged.
             strikes: Number of strikes.
         """
         if self.freedom == np.inf or readings == 0:
@@ -59,20 +58,20 @@ class ModelError:
         """Return the probability that strikes of predicted miss distances hit.
 
         Args:
-            goal: One.
+            goal: A single goal.
             miss: Predicted miss distances [m], any shape.
-            velocity: Velocity of the tip then [m/s], (..., d); None: see `Goals.hit_probability`.
-            blur: Least scale [m], which a search needs: without it the objective is constant over all strikes that hit
-                with certainty.
+            velocity: Velocity of the tip at its closest approach [m/s], (..., d); None: see `Goals.hit_probability`.
+            blur: Smallest scale that is used [m]; a search needs one, for the probability is otherwise 1 for all
+                strikes that hit with certainty.
 
         Returns:
-            Like `miss`.
+            Probabilities, of the shape of `miss`.
         """
         scale = max(float(np.hypot(self.scale, blur)), 1e-12)
         return goal.hit_probability(miss, velocity, scale, self.freedom)
 
     def drawn(self, miss: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return miss distances [m] with an error drawn for each, like `miss`."""
+        """Return miss distances [m] of the shape of `miss`, with a random model error added to each."""
         draws = rng.standard_normal(np.shape(miss))
         if self.freedom != np.inf:
             draws = rng.standard_t(self.freedom, np.shape(miss))

@@ -34,7 +34,7 @@ class PlanningEffort:
     """How much computation the planner spends.
 
     Args:
-        pool: Number of random candidate strikes, rolled out with the mean of the belief.
+        pool: Number of random candidate strikes, simulated with the mean of the belief.
         polished: Number of the best of them that are improved along exact derivatives with the mean.
         steps: Largest number of such improvement steps.
         whips: Number of whips sampled from the belief.
@@ -61,9 +61,11 @@ class Demands:
 
     Args:
         bounds: Box of strikes; default: `default_bounds`.
-        limits: One or several that it has to keep on the mean; a strike beyond them is only taken if there is no other.
-        check: Says why a strike must not be made, or None; called for the best strikes, one after the other.
-        t_stay: A strike is watched so long after the movement ended [s].
+        limits: One or several limits that the strike has to keep with the belief's mean; a strike that breaks them is
+            only chosen if none keeps them.
+        check: Returns why a strike must not be made, or None if it may; called for the best strikes, one after the
+            other.
+        t_stay: Time after the movement's end for which the tip is still observed [s].
     """
 
     bounds: StrikeBounds | None = None
@@ -74,7 +76,7 @@ class Demands:
 
 @dataclass(frozen=True)
 class Plan:
-    """The strike that was chosen.
+    """The chosen strike, and what is predicted of it.
 
     Args:
         strike: Strike vector.
@@ -86,9 +88,9 @@ class Plan:
         reason: Why this strike was chosen, in words.
         wall_time: Time that planning took [s].
         allowed: Whether limits, least speed and `check` all allow the strike; if not, no allowed one was found.
-        misses: Predictive sample of the miss distance [m]: one per sampled whip, an error of the model drawn for each,
-            in rising order; None where it diverges. Empty: of a movement that is not meant to hit.
-        contact: When the tip is nearest to the target, on the mean [s].
+        misses: Predictive sample of the miss distance [m], ascending: one per sampled whip, with a random model error;
+            None where the simulation diverges. Empty for a movement that is not meant to hit.
+        contact: Time of the closest approach with the mean of the belief [s].
     """
 
     strike: tuple[float, ...]
@@ -105,11 +107,11 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Passes:
-    """How B strikes with each of S whips pass a goal.
+    """Closest approaches of B strikes with each of S whips to a goal.
 
     Args:
-        distance: Closest approach [m], (B, S); infinite where it is not known.
-        velocity: Velocity of the tip there [m/s], (B, S, d).
+        distance: Miss distance [m], (B, S); infinite where it is not known.
+        velocity: Velocity of the tip at the closest approach [m/s], (B, S, d).
     """
 
     distance: np.ndarray
@@ -120,23 +122,24 @@ class Passes:
         return error.hit_probability(goal, self.distance, self.velocity, blur=blur).mean(axis=1)
 
     def angle(self, goal: Goals) -> np.ndarray:
-        """Return the angles between velocities and direction [rad], (B, S)."""
+        """Return the angles between the tip's velocities and the goal's direction [rad], (B, S)."""
         return goal.angle(self.velocity.reshape(-1, self.velocity.shape[2])).reshape(self.distance.shape)
 
 
 class Search(ABC):
-    """Rolls strikes out with a belief's mean and samples, and scores them; how candidates are found is left open.
+    """Simulates strikes with a belief's mean and samples, and scores them; subclasses generate the candidates.
 
     Args:
-        belief: Distribution of the whip's numbers.
+        belief: Distribution of the whip's parameters.
         target: What is to be hit.
-        demands: What else is asked of the strike.
-        sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
+        demands: Further requirements of the strike.
+        sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
 
     Attributes:
-        margins: Parts of the limits that are kept free, one search after the other; without limits the first alone.
-        checked: Number of the best strikes of each search that may be chosen; None: all.
-        margin: Part that the present search keeps free.
+        margins: Fraction of the limits that is left unused, for one search after the other; without limits only the
+            first search is made.
+        checked: Number of the best strikes of a search that are tried with `check`; None: all.
+        margin: The fraction of the current search.
     """
 
     margins: tuple[float, ...] = (0.0,)
@@ -162,24 +165,30 @@ class Search(ABC):
     def candidates(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
-        """Return strikes that pass the goal well with the mean, (B, m), and of how many they are the best."""
+        """Return strikes (B, m) that pass near the goal with the belief's mean, and the number of strikes they were
+        chosen from.
+        """
 
     @abstractmethod
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """Return how far strikes are beyond the limits with the mean, (B,); finite, and <= 0 within."""
+        """Return the excess of strikes (B, m) over the limits with the belief's mean, (B,): finite; at most 0 within
+        them.
+        """
 
     def allows(self, strike: np.ndarray) -> bool:
         """Whether a strike (m,) may be chosen."""
         return self.check is None or self.check(Strike.from_vector(strike)) is None
 
     def usage(self, near: Approach) -> float | None:
-        """Return which share of the motors' line a strike (B = 1) uses; None: that is not asked."""
+        """Return the share of the motors' speed-torque line that a strike uses (one approach, B = 1); None: not
+        computed.
+        """
         return None
 
     def look(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Return strikes, the score of each over the sampled whips, and how many candidates there were."""
+        """Return strikes (B, m), the score of each over the sampled whips (B,), and the number of candidates."""
         tried, number = self.candidates(rng, past, effort)
         scores = self.score(tried, whips)
         first = int(scores.argmax())
@@ -190,11 +199,11 @@ class Search(ABC):
         return np.vstack([tried, draws]), np.concatenate([scores, values]), number
 
     def mean(self, strikes: np.ndarray) -> Approach:
-        """Return the closest approaches of strikes (B, m) with the mean."""
+        """Return the closest approaches of strikes (B, m) with the belief's mean."""
         return self.rollout.approach(strikes, self.goal.positions[0], t_stay=self.striker.t_stay)
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> Passes:
-        """Return how every strike passes with every whip."""
+        """Return the closest approaches of all strikes (B, m) with all S whips."""
         order = [whip for _ in strikes for whip in whips]
         near = self.rollout.approach(
             np.repeat(strikes, len(whips), axis=0),
@@ -207,7 +216,9 @@ class Search(ABC):
         return Passes(distance.reshape(shape), np.nan_to_num(near.velocity).reshape(*shape, -1))
 
     def score(self, strikes: np.ndarray, whips: Sequence[Plant]) -> np.ndarray:
-        """Return hit probabilities less a penalty for the miss; what is beyond the limits scores below all others."""
+        """Return hit probabilities less a penalty for the miss, (B,); strikes that break the limits score below all
+        others.
+        """
         passes = self.each(strikes, whips)
         score = passes.probability(self.goal, self.error, blur=BLUR)
         score = score - _PULL * np.minimum(passes.distance, _FAR).mean(axis=1)
@@ -217,7 +228,7 @@ class Search(ABC):
         return score - np.where(beyond > 0, 10 + beyond, 0)
 
     def sure(self, score: float) -> bool:
-        """Whether a strike scores as much as one that passes the goal of every sampled whip by little."""
+        """Whether a score is at least that of a strike that passes well within the goal with every sampled whip."""
         little, turned = SURE * self.goal.hit_radius, SURE * self.goal.cone
         passes = Passes(np.full((1, 1), little), _arriving(self.goal, turned)[None, None])
         best = float(passes.probability(self.goal, self.error, blur=BLUR)[0]) - _PULL * little
@@ -233,7 +244,7 @@ class Search(ABC):
         *,
         allowed: bool,
     ) -> Plan:
-        """Return the choice in words and numbers."""
+        """Return the plan of the chosen strike (m,), its predictions and its reason."""
         passes, near = self.each(strike[None], whips), self.mean(strike[None])
         miss, known = passes.distance[0], np.isfinite(passes.distance[0])
         probability = float(passes.probability(self.goal, self.error)[0])

@@ -18,10 +18,10 @@ _NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps alon
 
 
 class PlanarSearch(Search):
-    """Random strikes and past ones with their neighbours, the best of them improved along exact derivatives.
+    """Search in the plane: random strikes, past ones and their neighbours, the best improved along exact derivatives.
 
-    Where limits or a speed leave a thin part of the box, random steps find it. Where `check` forbids the best `CHECKED`
-    strikes, more of the limits is kept free (`MARGINS`), and the search begins again.
+    If limits or a least speed leave a small part of the box, random steps find it. If `check` forbids the best
+    `CHECKED` strikes, the search is repeated with a larger margin to the limits (`MARGINS`).
     """
 
     margins, checked, spread = MARGINS, CHECKED, 0.04
@@ -45,7 +45,7 @@ class PlanarSearch(Search):
         return tried, len(pool)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """See `Search.beyond`; what is too slow is beyond, too."""
+        """Return the excess of strikes (B, m) over the limits and below the least speed, (B,); see `Search.beyond`."""
         if not self.striker.limits and self.goal.speed is None:
             return np.zeros(len(strikes))
         return self.excess(self.mean(strikes))
@@ -55,7 +55,8 @@ class PlanarSearch(Search):
         return float(self._violation(near)[0]) + 1 if self.striker.limits else None
 
     def excess(self, near: Approach) -> np.ndarray:
-        """Return how far strikes are beyond what the limits leave and below the least speed, (B,); 0: neither."""
+        """Return the excess of strikes over the limits with margin and below the least speed, (B,); 0: both are
+        kept."""
         excess = np.zeros(len(near.distance))
         if self.goal.speed is not None:
             arrival = self.goal.arrival_speed(near.velocity)
@@ -68,13 +69,16 @@ class PlanarSearch(Search):
         return np.max([limits.violation_of_peaks(near) for limits in self.striker.limits.members], axis=0)
 
     def rank(self, near: Approach) -> np.ndarray:
-        """Return miss distances, with what the motors cannot do and what is too slow behind all others, (B,)."""
+        """Return miss distances (B,), with 10 or more added to strikes that break the motors' limits or are too
+        slow."""
         excess = self.excess(near)
         distance = np.where(near.known, near.distance, 1e3)
         return distance + np.where(excess > 0, 10 + excess, 0)
 
     def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
-        """Gauss-Newton steps towards no miss on the mean, by the strike's scaled numbers; the best of each path."""
+        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean; the best of each
+        path.
+        """
         width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
         for step in range(steps + 1):
             near, slope = self.rollout.gradient(x, self.goal.positions[0], t_stay=self.striker.t_stay)
@@ -91,7 +95,9 @@ class PlanarSearch(Search):
         return best
 
     def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Strikes that rank better on the mean, by random steps that shrink; derivatives do not see the limits."""
+        """Return strikes that rank better with the belief's mean, found by shrinking random steps; limits have no
+        derivatives.
+        """
         kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
         for _ in range(_ROUNDS):
             if np.sort(rank)[: _KEPT // 2].max() <= _NEAR:

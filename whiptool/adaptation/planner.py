@@ -28,11 +28,11 @@ RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is belo
 def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort]) -> Plan:
     """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
 
-    Otherwise the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
+    After several searches the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
     and is therefore a few percent too high.
 
     Args:
-        look: Search for a strike with an effort.
+        look: Searches for a strike with a given effort.
         efforts: Efforts of the searches, at least one.
     """
     began, found = time.perf_counter(), list[Plan]()
@@ -56,19 +56,19 @@ def plan(
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
-    Candidates are found on the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`. They are tried on every
-    sample, and a search with a shrinking normal distribution refines the best (`search_around`). Where each sample
-    passes is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at least 5 mm.
-    Probability and expected miss are stated on samples that the search has not seen.
+    Candidates are found with the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`. They are simulated
+    with every sampled whip, and a search with a shrinking normal distribution refines the best (`search_around`). The
+    miss with each sample is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at
+    least 5 mm. Probability and expected miss are computed with samples that the search has not used.
 
     Args:
-        belief: Distribution of the whip's numbers; in space of an arm that follows its command exactly.
+        belief: Distribution of the whip's parameters; an arm in space has to follow its command exactly.
         target: A point, and on request a direction and a least speed.
         rng: Generator for candidates and samples.
         past: Strikes that were tried before; they are candidates, too.
         demands: What else is required of the strike.
-        effort: How hard to look.
-        sag: How far the arm will stand from the commanded start, see `whiptool.adaptation.sag`; None: not at all.
+        effort: Amount of computation.
+        sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
 
     Raises:
         InputError: A past strike does not fit this arm, or the arm has no default bounds.

@@ -31,10 +31,11 @@ class Seen:
 
     Args:
         recording: The filmed path of the tip; None: the tip was not seen.
-        seen_miss: Miss distance along the filmed path, with the frames joined smoothly [m]; None: unknown.
+        seen_miss: Miss distance along the filmed path, interpolated smoothly between frames [m]; None: unknown.
         true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
         fault: Why the strike was interrupted, which ends the session; empty: it was not.
-        refused: Why the strike was refused before anything moved; empty: it was not. The next one is planned.
+        refused: Why the strike was refused before anything moved; empty: it was not. The session then goes on with the
+            next strike.
     """
 
     recording: StrikeRecording | None
@@ -54,7 +55,8 @@ def seen_of(
 ) -> Seen:
     """Return what a port returns after a filmed strike: the recording, and the miss distance that its frames show.
 
-    Between frames the tip's path is smooth; gaps of more than two frames are left out, see `approach_seen`.
+    The tip's path is interpolated smoothly between frames; gaps of more than two frames are left out, see
+    `approach_seen`.
 
     Args:
         recording: Path of the tip; its time 0 is the start of the command.
@@ -72,17 +74,17 @@ def seen_of(
 
 
 class Port(Protocol):
-    """What strikes and films: a twin, a rig of ours, or a lab's own robot."""
+    """Anything that makes a strike and films it: a simulated twin, a whiptool rig, or a lab's own robot."""
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Strike and film.
+        """Make a strike, film it, and return what was seen.
 
         Args:
             strike: The strike to make.
-            number: Number of the strike, from 1; 0 is a first look. A simulated port gives the same number the same
-                noise.
+            number: Number of the strike, from 1; 0 is a first look at the whip. A simulated port draws the same noise
+                for the same number.
             folder: For the port's own records; None: none are kept.
-            believed: The posterior mean of whip and arm, for a rehearsal.
+            believed: The posterior mean of whip and arm, with which a port may simulate the strike before making it.
 
         Returns:
             See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was interrupted
@@ -95,7 +97,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
     """Check what a port returned, and add the strike and a source to a recording that does not state them.
 
     Raises:
-        InputError: It is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
+        InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
     """
     if not isinstance(seen, Seen):
         given = f"{type(seen).__name__} from strike {number}"
@@ -131,16 +133,17 @@ def _refuse_pixels(recording: StrikeRecording) -> None:
 
 
 class TipPort:
-    """A simulated twin without servos and images, whose tip is measured `fps` times a second with normal errors.
+    """A simulated arm and whip without servos and images, whose tip is measured `fps` times a second with normal
+    errors.
 
     Args:
-        twin: The unknown whip.
+        twin: The simulated arm and unknown whip.
         target: Target, a `Target` or its position [m].
         fps: Frames per second [1/s].
-        t_stay: The strike is watched so long after the movement ended [s].
+        t_stay: Time after the movement's end for which the tip is still observed [s].
 
     Raises:
-        InputError: The target is of another dimension than the twin.
+        InputError: The target is in the plane and the twin in space, or the reverse.
     """
 
     def __init__(
@@ -168,7 +171,7 @@ class TipPort:
         return t[whole], paths[0, whole]
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Strike, and return what was seen; see `Port.strike`."""
+        """Simulate the strike, and return what was seen; see `Port.strike`."""
         near = self.passes(strike)
         if near.diverged[0]:
             return Seen(None, None, refused="the simulated whip diverged")
@@ -191,11 +194,12 @@ class TipPort:
 
 
 class RigPort:
-    """A rig, hardware or twin.
+    """A rig as a port: hardware, or a simulated twin.
 
     Args:
-        make: The rig for a strike's number: a twin's noise depends on it, so that a resumed run sees the same noise.
-        target: Target [m].
+        make: Returns the rig for a strike's number. A twin's noise depends on that number, so that a resumed run sees
+            the same noise.
+        target: Position of the target [m], (d,).
     """
 
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:

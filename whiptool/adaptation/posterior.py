@@ -30,15 +30,17 @@ TOO_FAR = 0.06  # [m] RMSE from which a recording is inconsistent with every pla
 
 @dataclass(frozen=True)
 class Starts:
-    """When a fit of a whip is accepted, and when another start is tried.
+    """Thresholds at which the fit of a whip is accepted without another starting point.
 
     Args:
-        explained: Standard errors, RMSE up to which no other start is tried.
-        near: In the plane, or this [m]: a whip in another valley is off by centimetres, a whip that no model holds by
-            millimetres. In space a bead at a wrong place is off by millimetres, too.
-        close: Fall of the cost per mean squared residual that is not worth another step: 0.08 standard errors.
-        valley: RMSE from which two starts that agree may both be wrong [m].
-        same: Difference in cost, the logarithm of a likelihood, up to which two fits are one.
+        explained: Root mean square of the residuals, in standard errors, up to which no other start is tried.
+        near: In the plane also an RMSE [m] up to which no other start is tried: in a wrong local minimum it is
+            centimetres, with a model that is merely incomplete millimetres. Not used in space, where a bead at a wrong
+            position also costs only millimetres.
+        close: Fit tolerance: decrease of the cost per mean squared residual below which no further step is made, worth
+            0.08 standard errors.
+        valley: RMSE [m] above which two agreeing starts may both have ended in the same wrong local minimum.
+        same: Difference in cost (a log likelihood) up to which two fits count as the same.
     """
 
     explained: float = 1.3
@@ -71,8 +73,8 @@ class Learned:
         rmse: Root mean square error of each recording that was used, by source [m].
         refused: Reason why each of the others was not used, by source.
         wall_time: Time that the update took [s].
-        redundancy: Number of readings that carry as much information as one independent reading with the stated error:
-            errors of neighbouring frames correlate, and may be larger than stated.
+        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
+            as errors of neighbouring frames are correlated and may be larger than stated.
     """
 
     belief: Belief
@@ -92,20 +94,19 @@ def update(
     screened: int = 24,
     seed: int = 0,
 ) -> Learned:
-    """Return the belief after all recordings, fitted by maximum a posteriori from several starts.
+    """Return the belief after all recordings, fitted by maximum a posteriori from several starting points.
 
-    The starts are the last belief and, unless that explains all frames, the samples of the prior that fit best, until
-    one explains them or two starts led to the same fit. The
-    covariance is that of the linearised fit, its data weighted down by the variance of the residuals and by their
-    correlation: what a model cannot explain comes in long runs of one sign, and so many frames are worth few.
+    The first starting point is the last belief. Unless that fit explains all frames, the best samples of the prior
+    follow, until a fit explains them or two starts agree. The covariance is that of the linearised fit; its data are
+    weighted down by the variance of the residuals and by their correlation, for model errors persist over many frames.
 
     Args:
         prior: Belief before any recording.
         recordings: All recordings so far, with different sources, each with its command and the marker `tip`.
         guess: Belief after all recordings but the last, where the first fit starts; None: the prior.
         contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
-        starts: How many.
-        screened: Samples of the prior among which the other starts are sought.
+        starts: Largest number of starting points.
+        screened: Number of prior samples from which the further starting points are chosen.
         seed: Seed of the samples.
 
     Raises:
@@ -153,7 +154,8 @@ def _consistent(
 
 
 def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
-    """Return what drives the whip in a fit: the command; of a position-controlled robot in space its measured joints.
+    """Return what drives the whip in a fit, a value of `--drive`: `command`, or for a position-controlled robot in
+    space whose joints were logged `joints`.
 
     Where a robot lags behind its command, a log of its joints shows how its hand really moved.
     """
@@ -163,15 +165,15 @@ def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
 
 
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
-    """The frames of the tip up to shortly after its closest approach to the target, or None and the reason.
+    """Return the recording up to shortly after the tip's closest approach to the target and "", or None and the reason.
 
-    Their standard errors contain what no model explains, so that a precise camera does not drive the fit to odd
-    numbers. At rest that
-    is the same in all frames, and one is left of them: their median.
+    The standard errors include a model error, so that a precise camera does not drive the fit to implausible
+    parameters. At rest this error is the same in all frames, which are therefore replaced by one: their median.
 
     Args:
         recording: Recording of one strike.
-        contact: When the closest approach was planned [s]: frames are kept until then, too, if it came earlier.
+        contact: Planned time of the closest approach [s]; if the approach came earlier, frames are kept until this
+            time.
 
     Raises:
         InputError: The recording lacks its command or its tip.
@@ -200,9 +202,9 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
 
 
 def tip_mislabelled(recording: StrikeRecording) -> str:
-    """Return why the label of the tip did not stay with its marker, of motion capture in space; empty: it did.
+    """Return how the tip's label left its marker in a motion-capture recording; empty if it did not.
 
-    Films keep their markers apart by looks, and are not asked.
+    Recordings in the plane and those with a single marker are not checked.
     """
     if recording.points.shape[2] == 2 or len(recording.markers) == 1:
         return ""

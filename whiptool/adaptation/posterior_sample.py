@@ -30,13 +30,13 @@ _ENOUGH = 3.0  # effective draws per number, of which the next proposal's moment
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class PosteriorSample:
-    """Draws of m numbers, weighted.
+    """S weighted draws of m parameters from a posterior.
 
     Args:
-        names: Names of the numbers, as in the belief.
-        z: Draws, each number as a solver sees it, (S, m).
-        values: The same in their own units, (S, m).
-        weights: They sum to 1, (S,).
+        names: Names of the parameters, as in the belief.
+        z: Draws in the solver's variables (see `Belief`), (S, m).
+        values: The same draws in the parameters' own units, (S, m).
+        weights: Weights of the draws, which sum to 1, (S,).
         log_density: Log density of the posterior at the draws, up to a constant, (S,).
     """
 
@@ -52,10 +52,10 @@ class PosteriorSample:
         return effective_size(np.log(np.maximum(self.weights, 1e-300)))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Return the equal-tailed interval of a number, in its own unit.
+        """Return the equal-tailed credible interval of the parameter `name`, in its own unit.
 
         Raises:
-            InputError: The name is not among the numbers.
+            InputError: The name is not among `names`.
         """
         if name not in self.names:
             raise InputError("number", name, "one of " + ", ".join(self.names))
@@ -66,8 +66,7 @@ class PosteriorSample:
         return float(low), float(high)
 
     def level_of(self, log_density: float) -> float:
-        """Return the probability of the smallest region that holds a point of this density: 0.95 lies on the edge of
-        the 95 % region of highest density."""
+        """Return the probability of the smallest highest-density region that contains a point with this log density."""
         return float(self.weights[self.log_density > log_density].sum())
 
 
@@ -81,12 +80,12 @@ def sample_posterior(
     rounds: int = ROUNDS,
     size: int = SIZE,
 ) -> PosteriorSample:
-    """Sample the posterior of recordings and prior, by rollouts of the compiled model.
+    """Sample the posterior of the whip's parameters by importance sampling with the compiled simulator.
 
     Args:
-        prior: Before any recording.
+        prior: Belief before any recording.
         recordings, contacts: As given to `whiptool.adaptation.posterior.update`.
-        learned: Result of learning; recordings that were refused there are left out here.
+        learned: Result of `update`; recordings that it refused are left out here.
         rng: Random generator of the draws.
         rounds, size: As in `importance_sample`.
 
@@ -111,9 +110,9 @@ def log_posterior(
     """Return the logarithm of the posterior density, up to a constant, as a function of draws (S, m).
 
     Args:
-        prior: Before the recordings; no number lies beyond its bounds.
+        prior: Belief before the recordings; the density is zero where a parameter is out of its bounds.
         recordings: Recordings of the whip.
-        redundancy: So many readings are worth one: their errors correlate.
+        redundancy: Number of readings that carry as much information as one independent reading.
         contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
 
     Raises:
@@ -152,17 +151,18 @@ def importance_sample(
     rounds: int = ROUNDS,
     size: int = SIZE,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Adaptive multiple importance sampling (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat. 39).
+    """Sample a density by adaptive multiple importance sampling (Cornuet, Marin, Mira and Robert 2012, Scand. J. Stat.
+    39).
 
-    Every round draws from Student's t with the moments of all draws so far, and weighs them all by the mixture of all
-    proposals. While few draws carry the weight, their logarithms are tempered for the moments, and mixed with the
-    first covariance.
+    Every round draws from a Student's t with the moments of all draws so far, and weights all draws by the mixture of
+    all proposals. While few draws carry most of the weight, the log weights are tempered before the moments are
+    computed, and the moments are mixed with the first covariance.
 
     Args:
-        log_density: Log density of draws (S, m), up to a constant; minus infinity where nothing lies.
+        log_density: Returns the log density (S,) of draws (S, m), up to a constant; minus infinity where it is zero.
         centre, covariance: Centre and covariance of the first proposal, (m,) and (m, m).
         rng: Random generator of the draws.
-        rounds, size: How many proposals, and draws of each.
+        rounds, size: Number of proposals, and of draws from each.
 
     Returns:
         Draws (S, m), their weights (S,), which sum to 1, and their log densities (S,).
@@ -190,7 +190,7 @@ def importance_sample(
 
 
 def effective_size(log_weights: np.ndarray) -> float:
-    """Return the effective number of weights."""
+    """Return the effective sample size of log weights (S,) (Kong 1992)."""
     return float(np.exp(2 * _log_sum(log_weights) - _log_sum(2 * log_weights)))
 
 

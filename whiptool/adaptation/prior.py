@@ -30,27 +30,28 @@ from whiptool.rig.emulator.motor import Motor
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard errors of the prior of a whip, relative where no unit is given.
+    """Standard deviations of the prior of a whip, relative where no unit is given.
 
     Args:
-        thickness_taper: Error of the taper of the whip's thickness, whose powers density, stiffness and damping go by.
-        own_taper: Error of a quantity's own taper in addition, for quantities that go by the square.
+        thickness_taper: Error of the taper of the whip's thickness; density, stiffness and damping scale with powers of
+            it.
+        own_taper: Additional independent error of the taper of each quantity that scales with the thickness squared.
         rest_curvature: Error of the rest curvature [1/m]: a twentieth of that of a coil of 0.15 m radius, which a
             stored rope keeps.
-        air_form: Error of drag in the plane, where the prior's air resists alike along the whip and across, real air
-            mostly across.
-        along: Error of drag along a whip in space over that across; anything between 0 and 1 is half as much, give or
-            take this.
-        bead: Error of the mass of a bead or knot in space, over the whip's; it is about as large as this.
-        bead_place: Error of its place, as a fraction of the length.
-        density_wave, stiffness_wave: In space, of the first wave that a taper leaves out; a thickness that is off by
-            7 % weighs 15 % and bends by 30 %.
-        wave_falls: The error of each further wave over the one before it.
+        air_form: Error of drag in the plane, because the prior's drag is the same along and across the whip and real
+            drag acts mostly across.
+        along: Error of the ratio of drag along a whip in space to that across; the mean is 0.5.
+        bead: Error of the mass of a bead or knot in space, as a fraction of the whip's mass.
+        bead_place: Error of the bead's position, as a fraction of the length.
+        density_wave, stiffness_wave: In space, errors of the first Fourier component of density and stiffness along the
+            whip beyond the taper; a thickness error of 7 % changes mass by 15 % and stiffness by 30 %.
+        wave_falls: Ratio of the error of each further component to that of the one before.
         arm_friction: Error of the friction of the arm [N m s/rad].
         arm_mass: Error of the masses of the arm's links.
         gain: Error of the controller's gains.
         clock: Error of the camera's clock [s].
-        usual_speed: Usual speed of a joint in a strike [rad/s]; no error, but what friction is compared at.
+        usual_speed: Typical speed of a joint in a strike [rad/s], at which dry friction is converted to viscous
+            friction; not an error.
         inertia: Error of a motor's inertia.
     """
 
@@ -80,11 +81,11 @@ UNSEEN = ModelError(0.01, 1.5)  # before any recording of a moving whip
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Belief:
-    """A normal distribution over m named numbers of a plant and of the camera's clock.
+    """A normal distribution over m named parameters of a plant and of the camera's clock.
 
     Args:
-        plant: Model and controller; every number of theirs that is not in `names` is taken as known.
-        names: Names of `Plant.values()`, or `delay`.
+        plant: Model and controller; all their parameters that are not in `names` are taken as known.
+        names: Names of `Plant.values()`, or `delay`, the camera's.
         z: Mean, (m,), of the solver's variables: logarithms of positive numbers, others divided by their usual size.
         covariance: Covariance of z, (m, m), positive definite.
         model_error: Distribution of the distance between the true path of the tip and that of the best-fitting whip.
@@ -110,23 +111,24 @@ class Belief:
 
     @property
     def variables(self) -> list[Variable]:
-        """The solver's variable of each number: its scale and bounds."""
+        """The solver's variable of each parameter: its scale and bounds."""
         known = {**self.plant.values(), **NEUTRAL}
         unit_of = units(self.plant, self.names)
         return [variable(name, known[name], unit=unit_of[name]) for name in self.names]
 
     def values(self, z: np.ndarray | None = None) -> dict[str, float]:
-        """Return the numbers by name, of the mean or of another z, clipped to their bounds."""
+        """Return the parameters by name, at the mean or at another z (m,), clipped to their bounds."""
         z = self.z if z is None else z
         pairs = zip(self.variables, np.asarray(z, float), strict=True)
         return {v.name: v.value(float(np.clip(x, v.lower, v.upper))) for v, x in pairs}
 
     def at(self, z: np.ndarray | None = None) -> Plant:
-        """Return the plant with the numbers of the mean, or of another z."""
+        """Return the plant with the parameters of the mean, or of another z (m,)."""
         return self.plant.changed({name: x for name, x in self.values(z).items() if name != "delay"})
 
     def sample(self, rng: np.random.Generator, size: int) -> list[Plant]:
-        """Draw plants from the belief, in antithetic pairs, so that the mean of their z is that of the belief."""
+        """Draw `size` plants from the belief, in antithetic pairs, so that the mean of their z is that of the
+        belief."""
         root = np.linalg.cholesky(self.covariance)
         half = rng.standard_normal((-(-size // 2), len(self.z)))
         draws = np.stack([half, -half], axis=1).reshape(-1, len(self.z))[:size]
@@ -138,7 +140,9 @@ class Belief:
         return Prior(self.names, tuple(self.values().values()), self.covariance * np.outer(scales, scales))
 
     def errors(self) -> dict[str, float]:
-        """Standard error of each number: relative where it is a logarithm, else in its own unit."""
+        """Standard deviation of each parameter: relative if the solver's variable is its logarithm, else in its own
+        unit.
+        """
         scales = [v.scale for v in self.variables]
         return dict(zip(self.names, (np.sqrt(np.diag(self.covariance)) * scales).tolist(), strict=True))
 
@@ -184,15 +188,15 @@ def default_prior(
     """Return a wide prior of the whip, the arm's friction and mass, the controller's gain and the camera's clock.
 
     The whip's parameters have the spread and the correlations of a material: a thicker whip is heavier and much
-    stiffer. Parameters that the material does not determine are centred on a uniform whip without rest curvature.
+    stiffer. The means of other parameters are those of a uniform whip without rest curvature.
 
     Args:
         model: Nominal model with a uniform whip.
         controller: Controller of the arm.
         whip: `profile`: length, density, stiffness, damping, a taper each, drag, dry friction, rest curvature;
             `uniform`: k, b, m and l of a uniform whip.
-        motor: Motor of the arm's joints, as its makers describe it: its rotor turns with its link, its friction counts
-            as viscous; None: ideal.
+        motor: Motor of the arm's joints, by its data sheet: its rotor inertia is added to the joint, and its friction
+            counts as viscous; None: an ideal motor.
         stock: Material of the whip; None: centred on the model, with the average width of materials.
 
     Raises:
@@ -298,7 +302,9 @@ def _joined(belief: Belief, entries: Mapping[str, tuple[float | None, float]]) -
 
 
 def driven(model: Model, motor: Motor) -> Model:
-    """The model with motors at its joints: a rotor turns with its link, and friction counts as viscous."""
+    """Return the model with motors at its joints: rotor inertia and friction, counted as viscous, are added to the
+    arm's.
+    """
     friction = motor.viscous_friction + motor.dry_friction / _SPREAD.usual_speed
     added = {f"arm.inertia[{i}]": motor.inertia for i in range(model.arm.n)}
     added |= {f"arm.friction[{i}]": friction for i in range(model.arm.n)}
@@ -318,9 +324,10 @@ def read_belief(
     """The default prior, changed by a file of lines such as `"profile.length" = {value = 0.9, error = 0.05}`.
 
     Args:
-        path: A TOML file; None: the default. An error is relative where the number is positive by nature, in its own
-            unit where it may be zero (drag, friction, damping, rest curvature, delay). A number that the default takes
-            as known becomes unknown; `error = 0` makes it known. What the file names is independent of all else.
+        path: A TOML file; None: the default. An error is relative for a parameter that is always positive, and in its
+            own unit for one that may be zero (drag, friction, damping, rest curvature, delay). A parameter in the file
+            becomes unknown if the default takes it as known; `error = 0` makes it known. Parameters in the file are
+            independent of all others.
         model, controller, whip, motor, stock: As for `default_prior`.
 
     Raises:
@@ -348,7 +355,7 @@ def read_belief(
 
 
 def knowing(belief: Belief, values: Mapping[str, float]) -> Belief:
-    """Return the belief with some numbers set to known values, the distribution of the others unchanged.
+    """Return the belief with some parameters set to known values; the distribution of the others is unchanged.
 
     Raises:
         InputError: A name is unknown, or a value is not allowed.
@@ -371,7 +378,9 @@ def _belief(plant: Plant, entries: Mapping[str, tuple[float | None, float]]) -> 
 
 
 def fresh_terms(belief: Belief) -> list[str]:
-    """Return the terms that a rollout must include although they may be zero at the mean: samples may have them."""
+    """Return the terms of the model that a simulator must include even if they are zero at the mean, as samples may not
+    be.
+    """
     of = {"profile.drag": "whip.drag", "profile.rest_curvature": "whip.rest_angle"}
     terms = [of.get(name, name) for name in belief.names if name.startswith(("whip.", "arm.")) or name in of]
     return terms if belief.plant.profile is None else ["whip.hinge_mass", *terms]

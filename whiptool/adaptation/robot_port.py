@@ -26,7 +26,7 @@ class AwaitsRecording(WhiptoolError):
     """The user's robot has to make a strike next.
 
     Args:
-        strike: Which.
+        strike: The strike to make.
         number: Its number in the run.
         trajectory: Trajectory that the robot has to run.
         recording: Path at which its recording is expected.
@@ -42,10 +42,10 @@ class RobotPort:
 
     Args:
         model: Model of its arm.
-        target: For the miss distance.
+        target: Target, for the miss distance.
         rate: Samples a second of the trajectory [1/s].
-        rest: Before the strike, in which the whip comes to hang still [s].
-        t_stay: The strike is watched so long after the movement ended [s].
+        rest: Time at rest before the strike, in which the whip stops swinging [s].
+        t_stay: Time after the movement's end for which the tip is still observed [s].
     """
 
     def __init__(
@@ -54,10 +54,10 @@ class RobotPort:
         self.model, self.target, self.rate, self.rest, self.t_stay = model, target, rate, rest, t_stay
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Return what was recorded of a strike; see `Port.strike`.
+        """Return the recording of a strike from the folder; see `Port.strike`.
 
         Raises:
-            AwaitsRecording: It was not recorded yet; its trajectory lies in the folder.
+            AwaitsRecording: The recording does not exist yet; the trajectory for the robot is in the folder.
             InputError: The recording cannot be read.
         """
         assert folder is not None
@@ -67,7 +67,8 @@ class RobotPort:
         return seen_of(self.read(file, strike), self.target.position)
 
     def read(self, file: Path, strike: Strike) -> StrikeRecording:
-        """Return what a file has recorded of a strike, whose command need not stand in its sidecar.
+        """Return the recording of a strike from a file, with the strike as its command, which its sidecar need not
+        contain.
 
         Raises:
             InputError: It cannot be read.
@@ -75,15 +76,16 @@ class RobotPort:
         return self._of(replace(read_recording(file), **self._about), strike)
 
     def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
-        """Return what two cameras or more saw of a strike, in places; films are tracked, with progress on stderr.
+        """Return the recording of a strike in space, triangulated from two or more cameras; films are tracked, with
+        progress on stderr.
 
         Args:
-            files: A film or a table of pixels of each camera.
-            strike: Its command, which need not stand in their sidecars.
+            files: For each camera a film or a table of pixels.
+            strike: The strike's command, which the files' sidecars need not contain.
             cameras: File of the calibrated cameras; default: the one that each sidecar names.
 
         Raises:
-            InputError: One cannot be read, or they are not of one strike, see
+            InputError: A file cannot be read, or the files are not of one strike, see
                 `whiptool.vision.strike_in_space.strike_in_space`.
         """
         from whiptool.identification.gather import opened, tracked

@@ -65,7 +65,7 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
 
     Args:
         step: The strike.
-        prior: Before any recording; errors are compared with its own.
+        prior: Belief before any recording, with whose standard errors those after the strike are compared.
         previous: The belief before this strike; None: the prior.
     """
     o, p, learned = step.outcome, step.plan, step.learned
@@ -104,7 +104,7 @@ def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Secti
 
     Args:
         steps: All strikes, in order; the first look, if any, first.
-        prior: Before any recording.
+        prior: Belief before any recording.
         target: Target of the strikes.
     """
     if not steps:

@@ -15,18 +15,19 @@ _FIRST, _ROUNDS, _DIFFERENCE, _LARGEST = 0.1, 60, 1e-6, 0.2  # [rad]
 
 
 def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag | None:
-    """How far an arm will stand from postures q_i (B, a) [rad], from the measured joints of earlier strikes.
+    """Return a function that predicts how far the arm at rest deviates from a commanded posture, from earlier
+    recordings.
 
-    What compensation leaves of the weights of link j and all that hangs on it is a torque `c_j sin(theta_j)` of the
-    joints up to j, theta_j the link's angle to the vertical. Measured errors at rest give the law's torques, these give
-    c by least squares, and c gives the errors elsewhere.
+    The gravity torque of link j, and of all links beyond it, that the compensation leaves is `c_j sin(theta_j)` at the
+    joints up to j, with theta_j the link's angle to the vertical. The measured errors at rest give the controller's
+    torques, these give c by least squares, and c predicts the errors at other postures.
 
     Args:
-        law: Law of the arm's controller.
-        recordings: Recordings of earlier strikes; those without measured joints tell nothing.
+        law: Control law of the arm.
+        recordings: Recordings of earlier strikes; those without measured joints are ignored.
 
     Returns:
-        A function of q_i; None where nothing was measured.
+        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured.
     """
     rows, torques = [], []
     for recording in recordings:

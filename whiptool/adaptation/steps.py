@@ -23,8 +23,8 @@ class Step:
         outcome: The recording, and the miss distance that it shows.
         learned: The belief about the whip after this strike; None if the adaptation does not learn.
         judged: The estimated miss distance with its standard error: from the learned whip and the camera together if
-            the recording was used for learning, else from the camera alone; never from a twin's truth. None: the tip
-            was not seen.
+            the recording was used for learning, else from the camera alone; never from a twin's true path. None: the
+            tip was not seen.
     """
 
     number: int
@@ -65,12 +65,12 @@ class Steps(list[Step]):
 
     @property
     def strikes(self) -> list[Step]:
-        """The steps that were meant to hit: all but the first look."""
+        """The steps of strikes that were meant to hit: all but the first look, number 0."""
         return [step for step in self if step.number]
 
 
 def percent(probability: float) -> str:
-    """Return a probability for people, never rounded to a certainty."""
+    """Return a probability as text in percent, never rounded to 0 % or 100 %."""
     if 0.995 <= probability < 1 or 0 < probability < 0.005:
         return "> 99 %" if probability > 0.5 else "< 1 %"
     return f"{100 * probability:.0f} %"

@@ -29,15 +29,15 @@ BEND = 0.3 / 0.072  # curvature [1/m] that nine strikes in ten at the published 
 
 @dataclass(frozen=True)
 class Twin:
-    """A simulated arm, whip and camera whose numbers differ from those of the model that plans.
+    """A simulated arm, whip and camera whose parameters differ from those of the model that plans.
 
     Args:
-        family, seed: The family and the seed that it was drawn with.
+        family, seed: Family, and seed with which the twin was drawn.
         model: The true arm and whip.
         controller: The controller as it really acts on the arm.
-        latency: Round-trip delay of the servos' line [s].
+        latency: Round-trip delay of the servos' bus [s].
         clock_offset: Delay of the camera's clock [s].
-        noise: Standard error of the tip as a plain camera sees it [m].
+        noise: Standard deviation of a measured tip position without simulated images [m].
     """
 
     family: str
@@ -54,7 +54,7 @@ class Twin:
         return f"Twin({self.family}, seed {self.seed}: {of})"
 
     def truth(self, motor: Motor = HARDWARE) -> TwinTruth:
-        """Return the same numbers as the rig's emulator takes them."""
+        """Return the same parameters as the argument of the rig's emulator."""
         return TwinTruth(
             self.model,
             motor,
@@ -68,22 +68,20 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     """Draw an unknown whip: length, density, stiffness, damping, drag and friction from a material, its structure by
     family.
 
-    `kin`: uniform, around a model with the model's drag and friction; a little friction in the arm.
-    `strange`: 36 nodes; a cone, its tip thinner by 10 to 30 %, mass with the square of the thickness, bending with its
+    `kin`: a uniform whip with the model's drag and friction, and slight friction in the arm. `strange`: 36 nodes; the
+    tip is 10 to 30 % thinner than the root, mass scales with the square of the thickness and bending stiffness with its
     fourth power, with smooth random deviations; a bead; one soft joint; rest curvature; springs that stiffen with the
-    bend, by up to 30 % where a strike bends most; less drag along the whip than across; friction that differs from
-    joint to joint; arm mass, controller gain and arm friction are not the model's; the camera's clock is off by up to
-    8 ms.
-    `stranger`: the same, every deviation doubled.
-    In space the arm is a robot's, which follows its commands: arm and gain are the model's, and rods have no rest
-    curvature.
+    bending angle, by up to 30 % where a strike bends most; less drag along the whip than across; friction that differs
+    from joint to joint; arm mass, controller gain and arm friction differ from the model's; the camera's clock is off
+    by up to 8 ms. `stranger`: as `strange`, with every deviation doubled. In space the arm is a robot that follows its
+    commands: arm and gain are the model's, and rods have no rest curvature.
 
     Args:
         family: One of `FAMILIES`.
-        seed: A whole number >= 0; the same seed of `strange` and `stranger` deviates in the same directions, and has
-            the same numbers from the stock.
+        seed: A whole number >= 0; with the same seed `strange` and `stranger` deviate in the same directions, and have
+            the same parameters from the stock.
         model, controller: The nominal model and its controller; the twin has the model's arm.
-        stock: Stock of the whip; None: around the model's own.
+        stock: Distribution of the whip's material parameters; None: around the model's own.
 
     Raises:
         InputError: The family or seed is not allowed, or there is no stock and the model has values per node.

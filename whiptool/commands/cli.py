@@ -46,13 +46,13 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
-    """The command line as an instance of a frozen dataclass.
+    """Return the command line as an instance of the frozen dataclass `options`.
 
-    An option that takes several values is not given without one, unless the class names it in `may_be_empty`.
+    An option that takes several values needs at least one, unless the class names it in `may_be_empty`.
 
     Raises:
-        InputError: It does not parse, an option is there twice, what it needs is not installed, or a value breaks a
-            rule; it is named.
+        InputError: It does not parse, an option is given twice, a package that it needs is missing, or a value is not
+            allowed; the option is named.
         SystemExit: `--help` or `--help-all` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
@@ -195,7 +195,7 @@ def given_flags(words: Sequence[str]) -> list[str]:
     """Return the options on a command line, `--no-video` as `--video`.
 
     Raises:
-        InputError: One is there twice; only the last would count.
+        InputError: An option is given twice.
     """
     found: list[str] = []
     for word in words:
@@ -218,11 +218,11 @@ def parse_resumable(
 ) -> T:
     """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
 
-    What of its options is `changeable` is as in the folder, unless it is given again; the others may not differ.
+    Options that the class lists as `changeable` may be given again; all others have to be as stored.
 
     Args:
-        options: Their class, with fields `out` and `resume`.
-        command: Its name, as in `python -m whiptool.COMMAND`.
+        options: Class of the options, with fields `out` and `resume`.
+        command: Name of the command, as in `python -m whiptool.COMMAND`.
         description, args: As in `parse`.
         quick: Values that `--quick` sets where an option is not given.
         prog: How the command is called; default: `whiptool COMMAND`.
@@ -271,7 +271,7 @@ def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
 
 
 def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
-    """The options that a run folder holds; what may be None and is not there was None, as TOML has no such value.
+    """Return the options that a run folder holds; an optional one that is missing is None, which TOML cannot express.
 
     Raises:
         InputError: They are not the options of this command.
@@ -301,12 +301,12 @@ def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:
 def configuration(
     options: OptionGroup, command: str, model: Model | None = None, controller: Controller | None = None, **parts: Any
 ) -> dict[str, Any]:
-    """What a run folder holds of how a run was begun, without the version of the code.
+    """Return the configuration that a run folder stores: options, model and controller, without the code's version.
 
     Args:
-        options: Those of this call alone are left out.
-        command: Its name, as in `python -m whiptool.COMMAND`.
-        model, controller: As the options resolve them; None: they stand elsewhere.
+        options: Options of the command; those that concern only this call (`of_this_call`) are left out.
+        command: Name of the command, as in `python -m whiptool.COMMAND`.
+        model, controller: Model and controller that the options describe; None: they are stored elsewhere.
         parts: Further resolved parts, as plain TOML data.
     """
     from whiptool.impedance.controller_files import controller_to_table
@@ -329,7 +329,7 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
         config: See `configuration`.
 
     Raises:
-        InputError: It cannot be made, it holds something, or another process writes in it.
+        InputError: The folder cannot be made, is not empty, or another process writes in it.
     """
     from whiptool.runs import RunFolder, code_version, default_folder
 
@@ -343,10 +343,10 @@ def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> Run
 
 
 def check_out(options: OutputOptions) -> None:
-    """Refuse an `--out` that `new_folder` would refuse, and leave it as it is.
+    """Refuse an `--out` that `new_folder` would refuse, without changing it.
 
     Raises:
-        InputError: It is not empty, or another process writes in it.
+        InputError: The folder is not empty, or another process writes in it.
     """
     from whiptool.runs import check_new
 
@@ -371,7 +371,7 @@ def _go_on(path: Path) -> str:
 
 
 def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) -> RunFolder:
-    """The folder that a command writes its run in: a new one, or that of the run to resume.
+    """Return the run folder of a command: a new one, or that of the run to resume.
 
     Args:
         options: Options that name the folder.
@@ -392,7 +392,7 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
 
 
 def check_same_run(folder: RunFolder, config: dict) -> None:
-    """Refuse to go on with a run whose configuration, as it would be resolved now, is not what it was.
+    """Refuse to resume a run whose stored configuration differs from the one that its options give now.
 
     Raises:
         InputError: A part differs; it is named.
@@ -434,7 +434,7 @@ def check_matplotlib() -> None:
     """Refuse settings with which matplotlib cannot be imported, before anything is computed for its figures.
 
     Raises:
-        InputError: There are such; the variable or file is named.
+        InputError: matplotlib refuses its settings; the environment variable or file is named.
     """
     try:
         import matplotlib  # noqa: F401
@@ -445,7 +445,7 @@ def check_matplotlib() -> None:
 
 
 def run(command: Callable[[], int]) -> int:
-    """Run a command: its exit status, bad input being one line on stderr and status 2, a signal status 130."""
+    """Run a command and return its exit status; bad input is reported in one line on stderr (2), a signal gives 130."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks do not stop it
             stream.reconfigure(errors="backslashreplace")
@@ -597,7 +597,7 @@ def _unknown(name: str, given: str, known: Iterable[str], fix: str = "") -> int:
 
 
 def as_plain(options: Any) -> dict:
-    """Options as plain TOML data without those that are None."""
+    """Return options as plain TOML data, without those that are None."""
     plain = {}
     for f in dataclasses.fields(options):
         value = getattr(options, f.name)

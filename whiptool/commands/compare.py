@@ -61,7 +61,7 @@ class ComparisonOptions(
     ModelOptions,
     ZoneOptions,
 ):
-    """What `compare` and `reproduce` share; the zone's centre is --target."""
+    """Options that `compare` and `reproduce` share; --target is the centre of the zone of targets."""
 
     may_be_empty: ClassVar[tuple[str, ...]] = ("tighter",)
     changeable: ClassVar[tuple[str, ...]] = ("workers", "cluster")
@@ -120,7 +120,7 @@ class ComparisonOptions(
         return QUICK[name] if self.quick and name in QUICK else super().usual(name)
 
     def processes(self) -> int:
-        """How many to work in on this machine; more than there are cores would only wait for each other."""
+        """Number of worker processes on this machine, at most one per core, or 2."""
         cores = os.cpu_count() or 1
         if self.workers is not None and self.workers > max(2, cores):
             print(f"whiptool: --workers {self.workers}: {max(2, cores)} are used, one per core", file=sys.stderr)
@@ -128,7 +128,7 @@ class ComparisonOptions(
         return min(cores, 8) if self.workers is None else self.workers
 
     def comparison(self, methods: Sequence[str], observations: Sequence[str]) -> Comparison:
-        """What they describe.
+        """Return the comparison that the options describe.
 
         Raises:
             InputError: An option is out of range.
@@ -164,7 +164,7 @@ class ComparisonOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(ComparisonOptions, ZoneGoalOptions):
-    """Trials to the first hit of many random targets, method by method (Fig. 6)."""
+    """Options of `compare`: trials until the first hit of many random targets, method by method (Fig. 6)."""
 
     first: ClassVar[tuple[str, ...]] = ("methods", "observation", "zone")
     in_space: ClassVar[bool] = True
@@ -178,10 +178,11 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """Methods to compare. They are those of whiptool.optimize; random is always added. sac, td3, ddpg and ppo are
     trained once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
-    """What learners observe; they are trained separately for each observation."""
+    """Observation of the learners: the tip, the tip relative to the target, or tip and goal; they are trained
+    separately for each observation."""
     zone: Literal["disc", "fast"] = "disc"
-    """Where targets are drawn. disc: around --target; fast: wherever the tip of random strikes moves at 3 m/s or
-    more."""
+    """Zone of the targets: a disc, or where tips can be fast. disc: around --target; fast: wherever the tip of random
+    strikes moves at 3 m/s or more."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "methods")
@@ -259,7 +260,7 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
 
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
-    """Write tables, under what they are about, and plots; the tables for people."""
+    """Write tables and plots into a folder, and return the tables as Markdown, headed by `about`."""
     from whiptool.comparison import series as tables
     from whiptool.comparison.trial_plots import save_comparison
 

@@ -26,7 +26,7 @@ class DoctorOptions(JsonOptions):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: what was looked at, what was found, and the fix if there is something to mend."""
+    """One line of the report: what was checked, what was found, and the fix if something is wrong."""
 
     name: str
     found: str

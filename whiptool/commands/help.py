@@ -36,14 +36,14 @@ class _Shown:
 
 
 def help_text(given: OptionGroup, *, prog: str, description: str, whole: bool) -> str:
-    """Return what is printed for `--help` or, as a whole, for `--help-all`.
+    """Return the text that `--help` prints or, if `whole`, `--help-all`.
 
     Args:
         given: Options of the command, as far as they are given; those that its groups name in `first` stand on the
             first screen.
         prog: The command, such as `whiptool optimize`.
         description: Description of the command.
-        whole: Whether all options are shown.
+        whole: Whether all options are shown, with their full descriptions.
     """
     options, idle = type(given), _without_effect(given)
     shown, first = [one for one in _shown(options) if one.name not in idle], options.named("first")

@@ -37,7 +37,7 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
     """Return the names of --free in full; of an arm without a whip `com` is that of every link.
 
     Raises:
-        InputError: The plant knows none such, or several; it says which option helps, if one does.
+        InputError: The plant has no such parameter, or several; the message says which option helps, if one does.
     """
     from whiptool.dynamics.lumping import LUMPED
     from whiptool.identification.bare_arm import BareArm

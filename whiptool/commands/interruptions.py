@@ -18,25 +18,26 @@ _state: list[Callable[[], str]] = []  # of the command that runs
 
 
 def tell_when_interrupted(state: Callable[[], str]) -> None:
-    """Have the last line of this command say so much more if a signal ends it, such as whether torque is off."""
+    """Set a function whose text is added to the command's last line if a signal ends it, such as whether torque is
+    off."""
     _state[:] = [state]
 
 
 def with_state(said: str) -> str:
-    """The last line of an interrupted command, with what the command has to tell then, once."""
+    """Return the last line of an interrupted command with the texts of `tell_when_interrupted` added, each once."""
     return "; ".join([said, *(state for tell in _state if (state := tell()) not in said)])
 
 
 class Interruptions(Listener):
-    """Handlers of a command's signals, set within a `with` block.
+    """Signal handlers of a command, installed within a `with` block.
 
-    The first signal raises KeyboardInterrupt. A second one, while the command saves and ends, ends the process at once:
-    an exception would come out of whatever cleans up then, as a traceback. Signals of the same kind that come together
-    with the first are one. While servos may be on, the handlers of `whiptool.rig.stop_signals` stand in their place, so
-    that torque-off is completed; they note what came.
+    The first signal raises KeyboardInterrupt. A second one, while the command saves and ends, ends the process at once;
+    an exception would interrupt the clean-up with a traceback. Signals of the same kind that arrive together with the
+    first count as one. While servos may be on, the handlers of `whiptool.rig.stop_signals` replace these, so that
+    torque-off is completed; they call `note`.
 
     Args:
-        clock: Its time [s].
+        clock: Returns the present time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -50,7 +51,7 @@ class Interruptions(Listener):
         return self._first is not None
 
     def note(self, number: int) -> None:
-        """Take note of a signal that has already ended what was done: the next is a second one."""
+        """Record a signal that has already interrupted the command, so that the next one counts as the second."""
         self._first = self._first or (number, self._clock())
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 
 def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
-    """Return for JSON what a strike uses: `joint_usage` or `motor_usage`, `clearance` [m], and `beyond`, in words.
+    """Return, for JSON, the share of its limits that a strike uses (`joint_usage` or `motor_usage`), its `clearance`
+    [m], and `beyond`: the limits it breaks, as text, or None.
 
-    Empty where there are no limits.
+    The table is empty if there are no limits.
     """
     from whiptool.limits.clearance import Clearance
 
@@ -41,7 +42,7 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
 
 
 def limit_lines(limits: AllLimits, table: dict) -> list[str]:
-    """Return the lines that tell people the same."""
+    """Return the content of `limits_table` as lines of text."""
     lines = []
     for each in limits.members:
         if table.get(f"{each.judges}_usage") is not None:
@@ -63,11 +64,12 @@ _SURELY = 0.02  # beyond the limits, in parts of them: a posture between those t
 
 
 def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
-    """Refuse a box of strikes of which the arm can hold no start, or no end, within the limits: each would be refused.
+    """Refuse a box of strikes if the arm can hold none of its start postures, or none of its end postures, within the
+    limits.
 
     Raises:
-        InputError: Gravity alone asks for more than the motors or joints give, wherever in the box a strike starts, or
-            wherever it ends.
+        InputError: Gravity alone needs more torque than the motors or joints give at every start posture of the box, or
+            at every end posture.
     """
     if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
         return
@@ -117,7 +119,9 @@ def _easiest_to_hold(
 
 
 def with_cure(words: str | None) -> str | None:
-    """Return what a strike is beyond, and which options let shapes touch, where two of them do."""
+    """Return the text on the limits that a strike breaks; if two shapes collide, with the options that ignore that
+    pair.
+    """
     if words is None or " mm inside " not in words:
         return words
     return f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"

@@ -50,10 +50,10 @@ class BuildOptions(
     ModelOptions,
     RegionOptions,
 ):
-    """Build a map of strikes: the strike for any goal of a region, without a search.
+    """Options of `map build`, which builds a map: the strike for any goal of a region, without a search.
 
-    Without --zone-radius, --sector and --region the region is most of what the model can reach: of a robot a shell
-    around its base, above the floor, with arrival angles of the full turn.
+    Without --zone-radius, --sector and --region the region is most of what the model can reach: for a robot a shell
+    around its base, above the floor, with all arrival angles.
     """
 
     first: ClassVar[tuple[str, ...]] = (
@@ -68,7 +68,8 @@ class BuildOptions(
     """Number of answers in each cell of the region at first (a cell is two hit radii and two cones wide); each round of
     practice adds one."""
     rounds: int = 4
-    """Number of rounds of practice. In each round the goals that the map misses are refined and added to it."""
+    """Number of rounds in which missed goals are added. In each round the goals that the map misses are refined and
+    added to it."""
     goals: int = 1000
     """Number of random goals in each round."""
     gate_strikes: int = 20_000
@@ -91,7 +92,7 @@ class BuildOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
-    """Strike at a goal from a map; without --hit-radius at the map's."""
+    """Options of `map strike`, which strikes at a goal from a map; the default of --hit-radius is the map's."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
     only_with: ClassVar[Conditions] = {"t_stay": Condition("only without a map, which has its own", lambda o: False)}

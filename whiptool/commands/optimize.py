@@ -45,7 +45,7 @@ class OptimizeOptions(
     ModelOptions,
     GoalOptions,
 ):
-    """Find a strike with which the tip of the whip hits a target."""
+    """Options of `optimize`, which finds a strike with which the tip of the whip hits a target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("video",)
     first: ClassVar[tuple[str, ...]] = (
@@ -83,7 +83,7 @@ class OptimizeOptions(
         if self.method is not None:
             find_method(self.method)
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
-            raise InputError("--method", self.method, "one without derivatives, with --simulator reference")
+            raise InputError("--method", self.method, "one that uses no derivatives: --simulator reference has none")
         if self.max_time is not None:
             number("--max-time", self.max_time, low=0, strict=True)
 
@@ -379,7 +379,7 @@ class SearchRun:
 
 
 def closest(best) -> str:
-    """Return for a progress bar what the best strike so far came to."""
+    """Return a progress bar's text on the best strike so far: its miss distance, or its status."""
     miss = best.known_miss
     return f"closest {miss:.4f} m" if miss is not None else f"all {best.status} so far"
 

@@ -1,4 +1,4 @@
-"""The end of a command that made a strike: its result is written and told, then its pictures are drawn."""
+"""The end of a command that made a strike: its result is saved and printed, then its pictures are drawn."""
 
 from __future__ import annotations
 
@@ -23,7 +23,13 @@ TRAJECTORY, VIDEO, PAGE = "trajectory.npz", "strike.mp4", "strike.html"
 
 @dataclass(frozen=True)
 class StrikeRun:
-    """The strike of a run folder; the label is its controller in words, `beyond` which limit it is beyond, if any."""
+    """The strike of a run folder.
+
+    Args:
+        trajectory, model, target: Trajectory of the strike, its model and its target.
+        label: Description of the controller.
+        beyond: The limit that the strike breaks, in words; None: it keeps all limits.
+    """
 
     trajectory: Trajectory
     model: Model
@@ -41,21 +47,21 @@ class StrikeRun:
 
 
 def drawing_process() -> PictureProcess:
-    """Return a process that is getting ready to draw."""
+    """Return a separate process, just started, that draws pictures."""
     from whiptool.viz.picture_process import PictureProcess
 
     return PictureProcess()
 
 
 class StrikePictures:
-    """The trajectory of a strike, which is saved at once, and its pictures.
+    """Saves the trajectory of a strike at once, and draws its pictures.
 
-    As a context manager it has a separate process draw video and figures meanwhile, and waits for it at the end.
+    As a context manager it starts a separate process that draws video and figures, and waits for it at the end.
 
     Args:
         folder: Run folder.
         strike: The strike; one beyond its limits is shown as no hit.
-        video: Whether there is a video.
+        video: Whether to render a video.
         process: Process that draws; None: a new one.
     """
 
@@ -79,7 +85,7 @@ class StrikePictures:
             self._process.stop() if error is not None else self._process.wait()
 
     def draw(self) -> list[str]:
-        """Write the page, and figures unless a process does; return what there is in the end, for people."""
+        """Write the page, and the figures unless a process does; return a description of the files."""
         note("drawing ...")
         self._strike.write_page(self._folder)
         if self._process is None:

@@ -17,24 +17,24 @@ T = TypeVar("T", bound=OptionGroup)
 
 
 def folder_of(policy: Path) -> Path:
-    """Return the run folder of a policy, which may be one of the files in it."""
+    """Return the run folder of a policy, given that folder or a policy file in it."""
     return policy.parent if policy.is_file() else policy
 
 
 def is_policy(path: Path) -> bool:
-    """Whether there is the run of a training that has come to its first policy."""
+    """Whether the path is a run of `train` that has saved a policy."""
     folder = folder_of(path)
     holds = any((folder / name).is_file() for name in (BEST, CHECKPOINT))
     return holds and (folder / CONFIG).is_file() and read_config(folder).get("command") == "train"
 
 
 def usual_for(kind: type[T], policy: Path) -> T:
-    """Return the options of another command as the training of a policy had them, wherever both have one.
+    """Return options of another command, `kind`; those that it shares with `train` are as in the policy's training.
 
-    A direction and a cone belong together; of a range of arrival angles none is the usual one.
+    The arrival angle and its cone are only taken over if the training had a single angle.
 
     Raises:
-        InputError: It is not a policy.
+        InputError: The path is not a policy.
     """
     trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
     passing = TrainOptions.named("of_this_call")

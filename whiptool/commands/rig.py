@@ -42,7 +42,7 @@ TWIN_CAMERAS = ("twin", "d435-color", "d435-infrared", "points", "none")
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions(ArmOptions):
-    """What is struck with, and how, where strikes are given or searched as they are."""
+    """Options of `rig strike` and `rig learn`: the arm and whip, the port and the camera."""
 
     only_with: ClassVar[Conditions] = {"true_model": when("port", "twin")}
 
@@ -69,7 +69,7 @@ class RigStrikeOptions(RigOptions):
     only_with: ClassVar[Conditions] = {"seed": when("port", "twin")}
 
     strike: tuple[float, ...]
-    """q_si q_ei q_sf q_ef [rad] and D [s], the joint angles and the duration."""
+    """Joint angles at start and end [rad], and duration [s]: q_si q_ei q_sf q_ef D."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -85,7 +85,7 @@ class RigStrikeOptions(RigOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
-    """Search for a hit on the rig itself, strike by strike."""
+    """Options of `rig learn`, which searches for a hit on the rig itself, strike by strike."""
 
     first: ClassVar[tuple[str, ...]] = ("method",)
 
@@ -107,7 +107,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
         super().check()
         find_method(self.method)
         if self.method in WITH_DERIVATIVES:
-            raise InputError("--method", self.method, "one without derivatives: a rig has none")
+            raise InputError("--method", self.method, "a method that needs no derivatives, because a rig has none")
         if self.camera == "none":
             raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
 
@@ -117,7 +117,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
 
 
 _STRIKE = (
-    "Run a strike on a rig and leave its recording. "
+    "Make a strike on a rig and save its recording. "
     "Example: python -m whiptool.rig strike --strike -1.57 0 0.857 2.334 1.5 --target 1.2 0.1 --port twin"
 )
 _LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"

@@ -63,8 +63,8 @@ class SimulateOptions(
     """Run folder of optimize or simulate, whose strike is played again; or of train, or a policy file in it, whose
     policy strikes at --target. Options that are not given are those of the run."""
     strike: tuple[float, ...] | None = None
-    """Numbers of the strike: q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand
-    space x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
+    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei q_sf q_ef and D, in this order with any
+    number of joints; in hand space x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
     trajectory: Path | None = None
     """Play the joint trajectory in this CSV file, as --export-trajectory writes it, with position servos in MuJoCo;
     takes the place of --strike."""

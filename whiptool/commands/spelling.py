@@ -16,13 +16,13 @@ SHORT = {"-o": "--out"}
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
-    """Return a command line in the spelling that is parsed.
+    """Return a command line in the one spelling that the parser knows.
 
-    Flags are long, there are spaces between the values of an option, and words to choose from are as they are listed.
+    Flags become long ones, values are separated by spaces, and choices are spelt as listed.
 
     Args:
         words: As typed; `--target 1.25,0.2` and `--target=1.25,0.2` are `--target 1.25 0.2`.
-        options: The command's. Paths may hold commas: options that take them are left as they are.
+        options: Class of the command's options; options that take paths are unchanged, as paths may contain commas.
     """
     kinds = {flag(name): kind for name, kind in get_type_hints(options).items()}
     several = {name for name, kind in kinds.items() if _takes_several(kind)}
@@ -42,7 +42,7 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
 
 
 def choices(kind: Any) -> list[Any]:
-    """Return the values of all literal types within a type, in their order."""
+    """Return the values of all `Literal` types within a type, in their order."""
     if get_origin(kind) is Literal:
         return list(get_args(kind))
     return [value for part in get_args(kind) for value in choices(part)]

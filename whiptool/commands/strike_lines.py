@@ -25,12 +25,12 @@ def outcome_table(outcome, target) -> dict[str, Any]:
 
 
 def finite(value: float | None) -> float | None:
-    """Return a number as JSON has it: None where it is not finite."""
+    """Return a number for JSON: None if it is not finite."""
     return value if value is not None and math.isfinite(value) else None
 
 
 def strike_lines(strike: dict[str, float], arm, bounds=None) -> list[str]:
-    """A strike of an arm for people, with the bounds in which it was searched if given."""
+    """Return lines of text on a strike's coordinates, with the bounds of the search if given."""
     slides = sliding_names(arm)
     lines = []
     limits = list(bounds) if bounds is not None else [None] * len(strike)
@@ -50,7 +50,7 @@ def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
 
 
 def _degrees(radians: float) -> str:
-    """An angle for people: in rad, with degrees in parentheses."""
+    """Return an angle as text: in rad, with degrees in parentheses."""
     return f"{radians:+.4f} rad ({math.degrees(radians):+.1f} deg)"
 
 
@@ -65,9 +65,10 @@ def _joint_lines(outcome, arm) -> list[str]:
 
 
 def missed_by(outcome, target) -> dict[str, float | None] | None:
-    """By how much a strike misses point [m], direction [rad] and speed [m/s], for JSON; of what it keeps None.
+    """Return, for JSON, by how much a strike misses point [m], direction [rad] and speed [m/s]; None for each that it
+    meets.
 
-    None where it hits, or where there is no closest approach.
+    Return None instead of a table if the strike hits, or has no closest approach.
     """
     if outcome.hit or outcome.lost:
         return None
@@ -76,7 +77,7 @@ def missed_by(outcome, target) -> dict[str, float | None] | None:
 
 
 def outcome_lines(outcome, target, arm) -> list[str]:
-    """Return the lines that tell people the outcome of a strike of an arm."""
+    """Return lines of text on the outcome of a strike."""
     if outcome.diverged:
         cure = "move less far or in more time, or take a smaller --timestep"
         return [f"  outcome        the simulation diverged: the joint speeds grew without bound; {cure}"]
@@ -94,7 +95,9 @@ def outcome_lines(outcome, target, arm) -> list[str]:
 
 
 def arrival_table(outcome, target) -> dict | None:
-    """How the tip arrived, and what the target asks, for JSON [rad, m/s]; None: it asks for a point only."""
+    """Return, for JSON, the tip's arrival angle [rad] and speed [m/s] and those the target asks; None if it asks for
+    none.
+    """
     if target.goals.only_points:
         return None
     return {

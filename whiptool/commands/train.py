@@ -54,7 +54,7 @@ class TrainOptions(
     ModelOptions,
     ZoneGoalOptions,
 ):
-    """Train a policy that strikes at any target of a zone; the zone's centre is --target."""
+    """Options of `train`, which trains a policy for all targets of a zone with centre --target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every", "episodes")
     first: ClassVar[tuple[str, ...]] = (
@@ -131,7 +131,7 @@ class TrainOptions(
         return ("torch", "tensorboard")
 
     def hyperparameters(self) -> dict[str, Any]:
-        """Those that are given."""
+        """Hyperparameters that were given, by name."""
         given = {name: getattr(self, name) for name in HYPERPARAMETERS}
         return {name: value for name, value in given.items() if value is not None}
 

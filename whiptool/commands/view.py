@@ -33,7 +33,7 @@ SPACE = 32  # GLFW's code of the key
 
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions(JsonOptions):
-    """Look at a run."""
+    """Options of `view`, which shows a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
     """Run folder of optimize or simulate (shows the strike), of train (a strike of its policy; also a policy file in
@@ -133,7 +133,7 @@ def _nothing_to_see(folder: Path) -> InputError:
 
 
 def read_strike(folder: Path) -> StrikeRun:
-    """The strike of a run of optimize or simulate.
+    """Return the strike of a run folder of optimize or simulate.
 
     Raises:
         InputError: A file is missing or damaged, or they do not belong together.
@@ -178,7 +178,8 @@ def _part(group: type[T], table: dict[str, Any]) -> T:
 
 
 def has_display() -> bool:
-    """Whether windows can be expected to open."""
+    """Whether this machine appears to have a display: always on macOS and Windows, else by DISPLAY or
+    WAYLAND_DISPLAY."""
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -252,7 +253,7 @@ def play(strike: StrikeRun) -> bool:
 
 
 def window_opens() -> bool:
-    """Whether a window with OpenGL opens; the viewer's own thread would wait for one for ever."""
+    """Whether an OpenGL window can be opened; otherwise MuJoCo's viewer would wait for one without end."""
     try:
         import glfw
     except ImportError:

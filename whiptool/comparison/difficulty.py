@@ -27,21 +27,21 @@ WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, 
 
 @dataclass(frozen=True, kw_only=True)
 class DifficultyUnit(Unit):
-    """The best single strike for all targets, and random strikes.
+    """Estimates how hard a set of targets is: the share hit by one and the same strike, and by random strikes.
 
-    The best of random strikes are varied, ever less, and those that hit most targets kept: what is found is a lower
-    bound of what one strike can hit.
+    The best random strikes are varied by shrinking steps, keeping those that hit most targets; this gives a lower bound
+    of the share that one strike can hit.
 
     Args:
-        scene: Model, targets, hit radius (the first).
-        strikes: Random ones.
+        scene: Model, targets and hit radius (the first of its radii).
+        strikes: Number of random strikes.
     """
 
     scene: TargetScene
     strikes: int = 10_000
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Strike: each random strike at its own target, the best strike at all of them."""
+        """Simulate each random strike at its own target and the best strike at all targets; return the shares hit."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
         rollout, goals = scene.rollout(threads), scene.goals()
         task = StrikeTask(
@@ -63,12 +63,12 @@ class DifficultyUnit(Unit):
 
 
 def scene_seed(scene: TargetScene) -> list[int]:
-    """Of the random strikes: other than those that drew the targets."""
+    """Return the seed of the random strikes, different from that of the targets."""
     return [scene.target_seed, 1]
 
 
 def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: TargetScene) -> np.ndarray:
-    """How many of a scene's targets each strike's tip passes as asked within the hit radius, at `RATE`, (B,)."""
+    """Return how many of a scene's targets each strike hits, (B,), from tip paths sampled at `RATE`."""
     goals, found = scene.goals(), []
     targets, radius = goals.positions, goals.hit_radius
     low, high = targets.min(axis=0) - radius, targets.max(axis=0) + radius
@@ -89,9 +89,9 @@ def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) ->
     """Return the tip's velocities where it is nearest to targets, (B, d) [m/s].
 
     Args:
-        path: Path of the tip at `RATE`, (S, d) [m], NaN after the strike's end.
-        samples: Those that are nearest to the targets, (B,).
-        targets: (B, d) [m].
+        path: Path of the tip sampled at `RATE`, (S, d) [m]; NaN after the strike's end.
+        samples: Index of the sample nearest to each target, (B,).
+        targets: Positions of the targets, (B, d) [m].
     """
     path = path[np.isfinite(path).all(axis=1)]
     if len(path) < 2:  # diverged at once
@@ -103,7 +103,8 @@ def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) ->
 
 
 def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:
-    """Return variations of strikes (B, d), normal with a standard deviation of `width` of the box, (25 B, d)."""
+    """Return 25 variations of each strike (B, m), (25 B, m), normal with a standard deviation of `width` times the
+    box."""
     lower, upper = bounds.box
     children = np.repeat(strikes, _CHILDREN, axis=0)
     return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)

@@ -25,18 +25,17 @@ LEVEL = 0.95
 
 
 def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, float]:
-    """The 95 % interval of the mean number of trials to the first hit.
+    """Return the 95 % confidence interval of the mean number of trials to the first hit.
 
-    It is symmetric on the logarithm of the mean number of misses before the hit, mean - 1. One seed says nothing of
-    others: the interval is then that of the mean over targets with this seed. Where every target was hit at the first
-    trial it has no width, for misses that never came tell nothing of how rare they are.
+    It is symmetric in the logarithm of the mean number of misses before the hit (mean - 1). With one seed it is the
+    interval of the mean over targets for that seed. If every target was hit at the first trial, it has zero width.
 
     Args:
-        trials: (S, T).
-        cap: Most trials at a target; no mean is larger.
+        trials: Trials to the first hit, S seeds by T targets, (S, T).
+        cap: Largest number of trials at a target, an upper bound of the mean.
 
     Returns:
-        Lower and upper end; the whole range from 1 to the cap where there is one target.
+        Lower and upper end; 1 and `cap` if there is only one target.
     """
     if trials.shape[1] == 1:
         return 1.0, float(cap)
@@ -49,16 +48,16 @@ def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, fl
 
 
 def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """The 95 % interval that decides which of two methods needs fewer trials at the same targets.
+    """Return the 95 % interval of the ratio by which two methods are compared at the same targets.
 
-    It is that of the ratio of their mean numbers of misses before the hit, which tells means near 1 trial apart; where
-    a mean is no more than 1, that of the ratio of their mean trials.
+    It is the ratio of their mean numbers of misses before the hit, which separates means near 1 trial; if a mean is at
+    most 1, the ratio of their mean trials.
 
     Args:
-        one, other: Trials to the first hit, (S, T) and (S', T).
+        one, other: Trials to the first hit of the two methods, seeds by targets, (S, T) and (S', T).
 
     Returns:
-        Lower and upper end; 0 and infinity where there is one target.
+        Lower and upper end; 0 and infinity if there is only one target.
     """
     if one.shape[1] == 1:
         return 0.0, np.inf
@@ -70,7 +69,7 @@ def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 
 def needs_fewer(one: np.ndarray, other: np.ndarray, *, share: float = 1.0) -> bool:
-    """Whether a method needs fewer trials than another, or than a share of the other's, beyond the 95 % interval.
+    """Whether `one` needs significantly (95 %) fewer trials than `other`, or than `share` times the trials of `other`.
 
     Args:
         one, other: As in `ratio_interval`.

@@ -35,13 +35,13 @@ class LearnerUnit(Unit):
     """A learner, trained once over the zone, that then strikes at every target with its policy.
 
     Args:
-        scene: See there.
+        scene: Model, targets and hit radii, see `Scene`.
         method: sac, td3, ddpg or ppo.
         observation: Observation of the learner.
         seed: Seed of its training.
         episodes, trials, random_episodes, hindsight: See `whiptool.rl.training.TrainingPlan`.
         reward: See `whiptool.rl.task.StrikeTask`.
-        settings: Hyperparameters other than the usual ones, by name.
+        settings: Hyperparameters that differ from the defaults, by name.
     """
 
     scene: TargetScene
@@ -57,11 +57,12 @@ class LearnerUnit(Unit):
 
     @property
     def series(self) -> str:
-        """What it is called in a table."""
+        """Name of the method in tables."""
         return self.method
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Train, from the last checkpoint if there is one, and strike."""
+        """Train the learner, from the last checkpoint if there is one, then strike at all targets; return the
+        results."""
         from whiptool.rl.policy import CONVENTIONS, first_strikes
 
         scene = self.scene
@@ -128,7 +129,7 @@ class LearnerUnit(Unit):
         return Training(learner, task, plan)
 
     def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
-        """The training at its end, its mean rewards and seconds, and what there is to say about it."""
+        """Return the finished training, its mean rewards and duration [s], and a note on deviations, or ""."""
         from whiptool.rl.learner import Diverged
 
         with Checkpoint.within(folder, self.key) as checkpoint:
@@ -156,15 +157,15 @@ def trials_within(
     cap: int,
     convention: str,
 ) -> dict[float, tuple[np.ndarray, np.ndarray]]:
-    """As `trials_to_hit`, for every radius from the same strikes: no policy sees the radius while it strikes.
+    """As `trials_to_hit`, for several hit radii from the same strikes, as a policy does not observe the radius.
 
     Args:
-        learner, targets, cap, convention: As there.
-        task: Its hit radius is the least of `radii`.
-        radii: Radii [m].
+        learner, targets, cap, convention: As in `trials_to_hit`.
+        task: Task whose hit radius is the smallest of `radii`.
+        radii: Hit radii [m].
 
     Returns:
-        For each radius trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
+        For each radius, trials to the first hit (`cap` where there was none), (B,), and whether there was a hit, (B,).
     """
     from whiptool.rl.policy import trials_to_hit
 
@@ -188,10 +189,10 @@ def trials_within(
 
 
 class Checkpoint:
-    """A training and its history, in two files.
+    """Checkpoint of a training and of its history, in two files.
 
     Args:
-        path: Path of the training.
+        path: File of the training.
     """
 
     def __init__(self, path: Path) -> None:
@@ -200,7 +201,7 @@ class Checkpoint:
     @classmethod
     @contextmanager
     def within(cls, folder: Path | None, name: str) -> Iterator[Checkpoint]:
-        """In a folder, or without one in a temporary folder."""
+        """Yield a checkpoint in `folder`, or in a temporary folder without one."""
         if folder is not None and folder.is_dir():
             yield cls(folder / f"{name}.pt")
             return
@@ -208,7 +209,7 @@ class Checkpoint:
             yield cls(Path(temporary) / f"{name}.pt")
 
     def load(self, training) -> dict[str, Any]:
-        """Set a training to where it was; mean reward of every episode so far, and seconds."""
+        """Restore a training in place, and return its history: mean reward of every episode so far, and seconds."""
         from whiptool.rl.training import load_checkpoint
 
         if self.path.exists() and self.history.exists():
@@ -219,6 +220,6 @@ class Checkpoint:
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:
-        """The history first: what it holds beyond the training is made again."""
+        """Write history and training; the history first, as entries beyond the saved training are recomputed."""
         write_whole(self.history, json.dumps(history))
         training.save(self.path)

@@ -32,16 +32,16 @@ CHUNK = 50  # targets of a unit of searches
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What is compared.
+    """Definition of a comparison: scene, methods, observations, seeds and training.
 
     Args:
-        scene: Model, targets, hit radii, cap.
-        methods: Methods of `whiptool.optimizers`; `random` is always among them.
+        scene: Model, targets, hit radii and largest number of trials.
+        methods: Methods of `whiptool.optimizers`; `random` is always added.
         observations: Observations of the learners.
-        seeds: Number of seeds, 0, 1, ...; one for what is deterministic.
+        seeds: Number of seeds 0, 1, ...; a deterministic method gets one.
         episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.TrainingPlan`.
-        further_episodes: Episodes under observations other than `tip`; None for as many, which is the most.
-            Fewer have fewer random ones in proportion.
+        further_episodes: Episodes with observations other than `tip`, at most `episodes`; None: as many. The number of
+            random episodes is reduced in proportion.
 
     Raises:
         InputError: A name or a number is not allowed.
@@ -81,7 +81,7 @@ class Comparison:
                 raise InputError("observation", (), ", ".join(OBSERVATIONS))
 
     def units(self) -> list[SearchUnit | LearnerUnit]:
-        """What there is to do."""
+        """Return the work units of the comparison."""
         units: list[SearchUnit | LearnerUnit] = []
         for method in self.methods:
             if method in LEARNERS:
@@ -101,7 +101,7 @@ class Comparison:
         return units
 
     def learner_units(self, method: str, observation: str) -> list[LearnerUnit]:
-        """One for each seed."""
+        """Return the work units of a learner with an observation, one for each seed."""
         episodes, trials, random_episodes = self.training(observation)
         return [
             LearnerUnit(
@@ -118,12 +118,12 @@ class Comparison:
         ]
 
     def difficulty(self, *, quick: bool = False) -> DifficultyUnit:
-        """What one strike, and random ones, hit of its targets."""
+        """Return the work unit that finds which share of the targets one strike, and random strikes, hit."""
         strikes = 500 if quick else min(10_000, 100 * self.scene.targets)
         return DifficultyUnit(scene=self.scene, strikes=strikes)
 
     def training(self, observation: str) -> tuple[int, int, int]:
-        """Episodes, trials in each, and how many episodes are random, under an observation."""
+        """Return the numbers of episodes, of trials in each, and of random episodes with an observation."""
         if observation == "tip" or self.further_episodes is None or self.further_episodes >= self.episodes:
             return self.episodes, self.trials, self.random_episodes
         share = self.further_episodes / self.episodes
@@ -131,7 +131,7 @@ class Comparison:
 
 
 def deterministic(method: str) -> bool:
-    """Whether a seed changes nothing."""
+    """Whether a method's result does not depend on the seed."""
     name = method.removeprefix("nlopt:")
     return method == "directl" or ("DIRECT" in name and "RAND" not in name)
 

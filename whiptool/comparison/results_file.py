@@ -22,13 +22,14 @@ _PLAIN = ("method", "observation", "convention", "hit_radius", "training_trials"
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a comparison came to.
+    """Results of a comparison.
 
     Args:
-        series: Trials to the first hit, as `whiptool.comparison.collect` gives them.
-        rewards: By observation and learner: mean reward of every episode, (S, E), to two digits after the point.
-        random_episodes: By observation: episodes before anything is learned.
-        cap: Trials at most at each target.
+        series: Trials to the first hit, as `whiptool.comparison.collect` returns them.
+        rewards: Mean reward of every episode by observation and learner, S seeds by E episodes, (S, E), rounded to two
+            decimals.
+        random_episodes: Number of initial random episodes, by observation.
+        cap: Largest number of trials at each target.
         version: Version of the code that ran.
     """
 
@@ -39,11 +40,11 @@ class Results:
     version: str
 
     def at(self, hit_radius: float, *, convention: str = "mean-first") -> list[Series]:
-        """The searches, and the learners under a convention, at a hit radius [m]."""
+        """Return the searches, and the learners under a convention, at a hit radius [m]."""
         return [one for one in self.series if one.hit_radius == hit_radius and one.convention in ("", convention)]
 
     def save(self, path: Path | str) -> None:
-        """Write a JSON file; a target that was not hit counts 0 trials in it."""
+        """Write a JSON file; targets that were not hit are stored with 0 trials."""
         series = [
             {name: getattr(one, name) for name in _PLAIN}
             | {"trials": np.where(one.hit, one.trials, 0).tolist(), "notes": list(one.notes)}
@@ -62,7 +63,7 @@ class Results:
 
     @classmethod
     def load(cls, path: Path | str) -> Results:
-        """Read what `save` wrote.
+        """Read results that `save` wrote.
 
         Raises:
             InputError: The file is not there, is damaged, or is of another format.

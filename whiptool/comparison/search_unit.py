@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchUnit(Unit):
-    """A search from scratch at each target of a part of them.
+    """A search from scratch at each target of a contiguous part of the targets.
 
-    It goes on until the tightest hit radius is hit: of a target that is a point no search looks at the radius, so its
-    first trial within a wider one is when it would have ended there. A direction and a speed count in hit radii, so
-    where they are asked for there is a search for each radius.
+    The search goes on until the smallest hit radius is hit. For a target that is a point no search uses the radius, so
+    its first trial within a wider radius is the one at which a search with that radius would have ended. A required
+    direction or speed is weighted by the hit radius, so there is then one search per radius.
 
     Args:
-        scene: See there.
-        method: Method of `whiptool.optimizers`, or `library`: strikes of a library, nearest first.
+        scene: Model, targets and hit radii, see `Scene`.
+        method: Method of `whiptool.optimizers`, or `library`: strikes of a library of past strikes, nearest first.
         seed: Seed of the search, and of the library.
-        first, last: The part of the targets.
-        library: Random strikes of the past that the search begins from; 0: it begins from nothing.
+        first, last: Range of the targets.
+        library: Number of past random strikes from which the search starts; 0: none.
     """
 
     scene: TargetScene
@@ -45,11 +45,11 @@ class SearchUnit(Unit):
 
     @property
     def series(self) -> str:
-        """What it is called in a table."""
+        """Name of the method in tables."""
         return f"{self.method}+library" if self.library and self.method != "library" else self.method
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Search at every target of the unit."""
+        """Search at every target of the unit, and return the results."""
         from whiptool.optimizers.strike_library import StrikeLibrary
 
         scene, start = self.scene, time.monotonic()

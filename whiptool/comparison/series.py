@@ -32,20 +32,20 @@ NAMES = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Series:
-    """S seeds of a method at the same T targets.
+    """Results of S seeds of a method at the same T targets.
 
     Args:
-        method: Its name on the command line.
+        method: Name of the method on the command line.
         observation: Observation of a learner; empty for a search.
         convention: How its policy struck (`whiptool.rl.policy.CONVENTIONS`); empty for a search.
         hit_radius: Hit radius [m].
-        trials: To the first hit, the cap where there was none, (S, T).
-        hit: Whether there was one, (S, T).
-        training_trials: Strikes that each seed was trained with before, a mean.
-        n_diverged: Strikes that diverged while searching or training, all seeds.
-        wall_time: A seed's search or training, a mean [s].
+        trials: Trials to the first hit, `cap` where there was none, (S, T).
+        hit: Whether there was a hit, (S, T).
+        training_trials: Number of strikes in the training, mean over seeds.
+        n_diverged: Number of strikes that diverged in search or training, over all seeds.
+        wall_time: Duration of the search or training [s], mean over seeds.
         notes: Deviations from the plan.
-        cap: Most trials at a target.
+        cap: Largest number of trials at a target.
     """
 
     method: str
@@ -75,17 +75,17 @@ class Series:
 
     @property
     def learned(self) -> bool:
-        """Whether it was trained before."""
+        """Whether the method is a learner, which was trained before."""
         return bool(self.observation)
 
     @property
     def main(self) -> bool:
-        """Whether it is a search, or a learner under the main convention."""
+        """Whether it is a search, or a learner under the main convention (`MAIN_CONVENTION`)."""
         return self.convention in ("", MAIN_CONVENTION)
 
     @property
     def mean(self) -> float:
-        """Eq. 21, over all seeds."""
+        """Mean trials to the first hit over all seeds and targets (Eq. 21)."""
         return float(self.trials.mean())
 
     @cached_property
@@ -94,11 +94,13 @@ class Series:
         return mean_interval(self.trials, cap=self.cap)
 
     def needs_fewer(self, other: Series, *, share: float = 1.0) -> bool:
-        """Whether it needs fewer trials than another, or than a share of the other's, beyond the 95 % interval."""
+        """Whether it needs significantly (95 %) fewer trials than another, or than `share` times the trials of the
+        other.
+        """
         return needs_fewer(self.trials, other.trials, share=share)
 
     def row(self) -> dict[str, Any]:
-        """One line of the table."""
+        """One row of the table, by column."""
         low, high = self.interval
         return {
             "method": self.method,
@@ -165,7 +167,7 @@ def as_csv(series: Sequence[Series]) -> str:
 
 
 def main_table(series: Sequence[Series]) -> list[list[str]]:
-    """Header and rows: every method at the widest hit radius, learners with the mean action first."""
+    """Return header and rows: every method at the widest hit radius, learners with the mean action first."""
     header = [
         "method",
         "mean trials",
@@ -198,7 +200,7 @@ def _row(one: Series) -> list[str]:
 
 
 def radius_table(series: Sequence[Series]) -> list[list[str]]:
-    """Header and rows: mean trials and share of targets hit at every hit radius."""
+    """Return header and rows: mean trials and share of targets hit, at every hit radius."""
     radii = list(dict.fromkeys(one.hit_radius for one in series))
     rows: dict[str, list[str]] = {}
     for one in series:
@@ -208,7 +210,9 @@ def radius_table(series: Sequence[Series]) -> list[list[str]]:
 
 
 def convention_table(series: Sequence[Series]) -> list[list[str]]:
-    """Header and rows: mean trials and share of targets hit of the learners, by what the policy does after a miss."""
+    """Return header and rows of the learners: mean trials and share of targets hit, by the policy's convention after a
+    miss.
+    """
     learned = [one for one in series if one.learned and one.hit_radius == series[0].hit_radius]
     conventions = list(dict.fromkeys(one.convention for one in learned))
     rows: dict[str, list[str]] = {}
@@ -228,13 +232,13 @@ def as_markdown(table: Sequence[Sequence[str]]) -> str:
 
 
 def figure(value: float) -> str:
-    """A mean number of trials for people; 1 only where every target was hit at the first strike."""
+    """Return a mean number of trials as text; it is "1" only if every target was hit at the first strike."""
     value = round(value, 9)  # a mean of ones may not be one
     return f"{value:.4f}" if 1 < value < 1.01 else f"{value:.3g}" if value < 10 else f"{value:.1f}"
 
 
 def percent(share: float) -> str:
-    """A share for people; 100 % only where it is all."""
+    """Return a share as text in percent; it is "100 %" only if the share is 1."""
     return "100 %" if share == 1 else f"{min(100 * share, 99.9):.1f} %"
 
 

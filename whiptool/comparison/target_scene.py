@@ -32,16 +32,16 @@ from whiptool.rollout import CompiledRollout
 
 @dataclass(frozen=True, kw_only=True)
 class TargetScene:
-    """What is struck with and at: the same for all methods.
+    """Model, controller and targets of a comparison, the same for all methods.
 
     Args:
-        model, controller: Whip, arm, and law.
+        model, controller: Model of arm and whip, and the arm's controller.
         zone: Zone of the targets.
         arrival: How the tip has to arrive there.
         targets: Number of targets.
-        target_seed: They are drawn with it.
-        radii: Hit radii [m]; with the first one learners are trained.
-        cap: Trials at most at each target.
+        target_seed: Seed with which the targets are drawn.
+        radii: Hit radii [m], the widest first; learners are trained with the first.
+        cap: Largest number of trials at each target.
         t_stay: Time after the movement during which the tip is followed [s].
         tolerance, timestep: Tolerance and timestep of the compiled rollout.
 
@@ -66,11 +66,11 @@ class TargetScene:
             check_fits(self.zone, self.model, radius)
 
     def points(self) -> np.ndarray:
-        """Where the targets are, (targets, d) [m]."""
+        """Positions of the targets, (targets, d) [m]."""
         return self.goals().positions
 
     def goals(self) -> Goals:
-        """The targets, at the widest hit radius, with how the tip has to arrive."""
+        """Return the targets with the widest hit radius and the required arrival of the tip."""
         rng = np.random.default_rng(self.target_seed)
         return sample_goals(self.zone, self.arrival, self.radii[0], self.targets, rng)
 
@@ -90,12 +90,12 @@ CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 @dataclass(frozen=True, kw_only=True)
 class RegionUnit(Unit):
-    """Where the tip of random strikes passes with a speed.
+    """Finds the region that the tips of random strikes pass with a given speed.
 
     Args:
-        scene: Its zone and targets do not matter.
-        strikes: Random ones.
-        cell: Width of the cells that it is made of [m].
+        scene: Scene, whose zone and targets are not used.
+        strikes: Number of random strikes.
+        cell: Width of the cells of the region [m].
     """
 
     scene: TargetScene
@@ -103,14 +103,14 @@ class RegionUnit(Unit):
     cell: float = CELL
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Strike at random, and return the region that fast tips reach."""
+        """Simulate random strikes, and return the cells that their tips pass with at least `SPEED`."""
         bounds = default_bounds(self.scene.model.arm)
         region = reachable_region(self.scene.rollout(threads), bounds, speed=SPEED, count=self.strikes, cell=self.cell)
         return {"corners": region.corners.tolist(), "cell": region.cell}
 
 
 def fast_region(scene: TargetScene, store: Store, *, quick: bool = False) -> Region:
-    """All cells through which the tip passes with at least `SPEED`; found once and kept in the store."""
+    """Return all cells that the tip passes with at least `SPEED`; computed once and kept in the store."""
     in_space = scene.model.dimension == 3
     usual, few = (STRIKES_IN_SPACE, QUICK_STRIKES_IN_SPACE) if in_space else (STRIKES, QUICK_STRIKES)
     strikes = few if quick else usual
@@ -120,10 +120,11 @@ def fast_region(scene: TargetScene, store: Store, *, quick: bool = False) -> Reg
 
 
 def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
-    """Refuse a zone's name but `fast` and the radius [m] of a disc around a centre of which the reach leaves a part.
+    """Refuse a zone's name unless it is `fast`, or the radius [m] of a disc around `centre` that is partly within
+    `reach` [m].
 
     Raises:
-        InputError: It is neither of them.
+        InputError: The name is neither.
     """
     if name == FAST:
         return
@@ -138,7 +139,9 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
 
 
 def zone_named(name: str, scene: TargetScene, store: Store, *, quick: bool = False) -> Zone:
-    """The fast region, or what is within reach of the disc of a radius [m] around the middle of a scene's zone."""
+    """Return the zone of a name: the fast region, or the reachable part of a disc of that radius [m] in the scene's
+    middle.
+    """
     if name == FAST:
         return fast_region(scene, store, quick=quick)
     around = scene.zone.disc if isinstance(scene.zone, ReachableDisc) else scene.zone
@@ -147,7 +150,7 @@ def zone_named(name: str, scene: TargetScene, store: Store, *, quick: bool = Fal
 
 
 def words(zone: Zone) -> str:
-    """A zone, for people."""
+    """Return a zone as text."""
     if isinstance(zone, Disc):
         centre = ", ".join(f"{x:g}" for x in zone.centre)
         return f"{round_name(zone)} of radius {zone.radius:g} m around ({centre}) m"

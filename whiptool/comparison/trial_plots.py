@@ -35,7 +35,9 @@ def _color(one: Series) -> str:
 
 
 def plot_bars(ax: Axes, series: Sequence[Series], *, title: str = "") -> Axes:
-    """Mean trials to the first hit with their 95 % intervals (Fig. 6), the fewest at the top; series of one radius."""
+    """Draw mean trials to the first hit with 95 % intervals (Fig. 6), the fewest at the top; all series of one hit
+    radius.
+    """
     ordered = sorted(series, key=lambda one: -one.mean)
     means = np.array([one.mean for one in ordered])
     low, high = np.array([one.interval for one in ordered]).T
@@ -79,7 +81,7 @@ def _bar_legend(figure: Figure, series: Sequence[Series]) -> None:
 
 
 def plot_ecdf(ax: Axes, series: Sequence[Series], *, cap: int | None = None, title: str = "") -> Axes:
-    """Share of targets hit within a number of trials; series of one radius and observation."""
+    """Draw the share of targets hit over the number of trials; all series of one hit radius and observation."""
     largest = cap or max(int(one.trials.max()) for one in series)
     for one in series:
         hits = np.sort(one.trials[one.hit])
@@ -103,12 +105,13 @@ def plot_ecdf(ax: Axes, series: Sequence[Series], *, cap: int | None = None, tit
 def plot_rewards(
     ax: Axes, rewards: Mapping[str, np.ndarray], *, random_episodes: int, window: int, title: str = ""
 ) -> Axes:
-    """Mean reward of every episode (Fig. 7): the mean over seeds smoothed, its range over seeds, and raw behind it.
+    """Draw the mean reward of every episode (Fig. 7): the running mean over seeds, the range over seeds, and the raw
+    values behind it.
 
     Args:
         ax: Axes to draw into.
-        rewards: For each method (S, E), seeds by episodes.
-        random_episodes: Marked: before them nothing is learned.
+        rewards: Rewards of each method, S seeds by E episodes, (S, E).
+        random_episodes: Number of initial episodes with random strikes, which are marked.
         window: Episodes of the running mean.
         title: Title of the axes.
     """
@@ -125,7 +128,7 @@ def plot_rewards(
 
 
 def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
-    """`bars` and `ecdf`, at every hit radius; learners with the mean action first."""
+    """Return the figures `bars` and `ecdf`, with one panel per hit radius; learners with the mean action first."""
     radii = list(dict.fromkeys(one.hit_radius for one in series))
     main = [one for one in series if one.main]
     observations = list(dict.fromkeys(one.observation for one in main if one.learned)) or [""]

@@ -29,27 +29,27 @@ KEY = re.compile(r"-[0-9a-f]{16}$")  # what the key of every unit ends in; resul
 
 
 class Unit(ABC):
-    """A part of a study, a frozen dataclass: its result follows from its fields alone, wherever it is worked on.
+    """A part of a study, a frozen dataclass whose result depends only on its fields, whatever machine runs it.
 
     Random numbers are drawn with seeds that are among the fields.
     """
 
     @cached_property
     def key(self) -> str:
-        """What tells it from all other units, fit for a file: words for people, and a hash of kind and fields."""
+        """Unique name of the unit, usable as a file name: readable words, and a hash of its class and fields."""
         plain = json.dumps(plain_of(self), sort_keys=True)
         return f"{_words(self)}-{hashlib.sha256(plain.encode()).hexdigest()[:16]}"
 
     @abstractmethod
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Do it.
+        """Run the unit.
 
         Args:
-            folder: For checkpoints of what takes long; None, or not there (another machine): none are kept.
+            folder: Folder for checkpoints; None, or a folder that does not exist (on another machine): none are kept.
             threads: Threads of the simulator; the result does not depend on it.
 
         Returns:
-            Plain data, which JSON can hold.
+            The result as plain data for JSON.
         """
 
 
@@ -64,12 +64,12 @@ def _words(unit: Any) -> str:
 
 
 def plain_of(value: Any) -> Any:
-    """Return what a hash is computed of: a value as plain data, the kind of every object and all its fields with it.
+    """Return a value as plain data, from which its hash is computed: every object with its class and all its fields.
 
-    Fields of dataclasses that do not count in comparisons (`compare=False`) do not count here.
+    Dataclass fields with `compare=False` are left out.
 
     Raises:
-        TypeError: There is something in it of which no plain data can be made.
+        TypeError: A part of the value cannot be converted.
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -94,7 +94,12 @@ def plain_of(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Work:
-    """What is done with a unit, wherever that is."""
+    """Function that runs a unit, in this process or in a worker.
+
+    Args:
+        checkpoints: Folder of checkpoints.
+        threads: Threads of the simulator; None: its default.
+    """
 
     checkpoints: Path
     threads: int | None
@@ -124,10 +129,10 @@ class Store:
             )
 
     def results(self, units: Sequence[Unit], *, desc: str = "") -> dict[str, dict[str, Any]]:
-        """The units' results by key; those that are not there yet are worked on, with a progress bar.
+        """Return the units' results by key; units without a stored result are run, with a progress bar.
 
         Raises:
-            UnitFailed: One of them failed; what others gave is kept.
+            UnitFailed: A unit failed; results of the others are kept.
             InputError: A stored result is damaged.
         """
         from whiptool.progress import Progress
@@ -169,12 +174,11 @@ class Store:
 
 
 def unit_file(folder: Path, key: str) -> Path:
-    """Return the file of a unit's result in the folder of results."""
+    """Return the file of a unit's result in the folder of results, by the unit's key."""
     return folder / f"{key}.json"
 
 
 def older_results(folder: Path) -> str:
-    """Return what there is to say of results of older versions in a folder, whose names left out fields of their units;
-    empty without any."""
+    """Return a note on results in a folder that an older version of whiptool wrote; empty without such results."""
     count = sum(not KEY.search(file.stem) for file in folder.glob("*.json"))
     return f"{folder}: {counted(count, 'result')} of an older version of whiptool" if count else ""

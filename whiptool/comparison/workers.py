@@ -22,7 +22,7 @@ RETRIES = 2  # after the first worker that died over a unit
 
 
 class UnitFailed(WhiptoolError):
-    """A unit's own error, or a unit over which every worker died."""
+    """A unit raised an error, or every worker that ran it died."""
 
 
 Worked = Iterator[tuple[str, R]]
@@ -37,14 +37,14 @@ def work_on(
     cluster: str | None = None,
     on_death: OnDeath = lambda names: None,
 ) -> Worked[R]:
-    """Work on units, in any order, each one's result as it comes.
+    """Run units in any order, and yield each result as soon as it is there.
 
     Args:
-        units: By name; they and `work` are sent to the workers.
+        units: Units by name; they and `work` are sent to the workers.
         work: Function that processes a unit.
         workers: Processes on this machine; 1: this process itself.
         cluster: Address of a Ray cluster, or `auto` for the one that this machine belongs to; None: this machine.
-        on_death: Called with the names of the units over one of which a worker died; they are tried again.
+        on_death: Called when a worker dies, with the names of the units that may have been the cause; they are retried.
 
     Yields:
         A unit's name and what `work` returned.

@@ -21,7 +21,7 @@ Axis = tuple[float, float, float]
 
 
 class Link(NamedTuple):
-    """A link of a whip, along -z of its frame; units as in `Chain`. Its inertia is the same about all axes."""
+    """A link of a whip along -z of its frame, with the same inertia about all axes; units as in `Chain`."""
 
     length: ca.SX
     mass: ca.SX
@@ -32,12 +32,14 @@ class Link(NamedTuple):
 
     @property
     def is_point_mass(self) -> bool:
-        """Whether the centre of mass is the same expression as the length: its mass is at its far end."""
+        """Whether the centre of mass is at the far end: `com` and `length` are the same expression."""
         return ca.is_equal(self.com, self.length)
 
 
 class Turned(NamedTuple):
-    """An orientation: axes `before` (3, 3), turned by `angle` about their own `axis`, then by the numbers `after`."""
+    """An orientation as a product of rotations: `before` (3, 3), a rotation by `angle` about `axis`, and constants
+    `after`.
+    """
 
     before: ca.SX
     angle: ca.SX
@@ -46,20 +48,21 @@ class Turned(NamedTuple):
 
     @property
     def matrix(self) -> ca.SX:
-        """The orientation as one matrix (3, 3)."""
+        """The orientation as one rotation matrix (3, 3)."""
         if self.angle.is_zero():
             return ca.mtimes(self.before, ca.SX(ca.DM(self.after)))
         return ca.mtimes(self.before, ca.mtimes(turn(self.axis, self.angle), ca.SX(ca.DM(self.after))))
 
     @property
     def settled(self) -> Turned:
-        """The same orientation, as one matrix that is turned by nothing."""
+        """The same orientation with everything in `before` and a zero angle."""
         return Turned(self.matrix, ca.SX(0))
 
     def hinged(self, axis: Axis, q: ca.SX) -> tuple[Turned, ca.SX]:
-        """Return the orientation behind a hinge of this axis in the present axes, and the world's axis (3, 1).
+        """Return the orientation after a hinge rotation by q about `axis` in the current frame, and that axis in the
+        world (3, 1).
 
-        A hinge whose axis is that of the turn before only adds its angle.
+        If the axis is that of the preceding rotation, only the angles are added.
         """
         along = np.asarray(self.after) @ np.asarray(axis)  # in the axes of `before`
         share = float(along @ np.asarray(self.axis))
@@ -70,13 +73,14 @@ class Turned(NamedTuple):
         return Turned(start.before, q, axis), ca.mtimes(start.before, ca.SX(ca.DM(axis)))
 
     def offset(self, by: Sequence[Sequence[float]]) -> Turned:
-        """Return the orientation of axes that are turned by the numbers `by` (3, 3) in the present ones."""
+        """Return the orientation after a further constant rotation `by` (3, 3) in the current frame."""
         after = np.asarray(self.after) @ np.asarray(by)
         return self._replace(after=tuple(map(tuple, after.tolist())))
 
 
 def turn(axis: Axis, angle: ca.SX) -> ca.SX:
-    """Return the rotation (3, 3) about a unit vector of numbers; entries that do not turn are exactly 0 and 1."""
+    """Return the rotation matrix (3, 3) about a constant unit vector; entries for a coordinate axis are exactly 0 or
+    1."""
     a, sin, cos = np.asarray(axis, float), ca.sin(angle), ca.cos(angle)
     main = np.flatnonzero(np.abs(a) == 1)
     R = ca.SX.zeros(3, 3)
@@ -95,7 +99,7 @@ def turn(axis: Axis, angle: ca.SX) -> ca.SX:
 
 
 class SpatialFrame(NamedTuple):
-    """Where a link begins: orientation, angular velocity, velocity and place of the link before it, each (3, 1)."""
+    """Frame in which a link begins: orientation, angular velocity, velocity and position, (3, 1) each."""
 
     turned: Turned
     speed: ca.SX
@@ -108,25 +112,28 @@ class SpatialFrame(NamedTuple):
 
     @classmethod
     def at_rest(cls) -> SpatialFrame:
-        """At the origin, in the world's axes, whatever the axis it may be turned about."""
+        """Return the frame at the origin, at rest, with the world's axes."""
         return cls(Turned(ca.densify(ca.SX.eye(3)), ca.SX(0)), *(ca.SX.zeros(3) for _ in range(3)))
 
     def entries(self) -> list[ca.SX]:
-        """All numbers that change along a whip; velocity and place last."""
+        """All entries that vary along a whip, as scalars; velocity and position last."""
         parts = (self.turned.before, self.turned.angle, self.speed, self.velocity, self.place)
         return [x for part in parts for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialFrame:
-        """Return the frame of such numbers, turned about the same axis."""
+        """Return the frame with these entries, rotated about the same axis."""
         turned = self.turned._replace(before=ca.reshape(ca.vertcat(*entries[:9]), 3, 3), angle=entries[9])
         speed, velocity, place = (ca.vertcat(*entries[i : i + 3]) for i in (10, 13, 16))
         return SpatialFrame(turned, speed, velocity, place)
 
 
 class SpatialMoving(NamedTuple):
-    """A moving link: from its joint to its far end and to its centre of mass, their centripetal accelerations, and the
-    moment of the latter about the joint; the angular acceleration by its hinges' own speeds; drag on its far end; the
-    hinges' axes (3, K)."""
+    """Motion of a link, in the world's axes.
+
+    `r` leads from its joint to its far end and `com` to its centre of mass; `centripetal` and `com_centripetal` are the
+    centripetal accelerations of these, `com_twist` the moment of the latter about the joint, `turning` the angular
+    acceleration due to the hinges' own speeds, `drag` the drag on the far end, and `axes` (3, K) the hinges' axes.
+    """
 
     r: ca.SX
     centripetal: ca.SX
@@ -138,18 +145,21 @@ class SpatialMoving(NamedTuple):
     axes: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 21 + 3 K numbers as scalars, field by field, `axes` (3, K) column by column."""
+        """Return its 21 + 3 K entries as scalars, field by field, `axes` (3, K) column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
-        """Return a link of such numbers."""
+        """Return the motion of a link with these entries."""
         parts = [ca.vertcat(*entries[i : i + 3]) for i in range(0, 21, 3)]
         parts.append(ca.reshape(ca.vertcat(*entries[21:]), 3, self.axes.shape[1]))
         return SpatialMoving(*parts)
 
 
 class SpatialCarried(NamedTuple):
-    """What a link carries, about its end: moment `J alpha + H a + moment`, force `H^T alpha + M a + force`."""
+    """What a link carries, about its end, for its angular acceleration alpha and the end's acceleration a.
+
+    Moment `J alpha + H a + moment`, force `H^T alpha + M a + force`.
+    """
 
     J: ca.SX = ca.SX.zeros(3, 3)
     H: ca.SX = ca.SX.zeros(3, 3)
@@ -158,49 +168,48 @@ class SpatialCarried(NamedTuple):
     force: ca.SX = ca.SX.zeros(3)
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers, of symmetric matrices those on and above the diagonal."""
+        """All entries as scalars; of symmetric matrices those on and above the diagonal."""
         parts = (upper(self.J), scalars(self.H), upper(self.M), scalars(self.moment), scalars(self.force))
         return [x for part in parts for x in part]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialCarried:
-        """Return what is carried, of such numbers."""
+        """Return the same quantities with these entries."""
         J, H, M = symmetric(entries[:6]), ca.reshape(ca.vertcat(*entries[6:15]), 3, 3), symmetric(entries[15:21])
         return SpatialCarried(J, H, M, ca.vertcat(*entries[21:24]), ca.vertcat(*entries[24:27]))
 
 
 class SpatialJoint(NamedTuple):
-    """What K hinges at one point keep for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`.
-
-    `gains` (6, K) and `free` (K, 1); hinge k's `among` (K, K) multiplies the accelerations of those before it.
-    """
+    """Coefficients of K hinges at one point for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`."""
 
     gains: ca.SX
     free: ca.SX
     among: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 7 K + K K numbers as scalars, field by field, each matrix column by column."""
+        """Return its 7 K + K K entries as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialJoint:
-        """Return hinges of such numbers."""
+        """Return the hinges' coefficients with these entries."""
         K = self.free.numel()
         gains, among = ca.reshape(ca.vertcat(*entries[: 6 * K]), 6, K), ca.vertcat(*entries[7 * K :])
         return SpatialJoint(gains, ca.vertcat(*entries[6 * K : 7 * K]), ca.reshape(among, K, K))
 
 
 class SpatialAcceleration(NamedTuple):
-    """Of the link before a joint [rad/s^2], and of the point where the next one begins [m/s^2]."""
+    """Angular acceleration of the link before a joint [rad/s^2], and acceleration of the joint's point [m/s^2], (3, 1)
+    each.
+    """
 
     angular: ca.SX
     linear: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its six numbers as scalars, the angular acceleration's (3, 1) first."""
+        """Return its six entries as scalars, the angular acceleration's first."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialAcceleration:
-        """Return the acceleration of such numbers."""
+        """Return the acceleration with these entries."""
         return SpatialAcceleration(ca.vertcat(*entries[:3]), ca.vertcat(*entries[3:]))
 
 
@@ -211,7 +220,9 @@ class SpatialAcceleration(NamedTuple):
 def outward(
     frame: SpatialFrame, q: ca.SX, v: ca.SX, link: Link, axes: Sequence[Axis]
 ) -> tuple[SpatialFrame, SpatialMoving]:
-    """Return the frame at a link's end and how it moves, for its hinges' positions and velocities (K, 1)."""
+    """Return the frame at a link's far end and the link's motion, for hinge positions q [rad] and velocities v [rad/s],
+    (K, 1).
+    """
     turned, speed, turning, world = frame.turned, frame.speed, ca.SX.zeros(3), []
     for axis, q_k, v_k in zip(axes, ca.vertsplit(q), ca.vertsplit(v), strict=True):
         turned, along = turned.hinged(axis, q_k)
@@ -234,7 +245,8 @@ def outward(
 
 
 def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
-    """Return the quadratic drag [N] on a far end of this velocity, its link along `down`, both (3, 1).
+    """Return the quadratic drag (3, 1) [N] on a link's far end; `velocity` [m/s] and the link's direction `down` are
+    (3, 1).
 
     A tiny constant keeps the root differentiable at rest.
     """
@@ -246,7 +258,7 @@ def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
 
 
 def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> SpatialCarried:
-    """Return what a link's hinges carry: the link, and what it carries at its far end."""
+    """Return what a link's hinges carry: the link itself, and what it carries at its far end."""
     body = link.mass * ca.densify(ca.SX.eye(3))
     M, H, force = carried.M, carried.H, carried.force - moving.drag
     if link.is_point_mass:  # joins what the end carries
@@ -271,10 +283,11 @@ def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> Spatia
 def give_way(
     carried: SpatialCarried, axes: ca.SX, torque: ca.SX, armature: ca.SX
 ) -> tuple[SpatialCarried, SpatialJoint]:
-    """Return what the link before feels of what hinges carry, and what they keep; the hinges give way.
+    """Return what the previous link feels through free hinges (one step of the articulated-body algorithm), and the
+    hinges' coefficients for `accelerate`.
 
     Args:
-        carried: By the hinges.
+        carried: What the hinges carry.
         axes: Axes of the hinges in the world's axes, (3, K).
         torque, armature: Torque and armature of each hinge [N m], [kg m^2], (K, 1).
     """
@@ -314,7 +327,7 @@ def give_way(
 def accelerate(
     at: SpatialAcceleration, joint: SpatialJoint, moving: SpatialMoving
 ) -> tuple[ca.SX, SpatialAcceleration]:
-    """Return the hinges' accelerations (K, 1), and the acceleration at their link's far end."""
+    """Return the hinges' accelerations (K, 1) [rad/s^2], and the acceleration at their link's far end."""
     both, found, angular = ca.vertcat(*at), [], at.angular + moving.turning
     for k, axis in enumerate(ca.horzsplit(moving.axes)):
         qdd = joint.free[k] - ca.dot(joint.gains[:, k], both)
@@ -345,12 +358,12 @@ def _across(r: ca.SX) -> ca.SX:
 
 
 def upper(A: ca.SX) -> list[ca.SX]:
-    """Return a symmetric matrix's entries on and above the diagonal."""
+    """Return a symmetric matrix's (3, 3) six entries on and above the diagonal."""
     return [A[i, j] for i, j in _UPPER]
 
 
 def symmetric(entries: Sequence[ca.SX]) -> ca.SX:
-    """Return the symmetric matrix (3, 3) of its entries on and above the diagonal."""
+    """Return the symmetric matrix (3, 3) from its six entries on and above the diagonal."""
     A = ca.SX.zeros(3, 3)
     for (i, j), x in zip(_UPPER, entries, strict=True):
         A[i, j] = A[j, i] = x

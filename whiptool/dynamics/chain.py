@@ -23,7 +23,7 @@ Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
 
 @dataclass(frozen=True)
 class Chain:
-    """Parameters of a chain of n links, each a column (n, 1) of symbols or numbers.
+    """Parameters of a planar chain of n links, each a column (n, 1) of symbols or numbers.
 
     `length`, `mass`, `com` (along the link), `inertia` (about the centre of mass) describe links; `stiffness`,
     `cubic_stiffness`, `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end,
@@ -62,7 +62,7 @@ class Chain:
 
     @property
     def links(self) -> list[Link]:
-        """The n links, each with its own numbers."""
+        """The n links, each with its own parameters."""
         length, mass, com, inertia, drag = (self.each(x) for x in ("length", "mass", "com", "inertia", "drag"))
         return [Link(length[i], mass[i], com[i], inertia[i], drag[i], ca.SX(self.drag_ratio)) for i in range(self.n)]
 
@@ -77,8 +77,12 @@ def ride_on_end(
 
 
 def chain_of(model: Model, *, node_inertia: float = 0.0) -> Chain:
-    """The numbers of arm and whip as one chain; nodes have `node_inertia` [kg m^2] where their own is less, for
-    engines that want it positive."""
+    """Return arm and whip of a model as one chain, with numeric parameters.
+
+    Args:
+        model: Model in the plane.
+        node_inertia: Least moment of inertia of a node [kg m^2], for engines that need a positive one.
+    """
     arm, whip = model.arm, model.whip
     zeros, l = np.zeros(arm.n), whip.per_node("l")
     length, mass, com, inertia = (arm.per_link(name) for name in ("length", "mass", "com", "inertia"))
@@ -117,7 +121,8 @@ def forward_dynamics(chain: Chain, q: ca.SX, v: ca.SX, torque: ca.SX, *, armatur
         chain: Parameters.
         q, v: Joint positions [rad] and velocities [rad/s], (n, 1).
         torque: All joint torques, passive ones included [N m], (n, 1).
-        armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator puts damping here.
+        armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator adds its implicit damping
+            here.
     """
     n, links = chain.n, chain.links
     qs, vs, tau = (ca.vertsplit(ca.SX(x)) for x in (q, v, torque))
@@ -140,8 +145,10 @@ def forward_dynamics(chain: Chain, q: ca.SX, v: ca.SX, torque: ca.SX, *, armatur
 
 
 def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
-    """Joint torques [N m], shape (n, 1), that give accelerations `a`, by recursive Newton-Euler; passive torques
-    (springs, dampers, friction) are not included, drag is."""
+    """Return the joint torques [N m], (n, 1), that give accelerations `a` [rad/s^2], by recursive Newton-Euler.
+
+    Drag is included; passive torques (springs, dampers, friction) are not.
+    """
     theta, omega, alpha = (ca.vertsplit(ca.cumsum(ca.SX(z))) for z in (q, v, a))
     length, mass, com, inertia = (chain.each(x) for x in ("length", "mass", "com", "inertia"))
     ux, uy, ax, ay = ca.SX(0), ca.SX(0), ca.SX(0), ca.SX(chain.gravity)
@@ -163,12 +170,12 @@ def inverse_dynamics(chain: Chain, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
 
 
 def bias_forces(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
-    """Torques of gravity, velocity and drag [N m], shape (n, 1): inverse dynamics at zero acceleration."""
+    """Torques due to gravity, velocities and drag [N m], shape (n, 1): inverse dynamics at zero acceleration."""
     return inverse_dynamics(chain, q, v, ca.SX.zeros(chain.n))
 
 
 def mass_matrix(chain: Chain, q: ca.SX) -> ca.SX:
-    """Joint-space inertia [kg m^2], shape (n, n): what inverse dynamics multiplies the accelerations with."""
+    """Joint-space mass matrix [kg m^2], shape (n, n)."""
     a = ca.SX.sym("a", chain.n)
     return ca.jacobian(inverse_dynamics(chain, q, ca.SX.zeros(chain.n), a), a)
 
@@ -186,7 +193,7 @@ def kinetic_energy(chain: Chain, q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def potential_energy(chain: Chain, q: ca.SX) -> ca.SX:
-    """Potential energy of weight and springs [J]; weight is counted from the first joint's height."""
+    """Potential energy of gravity and springs [J], with height counted from the first joint."""
     theta = ca.vertsplit(ca.cumsum(ca.SX(q)))
     length, mass, com = (chain.each(x) for x in ("length", "mass", "com"))
     y, V = ca.SX(0), ca.SX(0)

@@ -34,8 +34,13 @@ _TURNS = {2: [[0, -1, 0]], 3: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}  # of the orien
 
 
 class HandNow(NamedTuple):
-    """Where the hand is (3, 1), its rotation column by column (9, 1) or nothing, and its motion per unit of the joints'
-    speeds (6, a), angular first."""
+    """Current motion of the hand.
+
+    Args:
+        place: Position (3, 1) [m].
+        turned: Rotation matrix, column by column (9, 1), or empty.
+        jacobian: Angular and linear velocity of the hand per unit of the joints' speeds, angular first, (6, a).
+    """
 
     place: ca.SX
     turned: ca.SX
@@ -45,8 +50,8 @@ class HandNow(NamedTuple):
 class ClosedLoop(System):
     """Strike, controller, arm and whip of one structure: the arm's controller drives the whip.
 
-    The input is the held torque (a, 1), or the accelerations of joints on their reference (a, 1), or empty in a
-    continuous loop.
+    The input is the torque that a sampled controller holds (a, 1), or the accelerations of prescribed joints (a, 1), or
+    empty if the controller is continuous.
     """
 
     def __init__(self, structure: Structure) -> None:
@@ -106,7 +111,7 @@ class ClosedLoop(System):
 
     @property
     def friction(self) -> ca.SX:
-        """Viscous friction of the arm's joints, (a, 1)."""
+        """Viscous friction of the arm's joints [N m s/rad], (a, 1)."""
         return self._arm_numbers["friction"]
 
     def _spatial_arm(self) -> SerialArm:
@@ -174,7 +179,7 @@ class ClosedLoop(System):
         Args:
             t, q, v: Time [s] and state of the arm.
             weight: Torques that hold the arm's weight there (n_arm, 1); Eq. 3.
-            hand: Position of the hand, for a law of its errors.
+            hand: Motion of the hand, for a control law in the hand's coordinates.
         """
         law = {name.removeprefix("law."): x for name, x in self.parameters.items() if name.startswith("law.")}
         expression, P = LAWS[self.structure.law].expression, self.parameters
@@ -229,7 +234,9 @@ class ClosedLoop(System):
     # What drives the whip
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return where the arm's hand is, its links' ends, and how it moves."""
+        """Return the motion of the arm's hand and the frame in which the whip begins, for the arm's q, v and input u,
+        (a, 1).
+        """
         arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
         share = ca.SX(1) if share is None else share
         if self.prescribed:
@@ -254,7 +261,9 @@ class ClosedLoop(System):
     def react(
         self, now: Instant, before: ca.SX | None, motion: ArmMotion | LedMotion, carried: SpatialCarried
     ) -> Reaction:
-        """Return how the controlled arm moves under what it carries; its joints are solved for together."""
+        """Return the motion of the controlled arm under the load of the whip; its joint accelerations are solved
+        together.
+        """
         if isinstance(motion, LedMotion):
             return self._led(now, motion, carried)
         a, P = self.n_drive, self.parameters
@@ -285,12 +294,14 @@ class ClosedLoop(System):
         return Reaction(now.u, SpatialAcceleration(angular, linear), torque)
 
     def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return where the reference has the arm's joints at time t."""
+        """Return the reference positions, speeds and accelerations of the arm's joints at time t [s], (a, 1) each."""
         return self.reference(t)
 
     @cached_property
     def control(self) -> ca.Function:
-        """The controller alone: torques (n_arm, 1) at state x and time t, to hold where they are held."""
+        """The controller as a function: torques (n_arm, 1) [N m] at state x (2 n,) and time t [s], as a sampled loop
+        holds them.
+        """
         n, a = self.n, self.structure.n_arm
         x, t = ca.SX.sym("x", 2 * n), ca.SX.sym("t")
         bodies, load = self._compensated
@@ -306,8 +317,11 @@ class ClosedLoop(System):
 
     @cached_property
     def whip_balance(self) -> ca.Function:
-        """Balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)` gives the slopes of its potential energy
-        by its own joints (n - a,), and their change along dq (n,) and dp. Of a rod, by its turning: three torques."""
+        """Static balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)`.
+
+        It returns the gradient of the potential energy by the whip's own joints (n - a,), and the change of that
+        gradient along dq (n,) and dp (P,). For rods, the gradient is by rotation: three torques each.
+        """
         q, slope = self._whip_slopes
         dq, dp = ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())
         change = ca.jtimes(slope, q, dq) + ca.jtimes(slope, self.p, dp)
@@ -315,8 +329,9 @@ class ClosedLoop(System):
 
     @cached_property
     def whip_hessian(self) -> ca.Function:
-        """Slopes as in `whip_balance`, and their derivatives by the whip's own joints (n - a, n - a), of
-        `whip_hessian(q, p)`."""
+        """Function `whip_hessian(q, p)`: the gradient as in `whip_balance`, and its derivatives by the whip's joints (n
+        - a, n - a).
+        """
         q, slope = self._whip_slopes
         hessian = ca.densify(ca.jacobian(slope, q)[:, self.n_drive :])
         # without "cse", which saves a tenth of the instructions and takes half a minute at 100 nodes
@@ -352,8 +367,9 @@ class ClosedLoop(System):
 
     @cached_property
     def energies(self) -> ca.Function:
-        """Kinetic energy, and potential energy of weight and springs, of `energies(q, v, p)` [J]; weight is counted
-        from the base's height."""
+        """Function `energies(q, v, p)`: kinetic energy, and potential energy of gravity and springs [J], zero at the
+        base's height.
+        """
         a, K = self.n_drive, self.link_size
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
         at, gravity = self.arm.posture(q[:a]), self.parameters["gravity"]
@@ -375,8 +391,7 @@ class ClosedLoop(System):
 
     @cached_property
     def mass_matrix(self) -> ca.Function:
-        """Joint-space inertia (n, n) of `mass_matrix(q, p)` [kg m^2], the rotors' included: the kinetic energy's second
-        derivatives by speeds."""
+        """Function `mass_matrix(q, p)`: joint-space mass matrix (n, n) [kg m^2] with rotor inertias."""
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
         T, _ = self.energies(q, v, self.p)
         return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})
@@ -384,5 +399,5 @@ class ClosedLoop(System):
 
 @lru_cache(maxsize=32)
 def closed_loop(structure: Structure) -> ClosedLoop:
-    """The closed loop of a structure, derived once per process."""
+    """Return the closed loop of a structure, derived once per process."""
     return ClosedLoop(structure)

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Columns(dict[str, slice]):
-    """Where blocks of named quantities stand, as slices by name.
+    """Positions of named blocks in the columns of an array, as slices by name.
 
     Args:
         sizes: Number of columns of each block, in order.
@@ -29,12 +29,12 @@ class Columns(dict[str, slice]):
 
 
 def outcome_columns(a: int, dimension: int) -> Columns:
-    """Return the columns of what an engine says of each strike, for a drive of `a` joints, in the plane or in space.
+    """Return the columns of a strike's outcome in the compiled code, for `a` driven joints, in the plane or in space.
 
-    The miss distance, its time, the tip's velocity and place there, whether the lane diverged, its last step, the
-    derivative of the miss distance, those of the tip's place and velocity there, and of each drive joint the largest
-    speed and torque, the lowest and highest position, the effort (the integral of its squared torque by the trapezoidal
-    rule), and the derivatives of effort and largest torque.
+    They are the miss distance, its time, the tip's velocity and position then, whether the simulation diverged, its
+    last step, the derivatives of the miss distance and of the tip's position and velocity, and for each driven joint
+    the largest speed and torque, the lowest and highest position, the effort (the integral of the squared torque by the
+    trapezoidal rule), and the derivatives of effort and largest torque.
     """
     sizes = {
         "distance": 1,
@@ -52,6 +52,7 @@ def outcome_columns(a: int, dimension: int) -> Columns:
 
 
 def row_columns(n: int, a: int, dimension: int) -> Columns:
-    """Return the columns of a trajectory's row: time, state of n joints, torques of a drive of `a` joints, the tip's
-    place and velocity."""
+    """Return the columns of one sample of a trajectory: time, state of n joints, torques of `a` driven joints, tip
+    position and velocity.
+    """
     return Columns({"t": 1, "x": 2 * n, "tau": a, "tip": dimension, "velocity": dimension})

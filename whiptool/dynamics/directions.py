@@ -19,15 +19,15 @@ _FREE = "name it in `free` if its term is zero in this model"
 def parameter_directions(
     structure: Structure, model: Model, controller: Controller, names: Sequence[str], of_strike: Mapping[str, int]
 ) -> np.ndarray:
-    """Return the derivatives of the parameter vector by named numbers, (m, P).
+    """Return the derivatives of the parameter vector by m named parameters, (m, P).
 
-    It is linear in all of them but those of a profile. `whip.k` of a whip with values per node is their mean, which
-    changes all of them in proportion; see `Model.with_parameters`.
+    The parameter vector is linear in all of them except those of a profile. For a whip with values per node, `whip.k`
+    is their mean, and its change scales all values; see `Model.with_parameters`.
 
     Args:
-        structure, model, controller: Of the rollout.
-        names: m numbers.
-        of_strike: Column of each number of strikes; -1: none, as it is not the same for all strikes.
+        structure, model, controller: Structure, model and controller of the simulator.
+        names: Names of the m parameters.
+        of_strike: Column of each coordinate of a strike; -1: it has no common column, as it differs between strikes.
 
     Raises:
         InputError: A name is unknown, or its term is not part of the structure.

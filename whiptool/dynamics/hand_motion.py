@@ -16,13 +16,13 @@ _PLACE = 3
 
 
 class HandInputs(NamedTuple):
-    """The hand at I instants, as `whiptool.dynamics.swing.SpatialSwing` takes it, and where it is.
+    """Motion of the hand at I instants.
 
     Args:
-        inputs: (I, 21).
-        place: [m], (I, 3).
-        by_joints: Derivatives of both, inputs first, by positions, speeds and accelerations of the a joints,
-            (I, 24, 3, a).
+        inputs: Input vectors of `whiptool.dynamics.swing.SpatialSwing`, (I, 21).
+        place: Position of the hand [m], (I, 3).
+        by_joints: Derivatives of the 21 inputs and the 3 coordinates by positions, speeds and accelerations of the a
+            joints, (I, 24, 3, a).
     """
 
     inputs: np.ndarray
@@ -31,7 +31,8 @@ class HandInputs(NamedTuple):
 
 
 def hand_motion(arm: SpatialArm, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> HandInputs:
-    """Return how the hand moves where the joints' positions, speeds and accelerations are these, (I, joints) each."""
+    """Return the hand's motion for I samples of the joints' positions, speeds and accelerations, (I, a) each [rad,
+    s]."""
     found, slopes = _of_joints(arm)(q.T, v.T, a.T)
     values = found.full().T
     by_joints = slopes.full().reshape(SPATIAL_BASE + _PLACE, len(q), 3, arm.n).swapaxes(0, 1)

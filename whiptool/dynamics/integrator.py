@@ -48,7 +48,7 @@ RUNGE_KUTTA = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))  # where 
 
 
 def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
-    """Return the slope of the joints' damping and smoothed friction by their speed [N m s/rad], (n, 1)."""
+    """Return the derivative of the joints' damping and smoothed friction torque by their speed [N m s/rad], (n, 1)."""
     smooth = ca.SX(chain.friction_velocity) ** 2
     square = v**2 + smooth
     # not square**1.5: a power is taken lane by lane, and would cost more than all else in a step
@@ -56,15 +56,15 @@ def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
 
 
 def predicted(q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return positions and velocities at which the second stage is taken."""
+    """Return the positions and velocities at which the second stage is evaluated."""
     return q + h * v, v + h * k1
 
 
 def followed(q: ca.SX, v: ca.SX, speed: ca.SX, k: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return positions and velocities a time h later, at such speeds and accelerations."""
+    """Return positions and velocities after a time h [s] with constant `speed` and acceleration k."""
     return q + h * speed, v + h * k
 
 
 def advanced(q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return positions and velocities a step later, from both stages' accelerations."""
+    """Return positions and velocities after a step h [s], from the accelerations k1 and w of both stages."""
     return q + h * v + 0.5 * h**2 * k1, v + 0.5 * h * (k1 + w)

@@ -18,8 +18,10 @@ from whiptool.dynamics.rods import torque_of
 
 
 class Reached(NamedTuple):
-    """Where a link begins, and how that point and the link before accelerate, weight being the base's acceleration:
-    angular and linear, (3, 1) each."""
+    """Frame in which a link begins, and the accelerations there: angular [rad/s^2] and linear [m/s^2], (3, 1) each.
+
+    Gravity is included as an acceleration of the base.
+    """
 
     frame: Any
     angular: ca.SX
@@ -27,8 +29,11 @@ class Reached(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """What a link needs of its joint: from the joint to its end and the hinges' axes (3, K); the joint's own torques,
-    as `System.move_link` gives them; the force on its mass (3, 1) [N], and the moment on its inertia (3, 1) [N m]."""
+    """What a link contributes to its joint: lever `r` (3, 1) [m] from the joint to its end, and hinge axes (3, K).
+
+    Also the joint's own torques `passive` (as `System.move_link` returns them), the force on its mass (3, 1) [N] and
+    the moment on its inertia (3, 1) [N m].
+    """
 
     r: ca.SX
     axes: ca.SX
@@ -38,7 +43,9 @@ class Pull(NamedTuple):
 
 
 class Felt(NamedTuple):
-    """What the link before feels: moment and force (3, 1) each, and the twist of rods (2, 1), of hinges (0, 1)."""
+    """Load on the previous link: moment [N m] and force [N], (3, 1) each, and the twist of rods (2, 1), of hinges (0,
+    1).
+    """
 
     moment: ca.SX
     force: ca.SX
@@ -46,7 +53,7 @@ class Felt(NamedTuple):
 
 
 def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
-    """Return where the whip begins, for the arm's joints (a, 1)."""
+    """Return the frame in which the whip begins and its acceleration, for the arm's joints q, v, qdd (a, 1)."""
     a = loop.n_drive
     motion = loop.arm.motion(q, v, loop.parameters["gravity"], [])
     moves = motion.drift + ca.mtimes(motion.jacobian, qdd)
@@ -54,7 +61,9 @@ def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
 
 
 def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca.SX) -> tuple[Reached, Pull]:
-    """Return where a link of the numbers w ends, and what it needs, for its coordinates (K, 1)."""
+    """Return the frame at the far end of a link and the link's contribution, for its coordinates (K, 1) and parameters
+    w.
+    """
     link = loop.link(w)[0]
     frame, moving, passive, _ = loop.move_link(at.frame, q, v, w, ca.SX(0), None)
     angular, linear = at.angular, at.linear
@@ -69,13 +78,15 @@ def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca
 
 
 def at_tip(loop: ClosedLoop, frame: Any) -> Felt:
-    """Return what the last link feels at the tip: nothing, except how rods twist."""
+    """Return the load on the last link at the tip: zero, except for the twist of rods."""
     return Felt(ca.SX.zeros(3), ca.SX.zeros(3), loop.twist(frame))
 
 
 def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
-    """Return what the link before feels, and what this one's joint needs in addition to its own torques: of each hinge
-    (K, 1) [N m], of a rod on its turning, in the world's axes (3, 1)."""
+    """Return the load on the previous link, and what this joint needs beyond its own torques.
+
+    The latter is a torque per hinge (K, 1) [N m], or for a rod the moment on it in the world's axes (3, 1) [N m].
+    """
     force = felt.force + pull.force
     levered = pull.moment + ca.cross(pull.r, force)
     if loop.hinges:
@@ -86,7 +97,7 @@ def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
 
 
 def of_arm(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX, felt: Felt) -> ca.SX:
-    """Return the torques (a, 1) [N m] of the arm's joints, without friction and what is felt at the hand."""
+    """Return the torques (a, 1) [N m] of the arm's joints under the load `felt` at the hand, with viscous friction."""
     gravity = loop.parameters["gravity"]
     jacobian = loop.arm.motion(q, v, gravity, []).jacobian
     own = loop.arm.inverse(q, v, qdd, gravity) + loop.friction * v
@@ -128,18 +139,18 @@ class _Step(NamedTuple):
 def slopes(
     loop: ClosedLoop, p: np.ndarray, start: np.ndarray, rate: np.ndarray, near: Near, fixed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each.
+    """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each, for a model in space.
 
-    Each of the N links is described by two numbers, and its torques are those on the turns that these two make.
+    Each of the N links has two coordinates, and its two torques are conjugate to the rotations by these.
 
     Args:
         loop: Loop of a structure in space.
-        p: Its parameters, (P,).
-        start, rate: Positions of the arm's a joints and numbers of the links, and how fast they change, (a + 2 N,);
-            nothing accelerates.
-        near: Of a link's numbers, their first and second derivatives (2, 1) and its fixed numbers (F, 1), the link's
-            coordinates and their derivatives (K, 1), and how its numbers turn it (K, 2).
-        fixed: Of each link, (N, F).
+        p: Parameters of the loop, (P,).
+        start, rate: Positions of the arm's a joints and coordinates of the links, and their rates, (a + 2 N,);
+            accelerations are zero.
+        near: Function of a link's coordinates, their first and second derivatives (2, 1) and its constants (F, 1);
+            returns the link's joint coordinates and their derivatives (K, 1), and the Jacobian of its rotation (K, 2).
+        fixed: Constants of each link, (N, F).
     """
     a, N = loop.n_drive, loop.n_links
     states = (start, rate, np.zeros_like(start))

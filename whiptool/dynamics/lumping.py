@@ -14,7 +14,9 @@ LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a prof
 
 
 def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[str, dict[str, np.ndarray]]:
-    """Return the derivatives of a profile's nodes by each of its numbers: of `profile.length` those of `whip.l`, ..."""
+    """Return the derivatives of the nodes' parameters (`whip.l`, ...) by each parameter of a profile (`profile.length`,
+    ...).
+    """
     jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
     return {
         f"profile.{name}": {f"whip.{block}": J[:, i] for block, J in zip(LUMPED, jacobians, strict=True)}
@@ -24,8 +26,11 @@ def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[
 
 @lru_cache(maxsize=8)
 def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
-    """Return a profile's nodes as a function of its numbers (in the order of its fields), and their Jacobians: the
-    blocks of `LUMPED`, with the hinge's share of the bending where the whip is clamped."""
+    """Return a profile's node parameters, the blocks of `LUMPED`, as a function of its parameters, and their Jacobians.
+
+    The arguments are in the order of the profile's fields. If the whip is clamped, the hinge has its share of the
+    bending stiffness.
+    """
     z = ca.SX.sym("profile", len(PROFILE))
     blocks = lump(dict(zip(PROFILE, ca.vertsplit(z), strict=True)), N, clamped=clamped, constant=ca.DM)
     of_profile = [ca.SX(blocks[name]) for name in LUMPED]

@@ -21,8 +21,8 @@ class Linearisation:
     """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m]
     beyond those that hold it.
 
-    A rod has two deviations: turns towards what its x and y axes are, when the turn that is least takes -z to its
-    direction. Of a rod that hangs they are tilts towards x and y.
+    A rod has two deviations: rotations towards its x and y axes, where its frame is the world's after the smallest
+    rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
 
     Args:
         M: Mass matrix [kg m^2], (n, n).
@@ -38,19 +38,19 @@ class Linearisation:
 
 
 def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None) -> Linearisation:
-    """Exact derivatives of the chain's dynamics at a posture.
+    """Return the exact derivatives of the chain's dynamics at a posture.
 
-    The joints' accelerations are taken to be zero there, held so by constant torques: about an equilibrium these are
-    zero, elsewhere they are `bias_forces - passive_torque`. Air drag is quadratic and has no part in C at rest.
+    Constant torques keep the joints' accelerations at zero there: at an equilibrium these torques are zero, elsewhere
+    they are `bias_forces - passive_torque`. Quadratic air drag does not contribute to C at rest.
 
     Args:
-        chain: Chain of numbers; or a model, whose whole chain of arm and whip is meant.
-        q0: Coordinates as a trajectory holds them: joint positions [rad], of rods unit vectors, (coordinates,).
-        v0: How fast they change [rad/s], (coordinates,); default: at rest.
+        chain: Chain with numeric parameters; or a model, for the chain of its arm and whip.
+        q0: Coordinates as in a trajectory: joint positions [rad], for rods unit vectors, (coordinates,).
+        v0: Rates of the coordinates [rad/s, or 1/s for rods], (coordinates,); default: at rest.
 
     Raises:
         InputError: A length is wrong, a number is not finite, a rod's direction is not a unit vector, or its rate is
-            not across it.
+            not perpendicular to it.
     """
     size = chain.coordinates if isinstance(chain, Model) else chain.n
     states = []
@@ -194,10 +194,9 @@ class Modes:
 
     Args:
         frequencies: Frequencies of the undamped whip [Hz], (k,).
-        damping_ratios: Damping ratios of the damped whip, (k,): `-Re(lambda) / |lambda|` of the pair of complex
-            eigenvalues whose motion is most like the undamped mode. NaN where no pair is left for a mode: an overdamped
-            mode does not swing, its eigenvalues are real, and with several such modes nothing says which two belong
-            together.
+        damping_ratios: Damping ratios of the damped whip, (k,): `-Re(lambda) / |lambda|` of the complex pair whose
+            eigenvector is most like the undamped mode. NaN for modes without a complex pair (overdamped ones, whose
+            real eigenvalues cannot be assigned to modes).
         shapes: Joint angles of each undamped mode, of rods their tilts towards x and y, (k, n), the largest being 1;
             zero for locked joints.
         displacements: Displacements of hand, nodes and tip in each undamped mode, per unit of its shape [m], (k, N + 1,
@@ -217,11 +216,12 @@ _RUNGE_KUTTA = 2.0  # largest eigenvalue times step that is taken
 
 
 def explicit_timestep(model: Model) -> float:
-    """A step [s] at which the classical Runge-Kutta method lets no mode of the hanging whip grow.
+    """Return a time step [s] at which the classical Runge-Kutta method is stable for all modes of the hanging whip.
 
-    Eigenvalues up to some 2.8 over the step are damped; a part of that is taken, for the whip does not hang in a
-    strike. Dry friction counts as the damping that it is at rest. A universal node that is bent by 90 degrees about its
-    second hinge (gimbal lock) turns about its first one with its own moment of inertia alone, between two dampers.
+    The method is stable for eigenvalues up to about 2.8 over the step; a fraction of that is used, as the whip does not
+    hang during a strike. Dry friction is linearised at rest, as damping. A node with a universal joint at gimbal lock
+    (bent by 90 degrees about its second hinge) rotates about its first hinge with its own moment of inertia alone,
+    between two dampers.
 
     Args:
         model: Whip, arm and gravity.
@@ -242,17 +242,17 @@ def explicit_timestep(model: Model) -> float:
 def hanging_modes(
     model: Model, *, fixed_arm: bool = True, count: int | None = None, posture: np.ndarray | None = None
 ) -> Modes:
-    """Modes of the whip that hangs at rest below the arm.
+    """Return the natural modes of the whip that hangs at rest below the arm.
 
-    In space each has its like in another direction, of the same frequency where nothing tells the two apart; of two
-    such modes the directions are any.
+    In space modes come in pairs in two directions. If the whip is symmetric, the two frequencies are equal and the
+    directions arbitrary.
 
     Args:
         model: Whip, arm and gravity.
         fixed_arm: The arm is locked and the whip swings alone from the hand; otherwise all joints are free.
-        count: How many modes; default: as many as joints are free.
-        posture: Joint positions of the arm [rad], (a,), held by constant torques; default: 0, of a planar arm straight
-            down.
+        count: Number of modes; default: the number of free joints.
+        posture: Joint positions of the arm [rad], (a,), held by constant torques; default: 0, which for a planar arm is
+            straight down.
 
     Raises:
         InputError: `count` is not in 1 .. number of free joints, or the posture is of another arm.

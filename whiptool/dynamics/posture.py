@@ -27,11 +27,11 @@ def hinge_is_free(model: Model) -> bool:
 
 
 def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
-    """Joint positions at the start [rad], shape (B, n), for arm postures q_i of shape (B, a); of rods, behind the arm's
-    the directions, (B, a + 3 N).
+    """Return the joint positions at the start [rad], (B, n), for arm postures q_i (B, a); for rods the arm's positions
+    and the rods' directions, (B, a + 3 N).
 
-    A whip that does not hang straight starts where weight and springs balance, found by Newton's method from straight
-    down.
+    A whip that does not hang straight starts in the equilibrium of gravity and springs, found by Newton's method from
+    straight down.
     """
     a, n, hinges = model.arm.n, model.coordinates, model.whip.kind.hinges
     q = np.zeros((len(q_i), n))
@@ -87,9 +87,9 @@ def _newton_step(structure: Structure, q: np.ndarray, p: np.ndarray) -> np.ndarr
 
 
 def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:
-    """Change of the start postures q (B, n) along changes dp (B, P) of the parameters p (B, P): (B, n).
+    """Return the change of the start postures q (B, n) along changes dp (B, P) of the parameters p (B, P): (B, n).
 
-    Where the whip is bent, balance is kept: `H dq_whip = -(change of the energy's slopes)`.
+    A bent whip stays in equilibrium: `H dq_whip = -(change of the energy's gradient)`, with H the energy's Hessian.
     """
     a = structure.n_arm
     dq = np.zeros_like(q)

@@ -9,14 +9,14 @@ import casadi as ca
 
 
 class Record(Protocol):
-    """A record of symbols and numbers, such as a frame or an articulated inertia."""
+    """A record of CasADi expressions, such as a frame or an articulated inertia."""
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers, each a scalar."""
+        """All its entries, each a scalar."""
         ...
 
     def with_entries(self: R, entries: Sequence[ca.SX]) -> R:
-        """Return the same record of other numbers."""
+        """Return the same record with other entries."""
         ...
 
 
@@ -24,19 +24,19 @@ R = TypeVar("R", bound=Record)
 
 
 class Nothing:
-    """A record of no numbers."""
+    """An empty record."""
 
     def entries(self) -> list[ca.SX]:
-        """Return an empty list: this record has no numbers."""
+        """Return an empty list: this record has no entries."""
         return []
 
     def with_entries(self, entries: Sequence[ca.SX]) -> Nothing:
-        """Return this same record: it has no numbers to replace."""
+        """Return this same record: it has no entries to replace."""
         return self
 
 
 class Stored(Generic[R]):
-    """Those numbers of a record that stand in columns; the others are constants that code is generated with.
+    """The entries of a record that the compiled code stores in columns; the others are constants in the generated code.
 
     Attributes:
         symbols: A column of symbols, (size, 1).
@@ -59,13 +59,13 @@ class Stored(Generic[R]):
         return self.symbols.numel()
 
     def column(self, record: R) -> ca.SX:
-        """Return what of such a record stands in columns, (size, 1)."""
+        """Return the entries of a record that are stored, as a column (size, 1)."""
         found = dict(zip(reversed(self.where), reversed(record.entries())))
         return ca.vertcat(*(found[i] for i in range(self.size)))
 
     @classmethod
     def of(cls, record: R, name: str) -> Stored[R]:
-        """With every number that is not a constant, those that are the same expression once."""
+        """Return storage for every entry that is not a constant; entries with the same expression share a column."""
         different: list[ca.SX] = []
         where: list[int | None] = []
         for entry in record.entries():
@@ -78,13 +78,13 @@ class Stored(Generic[R]):
 
     @classmethod
     def along(cls, start: R, name: str, follow: Callable[[R], R], *, always: Sequence[int] = ()) -> Stored[R]:
-        """With every number that is not one constant all along a chain of records.
+        """Return storage for every entry that is not the same constant in all records of a chain.
 
         Args:
             start: The first record.
             name: Name of the symbols.
-            follow: Gives the record after one.
-            always: Entries that stand in columns in any case.
+            follow: Returns the record that follows a given one.
+            always: Indices of entries that are stored in any case.
         """
         free = {i for i, x in enumerate(start.entries()) if not x.is_constant()} | set(always)
         while True:
@@ -96,13 +96,13 @@ class Stored(Generic[R]):
             free |= differs
 
     def needed(self, start: R, name: str, uses: Callable[[R], ca.SX], follow: Callable[[R], R]) -> Stored[R]:
-        """Return a record without those columns on which nothing depends.
+        """Return storage without the columns on which nothing depends.
 
         Args:
             start: The first record.
             name: Name of the symbols.
-            uses: Entries of a record that are needed.
-            follow: Gives the record after one.
+            uses: Returns the expressions that are needed from a record.
+            follow: Returns the record that follows a given one.
         """
         wanted, after = uses(self.record), self.column(follow(self.record))
         live: set[int] = set()

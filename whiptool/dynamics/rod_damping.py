@@ -14,12 +14,12 @@ from whiptool.models.parameters import WhipParameters
 
 
 class RodDamping(NamedTuple):
-    """What brakes the N joints of a whip of rods.
+    """Damping and friction at the N joints of a whip of rods.
 
     Args:
-        torques: On each rod, and from each on what is before it the opposite [N m], (..., N, 3); what two joints do to
-            the rod between them has no part along it.
-        power: That each joint takes [W], (..., N).
+        torques: Torque of each joint on its rod [N m], (..., N, 3), the opposite acts on the previous rod; the sum of
+            both joints' torques on a rod has no component along it.
+        power: Power that each joint dissipates [W], (..., N).
     """
 
     torques: np.ndarray
@@ -27,12 +27,12 @@ class RodDamping(NamedTuple):
 
 
 def rod_damping(whip: WhipParameters, directions: np.ndarray, turns: np.ndarray) -> RodDamping:
-    """Return what brakes the joints of rods that turn.
+    """Return damping and friction at the joints of rotating rods.
 
     Args:
         whip: Whip of N rods.
-        directions: Unit vectors: the hand's -z, and the rods, (..., N + 1, 3).
-        turns: Angular velocities of hand and rods [rad/s], (..., N + 1, 3); what is along a rod does not count.
+        directions: Unit vectors along the hand's -z and along the rods, (..., N + 1, 3).
+        turns: Angular velocities of hand and rods [rad/s], (..., N + 1, 3); the component along a rod is ignored.
     """
     before, d = directions[..., :-1, :], directions[..., 1:, :]
     hand, turned = turns[..., :1, :], turns[..., 1:, :]

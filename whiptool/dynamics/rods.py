@@ -45,17 +45,17 @@ FOLD = 0.2  # 1 + cosine of a bend near which a joint begins to let twist slip: 
 
 
 class RodFrame(NamedTuple):
-    """Where a rod begins, behind another or the hand; (3, 1) each unless said otherwise.
+    """Frame in which a rod begins, at the end of the previous rod or at the hand; vectors are (3, 1).
 
     Args:
-        direction, speed: Direction and speed of the rod before, and how it turns where the first rod has the hand's
-            spin.
-        before: In the second stage, its angular acceleration without spin in the first.
-        sums: Over the joints so far, (2, 1): of b d . e and b e . e, b being the damping, d how a joint turns, and e by
-            how much more per spin of the first rod.
-        spun: How much it spins per spin of the first rod, (1, 1).
-        twists: Whether it passes twist on (1, 1): 1; the hand 0.
-        velocity, place: Velocity and place of its end.
+        direction, speed: Direction of the previous rod, and its angular velocity if the first rod spins as the hand
+            does.
+        before: In the second stage of a step, the previous rod's angular acceleration without spin in the first stage.
+        sums: Sums over the joints so far of b d . e and b e . e, (2, 1), with b the damping, d a joint's rotation rate,
+            and e its change per unit of the first rod's spin.
+        spun: Spin of the previous rod per unit of the first rod's spin, (1, 1).
+        twists: 1 if the previous body transmits twist (a rod), 0 if not (the hand), (1, 1).
+        velocity, place: Velocity and position of the previous rod's end.
     """
 
     direction: ca.SX
@@ -71,51 +71,58 @@ class RodFrame(NamedTuple):
     PLACE = 16
 
     def entries(self) -> list[ca.SX]:
-        """All its numbers; velocity and place last."""
+        """All its entries as scalars; velocity and position last."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodFrame:
-        """Return the frame of such numbers."""
+        """Return the frame with these entries."""
         at = (0, 3, 6, 9, 11, 12, 13, 16, 19)
         return RodFrame(*(ca.vertcat(*entries[i:j]) for i, j in pairwise(at)))
 
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
-        """At a hand's frame, along whose -z the whip goes; `before` is the hand's acceleration in the first stage."""
+        """Return the frame at the hand, whose -z is the whip's axis; `before` is the hand's acceleration in the first
+        stage.
+        """
         direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(ca.SX(0), SWIVEL)
         return cls(direction, hand.speed, before, sums, ca.SX(1), ca.SX(0), hand.velocity, hand.place)
 
     @property
     def twist(self) -> ca.SX:
-        """At the tip: the first rod's spin past the hand's [rad/s], and the torque along the last rod, 0; (2, 1)."""
+        """Twist at the tip (2, 1): spin of the first rod relative to the hand [rad/s], and torque along the last rod,
+        which is 0.
+        """
         return ca.vertcat(-self.sums[0] / self.sums[1], 0)
 
 
 class RodJoint(NamedTuple):
-    """What a rod keeps for `accelerate`: its angular acceleration is `free - across a + with_last alpha`, a that of its
-    joint and alpha the angular one of the rod before; (3, 1), (3, 3), and symmetric (3, 3)."""
+    """Coefficients of a rod for `accelerate`: its angular acceleration is `free - across a + with_last alpha`.
+
+    a is the acceleration of its joint and alpha the angular acceleration of the previous rod, (3, 1) each; `free` is
+    (3, 1), `across` (3, 3) and `with_last` symmetric (3, 3).
+    """
 
     free: ca.SX
     across: ca.SX
     with_last: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 18 numbers as scalars: `free` (3, 1), `across` (3, 3) column by column, and the upper triangle of
+        """Return its 18 entries as scalars: `free`, `across` column by column, and the upper triangle of
         `with_last`."""
         return [*scalars(self.free), *scalars(self.across), *upper(self.with_last)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodJoint:
-        """Return the joint of such numbers."""
+        """Return the rod's coefficients with these entries."""
         across = ca.reshape(ca.vertcat(*entries[3:12]), 3, 3)
         return RodJoint(ca.vertcat(*entries[:3]), across, symmetric(entries[12:]))
 
 
 def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | None) -> tuple[RodFrame, SpatialMoving]:
-    """Return the frame at a rod's end and how it moves, for its direction and that one's rate, (3, 1) each; its `sums`
-    and `spun` are still those of the rod before.
+    """Return the frame at a rod's end and the rod's motion, for its direction d and the rate of d, (3, 1) each. `sums`
+    and `spun` are still those of the previous rod.
 
-    `before` is the direction's acceleration in the first stage (3, 1), in the second. Instead of hinges' axes, its
-    movement has the direction, and what of its acceleration keeps it a unit vector.
+    In the second stage of a step `before` is the acceleration of d in the first (3, 1), else None. The columns of the
+    motion's `axes` are d and the part of its acceleration that keeps it a unit vector.
     """
     r, past = link.length * d, ca.cross(d, rate) - frame.speed
     past = past - ca.dot(past, d) * d  # the rod before, across d
@@ -131,12 +138,13 @@ def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | 
 
 
 def half_square(u: Any) -> tuple[Any, Any]:
-    """Return half the square of a bend's angle, `w(u)` of `u = 1 - cos`, and its slope; of expressions or arrays."""
+    """Return half the square of a bending angle, `w(u)` of `u = 1 - cos(angle)`, and dw/du; of expressions or
+    arrays."""
     return u * (1 + u * (1 / 6 + 2 / 45 * u)), 1 + u * (1 / 3 + 2 / 15 * u)
 
 
 def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the spring's torque on a rod (3, 1) [N m], and its energy [J], for two directions (3, 1)."""
+    """Return the spring's torque on a rod (3, 1) [N m], and its energy [J], for the directions of both rods (3, 1)."""
     u = 1 - ca.dot(before, d)
     w, slope = half_square(u)
     k, cubic = ca.SX(joint.stiffness), ca.SX(joint.cubic_stiffness)
@@ -153,11 +161,11 @@ def _hold(frame: RodFrame, d: ca.SX) -> ca.SX:
 def torques_and_gain(
     joint: Chain, frame: RodFrame, end: RodFrame, h: ca.SX, *, again: bool
 ) -> tuple[RodFrame, ca.SX, ca.SX]:
-    """Return a rod's end that has its joint in it, the joint's torques and the integrator's share of its damping
-    [kg m^2], in this stage.
+    """Return the frame at a rod's end with its joint included, the joint's torques, and the inertia that the integrator
+    adds for the joint's damping [kg m^2], in this stage.
 
-    Torques (4, 3): what turns the rod, and of it what the rod before gets along itself; by itself, per spin of the
-    first rod, and per torque along this one.
+    The torques are (4, 3): rows are the torque on the rod and its component along the previous rod; columns are the
+    constant part, the part per spin of the first rod, and the part per torque along this rod.
     """
     last, d, spring = frame.direction, end.direction, bend(joint, frame.direction, end.direction)[0]
     hold, cosine = _hold(frame, d), ca.dot(frame.direction, d)
@@ -180,19 +188,21 @@ def torques_and_gain(
 
 
 def torque_of(torques: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return a joint's torque (3, 1), and the twist (2, 1) for the joint before, for the spin of the first rod and the
-    torque along this one (2, 1)."""
+    """Return a joint's torque (3, 1) and the twist (2, 1) for the previous joint; `twist` (2, 1) is the spin of the
+    first rod and the torque along this one.
+    """
     found = ca.mtimes(torques, ca.vertcat(1, twist))
     return found[:3], ca.vertcat(twist[0], found[3])
 
 
 def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:
-    """Return what the rod before feels of what a rod's joint carries, and what the joint keeps; the rod gives way.
+    """Return what the previous rod feels through a rod's free joint (one step of the articulated-body algorithm), and
+    the joint's coefficients for `accelerate`.
 
     Args:
-        carried: By the joint.
+        carried: What the joint carries.
         d: The rod's direction (3, 1).
-        torque, gain: Torque and gain of the joint, as `torque_of` and `torques_and_gain` give them.
+        torque, gain: Torque and gain of the joint, from `torque_of` and `torques_and_gain`.
     """
     inverse = _inverse_across(carried.J, gain, d)
     across = ca.mtimes(inverse, carried.H)
@@ -224,7 +234,7 @@ def _inverse_across(J: ca.SX, gain: ca.SX, d: ca.SX) -> ca.SX:
 
 
 def accelerate(at: SpatialAcceleration, joint: RodJoint, moving: SpatialMoving) -> tuple[ca.SX, SpatialAcceleration]:
-    """Return the acceleration of a rod's direction (3, 1), and that at its far end."""
+    """Return the acceleration of a rod's direction (3, 1), and the acceleration at its far end."""
     angular = joint.free - ca.mtimes(joint.across, at.linear) + ca.mtimes(joint.with_last, at.angular)
     d, bound = moving.axes[:, 0], moving.axes[:, 1]
     linear = at.linear + ca.cross(angular, moving.r) + moving.centripetal
@@ -232,6 +242,6 @@ def accelerate(at: SpatialAcceleration, joint: RodJoint, moving: SpatialMoving) 
 
 
 def unit(d: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return a direction as a unit vector, and its rate without what is along it, (3, 1) each."""
+    """Return a direction normalised to a unit vector, and its rate with the component along it removed, (3, 1) each."""
     d = -d * (ca.SX(-1) / ca.sqrt(ca.sumsqr(d)))
     return d, rate - ca.dot(d, rate) * d

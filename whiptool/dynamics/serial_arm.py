@@ -29,7 +29,13 @@ class Body(NamedTuple):
 
 
 class ArmPosture(NamedTuple):
-    """An arm's posture: each joint's motion per unit of its speed (6, 1), each link's orientation, place, the hand."""
+    """An arm's posture.
+
+    Args:
+        motions: Spatial velocity of each joint per unit of its speed, (6, 1), angular first.
+        turned, places: Orientation and position of each link.
+        hand, hand_turned: Position (3, 1) [m] and orientation of the hand.
+    """
 
     motions: list[ca.SX]
     turned: list[Turned]
@@ -39,17 +45,21 @@ class ArmPosture(NamedTuple):
 
     @property
     def jacobian(self) -> ca.SX:
-        """The hand's motion per unit of the joints' speeds (6, a), angular first."""
+        """Velocity of the hand per unit of the joints' speeds (6, a), angular first."""
         return ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], self.hand)) for S in self.motions))
 
 
 class ArmMotion(NamedTuple):
-    """What a moving arm is to what it carries; weight enters as the base's acceleration.
+    """Dynamics of a moving arm with a joints as the whip feels them; gravity enters as the base's acceleration.
 
-    Its joints' inertia (a, a) [kg m^2], the torques that its motion without acceleration needs (a, 1) [N m]; the hand's
-    motion per unit of the joints' speeds (6, a) and its acceleration without theirs (6, 1), both angular first; the
-    torques that hold its weight (a, 1); and, for a law of the hand's errors, where the hand is (3, 1) and, as far as
-    that matters, its rotation column by column (9, 1), else nothing.
+    Args:
+        inertia: Joint-space mass matrix [kg m^2], (a, a).
+        bias: Torques at zero joint acceleration [N m], (a, 1).
+        jacobian: Velocity of the hand per unit of the joints' speeds, (6, a), angular first.
+        drift: Acceleration of the hand at zero joint acceleration, (6, 1), angular first.
+        weight: Torques that hold the compensated weight [N m], (a, 1).
+        place, turned: For a law in the hand's coordinates, position of the hand (3, 1) and its rotation column by
+            column (9, 1); else empty.
     """
 
     inertia: ca.SX
@@ -61,12 +71,13 @@ class ArmMotion(NamedTuple):
     turned: ca.SX = ca.SX(0, 1)
 
     def entries(self) -> list[ca.SX]:
-        """Return its a a + 8 a + 6 numbers, and those of the hand, as scalars, field by field, each matrix column by
-        column."""
+        """Return its a a + 8 a + 6 entries, and those of the hand, as scalars, field by field, each matrix column by
+        column.
+        """
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> ArmMotion:
-        """Return the motion of such numbers."""
+        """Return the motion with these entries."""
         parts, first = [], 0
         for part in self:
             parts.append(ca.reshape(ca.vertcat(*entries[first : first + part.numel()]), *part.shape))
@@ -75,10 +86,12 @@ class ArmMotion(NamedTuple):
 
 
 class LedMotion(NamedTuple):
-    """An arm whose motion is given, to what it carries; weight enters as the base's acceleration.
+    """An arm with prescribed motion as the whip feels it; gravity enters as the base's acceleration.
 
-    The torques (a, 1) [N m] that its own bodies need, the hand's motion per unit of the joints' speeds (6, a), and its
-    acceleration (6, 1), both angular first.
+    Args:
+        torque: Torques that the arm's own bodies need [N m], (a, 1).
+        jacobian: Velocity of the hand per unit of the joints' speeds, (6, a), angular first.
+        acceleration: Acceleration of the hand, (6, 1), angular first.
     """
 
     torque: ca.SX
@@ -86,11 +99,11 @@ class LedMotion(NamedTuple):
     acceleration: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 7 a + 6 numbers as scalars, field by field, each matrix column by column."""
+        """Return its 7 a + 6 entries as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> LedMotion:
-        """Return the motion of such numbers."""
+        """Return the motion with these entries."""
         a = self.torque.numel()
         jacobian = ca.reshape(ca.vertcat(*entries[a : 7 * a]), 6, a)
         return LedMotion(ca.vertcat(*entries[:a]), jacobian, ca.vertcat(*entries[7 * a :]))
@@ -101,11 +114,11 @@ class SerialArm:
     """A serial arm of symbols or numbers.
 
     Args:
-        kinds, axes: Kinds and axes of each joint; the axis in its link's frame.
-        positions: Positions of each joint in the frame of the link before [m], (3, 1).
-        rotations: Rotations of each link's frame in that of the link before, where its joint is at 0.
+        kinds, axes: Kind of each joint, `revolute` or `prismatic`, and its axis in its link's frame.
+        positions: Position of each joint in the frame of the previous link [m], (3, 1).
+        rotations: Rotation of each link's frame in that of the previous link, with its joint at 0.
         hand_position, hand_rotation: Pose of the hand in the last link's frame.
-        armatures: Inertia of the joints' rotors (a, 1) [kg m^2 or kg].
+        armatures: Inertia of the joints' rotors (a, 1) [kg m^2; kg for a prismatic joint].
         bodies: Bodies that its links carry.
     """
 
@@ -120,7 +133,7 @@ class SerialArm:
 
     @classmethod
     def of(cls, arm: SpatialArm) -> SerialArm:
-        """Return the arm of a model, in numbers."""
+        """Return the arm of a model, with numeric parameters."""
         bodies = [
             Body(i, ca.SX(link.mass), ca.SX(ca.DM(link.com)), ca.SX(ca.DM(link.inertia_matrix)))
             for i, link in enumerate(arm.links)
@@ -142,7 +155,7 @@ class SerialArm:
         return len(self.kinds)
 
     def posture(self, q: ca.SX) -> ArmPosture:
-        """Return where the arm is at joint positions (a, 1)."""
+        """Return the arm's posture at joint positions q (a, 1) [rad or m]."""
         turned, place = Turned(ca.densify(ca.SX.eye(3)), ca.SX(0)), ca.SX.zeros(3)
         motions, all_turned, places = [], [], []
         for i, q_i in enumerate(ca.vertsplit(q)):
@@ -161,12 +174,12 @@ class SerialArm:
         return ArmPosture(motions, all_turned, places, hand, turned.offset(self.hand_rotation))
 
     def motion(self, q: ca.SX, v: ca.SX, gravity: ca.SX | float, weights: list[Body]) -> ArmMotion:
-        """Return what the arm is to what it carries, at joint positions and speeds (a, 1).
+        """Return the arm's dynamics as the whip feels them, at joint positions and speeds.
 
         Args:
-            q, v: (a, 1).
+            q, v: Joint positions [rad or m] and speeds, (a, 1).
             gravity: Gravity [m/s^2].
-            weights: Bodies whose weight is held.
+            weights: Bodies whose weight the gravity compensation holds.
         """
         at = self.posture(q)
         world = [_World.of(body, at) for body in self.bodies]
@@ -180,8 +193,9 @@ class SerialArm:
         )
 
     def led(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> LedMotion:
-        """Return what the arm is to what it carries where its joints' positions, speeds and accelerations (a, 1) are
-        given."""
+        """Return the arm's dynamics as the whip feels them, for prescribed joint positions, speeds and accelerations
+        (a, 1).
+        """
         at = self.posture(q)
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
         bodies = [_World.of(body, at) for body in self.bodies]
@@ -189,7 +203,7 @@ class SerialArm:
         return LedMotion(torque, at.jacobian, _of_point(drifts[-1], speeds[-1], at.hand))
 
     def weight(self, at: ArmPosture, bodies: list[Body], gravity: ca.SX | float) -> ca.SX:
-        """Return the torques (a, 1) that hold these bodies' weight (Eq. 3)."""
+        """Return the torques (a, 1) [N m] that hold the weight of these bodies (Eq. 3)."""
         up = ca.vertcat(0, 0, gravity)
         forces = []
         for body in bodies:
@@ -200,7 +214,7 @@ class SerialArm:
         ))  # fmt: skip
 
     def inverse(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> ca.SX:
-        """Return the torques (a, 1) that move the arm's bodies with accelerations `a` (a, 1)."""
+        """Return the torques (a, 1) [N m] that move the arm's bodies with accelerations `a` (a, 1)."""
         return self.led(q, v, a, gravity).torque
 
     def kinetic(self, q: ca.SX, v: ca.SX) -> ca.SX:
@@ -209,7 +223,7 @@ class SerialArm:
         return ca.dot(v, ca.mtimes(self._inertia(at, [_World.of(body, at) for body in self.bodies]), v)) / 2
 
     def potential(self, at: ArmPosture, gravity: ca.SX | float) -> ca.SX:
-        """Return the potential energy of the weight of the arm's bodies [J], from the base's height."""
+        """Return the potential energy of the arm's bodies in gravity [J], zero at the base's height."""
         bodies = [_World.of(body, at) for body in self.bodies]
         return sum((body.first[2] * gravity for body in bodies), ca.SX(0))
 

@@ -17,16 +17,17 @@ FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged
 def time_grid(
     duration: np.ndarray, *, timestep: float, control_period: float | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Steps of strikes that last `duration` seconds, shape (B,).
+    """Return the time steps of B strikes that last `duration` seconds, (B,).
 
-    A continuous controller takes equal steps of at most `timestep`. One that holds its torque takes whole steps in
-    each control period, and the last step of the strike may be shorter.
+    With a continuous controller all steps of a strike are equal and at most `timestep` [s]. With a control period, each
+    period is divided into equal steps, and the last step of the strike may be shorter.
 
     Raises:
         InputError: There would be too many steps.
 
     Returns:
-        Step and last step [s], (B,); number of steps, (B,); steps for which a torque is held.
+        Length of the steps and of the last step [s], (B,) each; number of steps, (B,); number of steps per control
+        period.
     """
     longest = float(np.max(duration, initial=0.0))
     if longest / timestep > MOST_STEPS:

@@ -26,11 +26,11 @@ Matrix = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class ArmShape:
-    """What of an arm in space decides which terms are generated.
+    """The properties of an arm in space that decide which terms the generated code has.
 
     Args:
-        kinds, axes, rotations, hand_rotation: As the links have them: numbers of the generated code.
-        present: Numbers of each quantity that are not zero, as columns of its block.
+        kinds, axes, rotations, hand_rotation: As in the arm's links; they are constants in the generated code.
+        present: For each quantity, the columns of its block that are not zero.
     """
 
     kinds: tuple[str, ...]
@@ -41,7 +41,7 @@ class ArmShape:
 
     @classmethod
     def of(cls, model: Model, free: Sequence[str]) -> ArmShape:
-        """The shape of a model's arm, with the terms of parameters named in `free`."""
+        """Return the shape of a model's arm, including the terms of the parameters named in `free`."""
         arm = model.arm.in_space()
         used = {name: x != 0 for name, x in arm.numbers().items()}
         for quantity, i in (arm_column(name) for name in free if name in model.parameters() and name[:4] == "arm."):
@@ -61,7 +61,9 @@ class ArmShape:
 
 
 def arm_column(name: str) -> tuple[str, int]:
-    """Return the quantity of a parameter of an arm in space, `arm.com[1].x`, and its place among its numbers."""
+    """Return the quantity of a parameter of an arm in space, such as `arm.com[1].x`, and its index in that quantity's
+    block.
+    """
     found = re.fullmatch(r"arm\.(\w+)(?:\[(\d+)\])?(?:\.(\w+))?", name)
     assert found is not None
     quantity, index, part = found.groups()
@@ -71,7 +73,8 @@ def arm_column(name: str) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class Structure:
-    """What of a model and controller decides which terms are generated; everything else is a parameter."""
+    """The properties of a model and controller that decide which terms the generated code has; all else is a
+    parameter."""
 
     n_arm: int
     n_whip: int
@@ -89,9 +92,10 @@ class Structure:
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
-        """The smallest structure that holds this model and controller, and the terms of parameters named in `free`.
+        """Return the smallest structure for this model and controller, including the terms of the parameters named in
+        `free`.
 
-        With `explicit`, its steps are those of the classical Runge-Kutta method.
+        With `explicit`, steps are made by the classical Runge-Kutta method.
         """
         named = {re.sub(r"^whip\.|\[\d+\]$", "", name) for name in free}
         named |= {"dry_friction"} if "friction_velocity" in named else set()
@@ -125,7 +129,7 @@ class Structure:
 
     @property
     def prescribed(self) -> bool:
-        """Whether the arm's joints are exactly on the reference."""
+        """Whether the arm's joints follow the reference exactly (position control)."""
         return self.law == PositionControl.kind
 
     @property
@@ -135,12 +139,13 @@ class Structure:
 
     @property
     def n(self) -> int:
-        """Number of coordinates: the arm's joints, then the whip's hinges, or three of each rod's direction."""
+        """Number of coordinates: the arm's joints, then the whip's hinges, or three components of each rod's
+        direction."""
         return self.n_arm + self.n_whip * KINDS[self.joints].coordinates
 
     @property
     def strike_layout(self) -> dict[str, int]:
-        """Name and size of every block of a strike's numbers, in order; the first is `q_i`."""
+        """Name and size of every block of a strike's parameters, in order; the first is `q_i`."""
         if not self.hand:
             return joint_layout(self.n_arm)
         orientation = self.hand > self.dimension
@@ -178,18 +183,19 @@ class Structure:
         return sum(self.layout.values())
 
     def columns(self, block: str) -> slice:
-        """Where a block of `layout` stands in the parameter vector."""
+        """Return the columns of a block of `layout` in the parameter vector."""
         return Columns(self.layout)[block]
 
     def pack(self, model: Model, controller: Controller, strikes: np.ndarray) -> np.ndarray:
-        """Parameter vectors of many strikes of one model and controller.
+        """Return the parameter vectors of B strikes of one model and controller.
 
         Args:
             model, controller: Model and controller of this structure.
-            strikes: Numbers of strikes, as `strike_layout` has them: in joint space strike vectors, (B, 2 n_arm + 1).
+            strikes: Parameters of the strikes in the order of `strike_layout`; in joint space strike vectors, (B, 2
+                n_arm + 1).
 
         Returns:
-            Shape (B, n_parameters).
+            Parameter vectors, (B, n_parameters).
         """
         values: dict[str, Any] = {f"law.{k}": v for k, v in controller.law.parameters().items()}
         values |= {f"arm.{name}": numbers for name, numbers in model.arm.numbers().items()}

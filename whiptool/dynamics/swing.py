@@ -26,7 +26,7 @@ _OPTIONAL = (
 
 @dataclass(frozen=True)
 class Base:
-    """Prescribed motion of the point that joint 1 hangs from, and of the frame that its angle is counted from.
+    """Prescribed motion of the point from which joint 1 hangs, and of the frame from which its angle is measured.
 
     `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
     """
@@ -42,13 +42,13 @@ class Base:
 
 @dataclass(frozen=True)
 class SwingStructure:
-    """What decides which terms of a swinging chain are generated.
+    """The properties of a swinging chain that decide which terms the generated code has.
 
     Args:
-        n: Links.
-        moving: The base moves; its motion is the input.
-        point_masses: Every link is a point mass at its far end: com is the length, and there is no inertia.
-        optional: Which of `_OPTIONAL` there are.
+        n: Number of links.
+        moving: Whether the base moves; its motion is then the input.
+        point_masses: Whether every link is a point mass at its far end: com equals the length, and the inertia is zero.
+        optional: Names of the optional quantities that are present.
         joints: Joints of the links: a `hinge` in the plane; in space `universal` or `rod`.
     """
 
@@ -88,11 +88,11 @@ class SwingStructure:
     def of(
         cls, *, n: int, moving: bool, point_masses: bool, used: Sequence[str], joints: str = "hinge"
     ) -> SwingStructure:
-        """With the terms of these quantities."""
+        """Return the structure with the terms of the quantities in `used`."""
         return cls(n, moving, point_masses, tuple(name for name in _OPTIONAL if name in used), joints)
 
     def pack(self, values: Mapping[str, np.ndarray | float]) -> np.ndarray:
-        """The parameter vector (n_parameters,) of quantities by name, each (n,) or one number."""
+        """Return the parameter vector (n_parameters,) of quantities given by name, each (n,) or a scalar."""
         return np.concatenate(
             [np.ravel(np.broadcast_to(np.asarray(values[name], float), size)) for name, size in self.layout.items()]
         )
@@ -101,7 +101,7 @@ class SwingStructure:
 class Swing(System):
     """A chain that hangs from a base whose motion is given, or from a fixed one.
 
-    The input is the base at an instant, `(angle, omega, alpha, vx, vy, ax, ay)`; empty if the base is fixed.
+    The input is the base's motion, `(angle, omega, alpha, vx, vy, ax, ay)`, see `Base`; empty if the base is fixed.
     """
 
     held = False
@@ -126,7 +126,7 @@ class Swing(System):
         return Base(*ca.vertsplit(u)) if self.n_inputs else Base()
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return the base's frame; places are counted from the base."""
+        """Return the base's frame; positions are relative to the base."""
         base, still = self._base(u), SpatialFrame.at_rest()
         frame = still._replace(
             turned=still.turned._replace(angle=ca.SX(base.angle)),
@@ -136,7 +136,7 @@ class Swing(System):
         return Hand(frame, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the base's acceleration, whatever it carries; gravity is part of it."""
+        """Return the base's acceleration with gravity included; it does not depend on what the base carries."""
         base = self._base(now.u)
         linear = ca.vertcat(base.ax, 0, self.gravity + base.ay)
         acceleration = SpatialAcceleration(ca.vertcat(0, -base.alpha, 0), linear)
@@ -146,27 +146,27 @@ class Swing(System):
 class SpatialSwing(Swing):
     """A whip in space on a hand whose motion is given.
 
-    The input is the hand at an instant: its axes (9,), column by column, angular velocity, velocity, angular
-    acceleration and acceleration of the point that joint 1 hangs from, three numbers each, in the world's axes.
+    The input (21,) is the hand's motion in the world's axes: its rotation matrix, column by column (9), angular
+    velocity, velocity, angular acceleration, and acceleration of the point from which joint 1 hangs (3 each).
     """
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return the hand's frame; places are counted from the hand.
+        """Return the hand's frame; positions are relative to the hand.
 
-        In the second stage of a step the angular acceleration is that at the step's end for both stages: the
-        integrator's share of the first joint's damping takes it up, to the second order in the step.
+        In the second stage of a step the angular acceleration at the step's end is used for both stages; the error that
+        this makes in the implicit damping of the first joint is of second order in the step.
         """
         frame = SpatialFrame(Turned(ca.reshape(u[:9], 3, 3), ca.SX(0)), u[9:12], u[12:15], ca.SX.zeros(3))
         whole = frame if self.hinges else RodFrame.at_hand(frame, u[15:18])
         return Hand(whole, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the hand's acceleration, whatever it carries; gravity is part of it."""
+        """Return the hand's acceleration with gravity included; it does not depend on what the hand carries."""
         linear = now.u[18:21] + ca.vertcat(0, 0, self.gravity)
         return Reaction(ca.SX(0, 1), SpatialAcceleration(now.u[15:18], linear), ca.SX(0, 1))
 
 
 @lru_cache(maxsize=32)
 def swing(structure: SwingStructure) -> Swing:
-    """The system of a structure, derived once per process."""
+    """Return the system of a structure, derived once per process."""
     return Swing(structure) if structure.dimension == 2 else SpatialSwing(structure)

@@ -38,7 +38,7 @@ LinkAcceleration = SpatialAcceleration | PointAcceleration
 
 
 class Instant(NamedTuple):
-    """Time and step [s], position and speed of the drive's joints (a, 1), input (n_inputs, 1)."""
+    """Time and step [s], positions and speeds of the drive's joints (a, 1), and input (n_inputs, 1)."""
 
     t: ca.SX
     h: ca.SX
@@ -48,8 +48,14 @@ class Instant(NamedTuple):
 
 
 class Hand(NamedTuple):
-    """Where the whip begins; far ends (a, 3) [m] and, in the plane, absolute angles (a, 1) of the drive's links, and
-    what the drive keeps for its reaction."""
+    """Frame in which the whip begins, and the state of the drive.
+
+    Args:
+        frame: Frame at the hand.
+        ends: Far ends of the drive's links [m], (a, 3).
+        angles: In the plane, absolute angles of the drive's links [rad], (a, 1).
+        motion: Quantities that `System.react` needs of the drive.
+    """
 
     frame: LinkFrame
     ends: ca.SX
@@ -58,7 +64,7 @@ class Hand(NamedTuple):
 
 
 class Reaction(NamedTuple):
-    """Accelerations of the drive's joints (a, 1), of the hand, and the drive's torques (a, 1) [N m]."""
+    """Accelerations of the drive's joints (a, 1), acceleration of the hand, and the drive's torques (a, 1) [N m]."""
 
     qdd: ca.SX
     acceleration: SpatialAcceleration
@@ -77,19 +83,19 @@ class _Columns(NamedTuple):
 
 
 class System(ABC):
-    """A chain of links behind a drive, of which the drive's joints come first.
+    """A whip, a chain of links, on a drive (arm or moving base); the drive's joints are the first coordinates.
 
     Attributes:
-        n_drive, n_links: Joints of the drive, and links of the whip.
-        n_inputs: Numbers that drive it from outside at each instant: a held torque, or a base's motion.
-        held: The input is a torque that `control` gives and that is held.
-        prescribed: The drive's joints are where `lead` has them; the input is their accelerations, which it gives too.
+        n_drive, n_links: Number of joints of the drive, and of links of the whip.
+        n_inputs: Size of the input: a held torque, or the motion of a base.
+        held: The input is a torque that `control` computes and that is held for a control period.
+        prescribed: The drive's joints follow `lead` exactly; the input is their accelerations, also from `lead`.
         explicit: Steps are the classical Runge-Kutta method's; the drive's joints are prescribed.
         dimension: 2 in the plane, 3 in space.
-        hinges: Axes of each link's hinges, in the axes of the link before, each turned by those before it; none where
-            the links are rods, each of which is a unit vector.
+        hinges: Axes of each link's hinges in the frame after the preceding hinges; empty if the links are rods, whose
+            coordinates are unit vectors.
         p: Parameters, (P, 1).
-        link_columns: Where the whip's quantities stand in p: (first, stride from link to link) by quantity.
+        link_columns: Columns of the whip's quantities in p: (first, stride from link to link) by quantity.
     """
 
     LINK_QUANTITIES: ClassVar = (
@@ -110,28 +116,28 @@ class System(ABC):
 
     @abstractmethod
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return where the whip begins, for the drive's joints (a, 1) and the input.
+        """Return the frame in which the whip begins, for the drive's joints q, v (a, 1) and the input u (n_inputs, 1).
 
-        In later stages `before` is a weighted sum of what the drive's joints accelerated with in those before (a, 1),
-        and `share` the sum of the weights; default: 1.
+        In later stages of a step `before` is a weighted sum of the drive's joint accelerations in the stages before (a,
+        1), and `share` the sum of the weights; default: 1.
         """
 
     @abstractmethod
     def react(self, now: Instant, before: ca.SX | None, motion: Any, carried: SpatialCarried) -> Reaction:
-        """Return how the drive moves under what it carries.
+        """Return the motion of the drive under the load of the whip.
 
         Args:
             now: Time, step, the drive's state and input of this stage.
-            before: Accelerations of the first stage (a, 1), in the second.
-            motion: Quantities that `hand` keeps.
+            before: In the second stage, the accelerations of the first (a, 1); else None.
+            motion: Field `motion` of the result of `hand`.
             carried: Quantities of the whip that the hand carries.
         """
 
     def lead(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return the drive's joints' positions, speeds and accelerations (a, 1) at time t.
+        """Return the prescribed positions, speeds and accelerations of the drive's joints, (a, 1) each, at time t [s].
 
         Raises:
-            NotImplementedError: They are not prescribed.
+            NotImplementedError: The drive's motion is not prescribed.
         """
         raise NotImplementedError
 
@@ -142,7 +148,7 @@ class System(ABC):
 
     @property
     def link_size(self) -> int:
-        """Number of a link's coordinates: one for each hinge, or a rod's direction."""
+        """Number of coordinates of a link: one for each hinge, or three components of a rod's direction."""
         return len(self.hinges) or 3
 
     @property
@@ -152,12 +158,13 @@ class System(ABC):
 
     @property
     def coordinates(self) -> tuple[int, ...]:
-        """Which of x, y and z a place has: x and z in the plane, which lies in space upright."""
+        """Indices of the coordinates that a position has: x and z in the plane, which is vertical in space, else x, y
+        and z.
+        """
         return (0, 2) if self.dimension == 2 else (0, 1, 2)
 
     def link(self, w: ca.SX) -> tuple[Link, Chain]:
-        """Return one link, and what is at its joint as a chain of one, of its numbers in the order of
-        `link_columns`."""
+        """Return a link, and its joint as a chain of one link, from its parameters w in the order of `link_columns`."""
         of = dict(zip(self.link_columns, ca.vertsplit(w), strict=True))
         zero = ca.SX(0)
         quantities = {name: of.get(name, zero) for name in self.LINK_QUANTITIES}
@@ -175,8 +182,10 @@ class System(ABC):
     def move_link(
         self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
     ) -> tuple[LinkFrame, SpatialMoving, ca.SX, ca.SX]:
-        """Return the frame at a link's end, how it moves, its joint's torques and what the integrator adds to its
-        inertia, in this stage: of K hinges (K, 1) both, of a rod (4, 3), as `rods` has them, and (1, 1)."""
+        """Return the frame at a link's end, the link's motion, its joint's torques, and the inertia that the integrator
+        adds, in this stage. The last two are (K, 1) for K hinges, and (4, 3), see `rods.torques_and_gain`, and (1, 1)
+        for a rod.
+        """
         link, joint = self.link(w)
         h = ca.SX(0) if self.explicit else h
         if not self.hinges:
@@ -192,7 +201,7 @@ class System(ABC):
 
     @property
     def taut(self) -> bool:
-        """Whether links pull along themselves alone: rods in explicit steps."""
+        """Whether links only transmit forces along themselves: rods in explicit steps."""
         return self.explicit and not self.hinges
 
     @property
@@ -209,13 +218,15 @@ class System(ABC):
         return PointAcceleration(at.linear) if self.taut else at
 
     def twist(self, tip: Any) -> ca.SX:
-        """Return how a whip of rods twists at its tip (2, 1), for the frame there; nothing (0, 1) of hinges."""
+        """Return the twist (2, 1) of a whip of rods at its tip, from the frame there; (0, 1) for hinges."""
         return ca.SX.zeros(0) if self.hinges else tip.twist
 
     def carry_link(
         self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX, twist: ca.SX
     ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint, ca.SX]:
-        """Return what the link before carries of this one, what its joint keeps, and the twist for the link before."""
+        """Return what the previous link carries of this one, this joint's coefficients, and the twist for the previous
+        link.
+        """
         if not self.hinges:
             torque, twist = rods.torque_of(torque, twist)
         if self.taut:
@@ -226,23 +237,24 @@ class System(ABC):
         return *articulated.give_way(carried, moving.axes, torque, armature), twist
 
     def accelerate_link(self, at: Any, joint: Any, moving: SpatialMoving) -> tuple[ca.SX, LinkAcceleration]:
-        """Return the accelerations of a link's coordinates (K, 1), and that at its far end."""
+        """Return the accelerations of a link's coordinates (K, 1), and the acceleration at its far end."""
         if self.taut:
             return taut_rods.accelerate(at, joint, moving)
         return (articulated if self.hinges else rods).accelerate(at, joint, moving)
 
     def predict_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return a link's coordinates and speeds (K, 1) at which the second stage is taken."""
+        """Return a link's coordinates and speeds (K, 1) at which the second stage is evaluated."""
         later = predicted(q, v, k1, h)
         return later if self.hinges else rods.unit(*later)
 
     def advance_link(self, q: ca.SX, v: ca.SX, k1: ca.SX, w: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return a link's coordinates and speeds (K, 1) a step later."""
+        """Return a link's coordinates and speeds (K, 1) after a step h [s]."""
         later = advanced(q, v, k1, w, h)
         return later if self.hinges else rods.unit(*later)
 
     def follow_link(self, q: ca.SX, v: ca.SX, speed: ca.SX, k: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return a link's coordinates and speeds (K, 1) a time h later, at such speeds and accelerations."""
+        """Return a link's coordinates and speeds (K, 1) after a time h [s], with constant `speed` and acceleration
+        k."""
         later = followed(q, v, speed, k, h)
         return later if self.hinges else rods.unit(*later)
 
@@ -289,11 +301,11 @@ class System(ABC):
 
     @cached_property
     def step(self) -> ca.Function:
-        """One step: `step(x, t, h, p, u, u_end)`, the inputs those at the step's start and end, which a prescribed
-        drive knows already.
+        """One time step, `step(x, t, h, p, u, u_end)`; u and u_end are the inputs at its start and end, which a
+        prescribed drive ignores.
 
-        Besides the next state it returns, at the step's start, the tip's position and velocity, the drive's torques,
-        and what `observed` lists.
+        It returns the next state and, at the step's start, the tip's position and velocity, the drive's torques, and
+        the observed quantities (`n_observed`).
         """
         n, a = self.n, self.n_drive
         x, t, h = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("h")
@@ -339,7 +351,7 @@ class System(ABC):
 
     @cached_property
     def acceleration(self) -> ca.Function:
-        """Accelerations (n, 1) of `acceleration(x, t, p, u)`."""
+        """Function `acceleration(x, t, p, u)`: accelerations of all coordinates, (n, 1)."""
         n, a = self.n, self.n_drive
         x, t, u = ca.SX.sym("x", 2 * n), ca.SX.sym("t"), ca.SX.sym("u", self.n_inputs)
         q, v = x[:n], x[n:]
@@ -358,7 +370,7 @@ class System(ABC):
 
     @property
     def n_observed(self) -> int:
-        """Number of columns of what is observed."""
+        """Number of observed quantities: x, y and angle of each link in the plane, x, y, z in space."""
         return (self.n_drive + self.n_links) * 3  # x, y and angle, or x, y, z
 
     @cached_property
@@ -368,10 +380,10 @@ class System(ABC):
 
     @cached_property
     def control(self) -> ca.Function:
-        """`u(x, t, p)`: the torque to hold, (a, 1).
+        """Function `u(x, t, p)`: the torque to hold for a control period, (a, 1) [N m].
 
         Raises:
-            NotImplementedError: Nothing is held.
+            NotImplementedError: The system has no held torque.
         """
         raise NotImplementedError
 
@@ -401,7 +413,7 @@ class System(ABC):
 
     @cached_property
     def columns(self) -> _Columns:
-        """What of the records stands in columns, found by following them along the whip until nothing is new."""
+        """Records and their stored columns, found by following them along the whip until nothing changes."""
         s = self._symbols
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
 
@@ -434,7 +446,7 @@ class System(ABC):
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
-        """What a compiled engine is made of, by name; each takes and gives columns."""
+        """The functions of which a compiled engine consists, by name; their arguments and results are columns."""
         s, c = self._symbols, self.columns
         q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"], s["share"])
@@ -485,7 +497,7 @@ class System(ABC):
 
     @property
     def frame_columns(self) -> dict[str, int]:
-        """First column of a frame's place, velocity and, in the plane, angle."""
+        """First column of a frame's position, velocity and, in the plane, angle, by name."""
         where, kind = self.columns.frame.where, self.columns.frame.record
         found = {"place": where[kind.PLACE], "velocity": where[kind.VELOCITY]}
         found["angle"] = where[SpatialFrame.ANGLE] if self.dimension == 2 else None
@@ -493,7 +505,7 @@ class System(ABC):
 
 
 def along(function: ca.Function) -> ca.Function:
-    """Return a function with, behind its outputs, their derivatives along one direction of all its inputs."""
+    """Return a function whose outputs are followed by their derivatives along one direction of all its inputs."""
     inputs = [ca.SX.sym(function.name_in(i), function.size_in(i)) for i in range(function.n_in())]
     direction = [ca.SX.sym("d", *x.shape) for x in inputs]
     outputs = function.call(inputs)

@@ -22,7 +22,7 @@ from whiptool.dynamics.articulated import Link, SpatialCarried, SpatialMoving, s
 
 
 class TautCarried(NamedTuple):
-    """What a rod's joint carries: a mass [kg] along a direction (3, 1), a moment and a force (3, 1)."""
+    """What a rod's joint carries: a mass [kg] along a direction (3, 1), a moment [N m] and a force [N], (3, 1) each."""
 
     mass: ca.SX = ca.SX(0)
     direction: ca.SX = ca.SX.zeros(3)
@@ -30,23 +30,29 @@ class TautCarried(NamedTuple):
     force: ca.SX = ca.SX.zeros(3)
 
     def entries(self) -> list[ca.SX]:
-        """Return its 10 numbers as scalars, field by field."""
+        """Return its 10 entries as scalars, field by field."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> TautCarried:
-        """Return what is carried, of such numbers."""
+        """Return the same quantities with these entries."""
         return TautCarried(entries[0], *(ca.vertcat(*entries[i : i + 3]) for i in (1, 4, 7)))
 
     @property
     def spatial(self) -> SpatialCarried:
-        """The same as a drive feels it."""
+        """The same as a spatial inertia and load, for the drive."""
         M = self.mass * ca.mtimes(self.direction, self.direction.T)
         return SpatialCarried(M=M, moment=self.moment, force=self.force)
 
 
 class TautJoint(NamedTuple):
-    """What a rod keeps for `accelerate`: its mass and force along itself, the force across and on its end (3, 1), what
-    the next rod adds to the end's mass, as `kappa` along a direction (3, 1), and the inverse of mass and length."""
+    """Coefficients of a rod for `accelerate`.
+
+    Args:
+        mass, pull: Mass and force along the rod.
+        push: Force across the rod and on its end, (3, 1).
+        kappa, beyond: What the next rod adds to the end's mass: `kappa` along the direction `beyond` (3, 1).
+        per_mass, per_length: Inverse of mass and of length.
+    """
 
     mass: ca.SX
     pull: ca.SX
@@ -57,38 +63,38 @@ class TautJoint(NamedTuple):
     per_length: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 11 numbers as scalars, field by field."""
+        """Return its 11 entries as scalars, field by field."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> TautJoint:
-        """Return the joint of such numbers."""
+        """Return the rod's coefficients with these entries."""
         mass, pull, kappa, per_mass, per_length = (entries[i] for i in (0, 1, 5, 9, 10))
         push, beyond = (ca.vertcat(*entries[i : i + 3]) for i in (2, 6))
         return TautJoint(mass, pull, push, kappa, beyond, per_mass, per_length)
 
 
 class PointAcceleration(NamedTuple):
-    """Of the point where the next rod begins (3, 1) [m/s^2]."""
+    """Acceleration of the point where the next rod begins, (3, 1) [m/s^2]."""
 
     linear: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its three numbers."""
+        """Return its three entries as scalars."""
         return scalars(self.linear)
 
     def with_entries(self, entries: Sequence[ca.SX]) -> PointAcceleration:
-        """Return the acceleration of such numbers."""
+        """Return the acceleration with these entries."""
         return PointAcceleration(ca.vertcat(*entries))
 
 
 def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca.SX) -> tuple[TautCarried, TautJoint]:
-    """Return what the rod before carries of this one, and what this one keeps.
+    """Return what the previous rod carries of this one, and this rod's coefficients for `accelerate`.
 
     Args:
-        carried: At its end.
-        moving: How it moves.
-        link: Its length and mass.
-        torque: Torque of its joint (3, 1).
+        carried: What the rod carries at its end.
+        moving: Motion of the rod.
+        link: Length and mass of the rod.
+        torque: Torque of its joint (3, 1) [N m].
     """
     d, after = moving.axes[:, 0], carried.direction
     per_mass, per_length = 1 / link.mass, 1 / link.length
@@ -103,7 +109,7 @@ def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca
 
 
 def accelerate(at: PointAcceleration, joint: TautJoint, moving: SpatialMoving) -> tuple[ca.SX, PointAcceleration]:
-    """Return the acceleration of a rod's direction (3, 1), and that at its far end."""
+    """Return the acceleration of a rod's direction (3, 1), and the acceleration at its far end."""
     d = moving.axes[:, 0]
     force = joint.push + (joint.mass * ca.dot(d, at.linear) + joint.pull) * d
     end = joint.per_mass * (force - joint.kappa * ca.dot(joint.beyond, force) * joint.beyond)

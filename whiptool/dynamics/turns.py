@@ -9,7 +9,9 @@ _FLAT = 1e-15  # keeps what is left of half a turn finite
 
 
 def turned_by(vector: ca.SX, share: ca.SX) -> ca.SX:
-    """Return the rotation (3, 3) by a share of a rotation vector (3, 1); Rodrigues' formula, smooth at no turn."""
+    """Return the rotation matrix (3, 3) by `share` times a rotation vector (3, 1) [rad], smooth also at zero
+    (Rodrigues).
+    """
     angle = ca.sqrt(ca.sumsqr(vector) + _NONE**2)
     K = ca.skew(vector)
     first, half = ca.sin(share * angle) / angle, ca.sin(share * angle / 2) / angle
@@ -17,9 +19,9 @@ def turned_by(vector: ca.SX, share: ca.SX) -> ca.SX:
 
 
 def rotation_left(wanted: ca.SX, present: ca.SX) -> ca.SX:
-    """Return how far a rotation (3, 3) is from the one that is wanted: axis times 2 sin(angle / 2), (3, 1).
+    """Return the rotation from a present to a wanted orientation (3, 3), as axis times 2 sin(angle / 2), (3, 1).
 
-    The rotation's antisymmetric part holds sin(angle), its trace 1 + 2 cos(angle).
+    It is computed from the antisymmetric part, which contains sin(angle), and the trace, 1 + 2 cos(angle).
     """
     R = ca.mtimes(wanted, present.T)
     sine = ca.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]) / 2

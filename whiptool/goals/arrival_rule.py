@@ -24,11 +24,11 @@ class ArrivalRule:
     """Required arrival of the tip at every target of a zone; by default any arrival.
 
     Args:
-        direction: One for all targets, a vector of any length, (2,) or (3,); it is kept as a unit vector.
-        angle: One arrival angle for all targets [rad], see `arrival_directions`; or a range (from, to), from which each
-            target has its own, drawn uniformly: (-pi, pi) is the full turn.
+        direction: Direction for all targets, a vector of any length, (2,) or (3,); it is stored as a unit vector.
+        angle: Arrival angle for all targets [rad], see `arrival_directions`; or a range (from, to) from which an angle
+            is drawn uniformly for each target; (-pi, pi) is all angles.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
-        speed: Least speed then [m/s], along the direction where there is one; None: any.
+        speed: Least speed at the closest approach [m/s], along the direction if there is one; None: any.
 
     Raises:
         InputError: A value is out of range, the direction is zero, or both a direction and an angle are asked for.
@@ -68,16 +68,17 @@ class ArrivalRule:
 
     @property
     def drawn(self) -> int:
-        """Uniform random numbers of which the direction of a target is drawn."""
+        """Number of uniform random numbers from which a target's direction is drawn: 1 for a range of angles, else
+        0."""
         return int(self.range is not None)
 
     @property
     def range(self) -> tuple[float, float] | None:
-        """From where to where arrival angles are drawn [rad]; None: they are not."""
+        """Range from which arrival angles are drawn [rad]; None: they are not drawn."""
         return self.angle if isinstance(self.angle, tuple) else None
 
     def within(self, angles: np.ndarray) -> np.ndarray:
-        """Return the nearest angles of the range from which they are drawn, any shape [rad]."""
+        """Return the nearest angles within `range` to the given ones [rad], any shape."""
         assert self.range is not None
         low, high = self.range
         middle = (low + high) / 2
@@ -85,16 +86,18 @@ class ArrivalRule:
         return middle + np.clip(from_middle, low - middle, high - middle)
 
     def check_dimension(self, model: Model) -> None:
-        """Refuse a direction in the plane for a model in space, and the other way round.
+        """Refuse a direction in the plane for a model in space, and the reverse.
 
         Raises:
-            InputError: It has too many coordinates, or too few.
+            InputError: The direction has too many coordinates, or too few.
         """
         if self.direction is not None and len(self.direction) != model.dimension:
             raise InputError("direction", self.direction, f"{model.dimension} coordinates, as the model has")
 
     def goals(self, positions: np.ndarray, hit_radius: float, uniform: np.ndarray) -> Goals:
-        """Return the goals at targets (B, d), their directions of uniform numbers in [0, 1), (B, `drawn`)."""
+        """Return the goals at positions (B, d) [m]; their directions follow from uniform random numbers (B, `drawn`) in
+        [0, 1).
+        """
         angles = None
         if self.range is not None:
             low, high = self.range
@@ -102,15 +105,15 @@ class ArrivalRule:
         return self.goals_at(positions, hit_radius, angles)
 
     def goals_at(self, positions: np.ndarray, hit_radius: float, angles: np.ndarray | None = None) -> Goals:
-        """Return the goals at targets.
+        """Return the goals at B target positions.
 
         Args:
-            positions: (B, d) [m].
+            positions: Positions of the targets, (B, d) [m].
             hit_radius: Hit radius [m].
-            angles: Angles of arrival, where they are drawn [rad], (B,).
+            angles: Arrival angles [rad], (B,), if the rule has a range of them.
 
         Raises:
-            InputError: Angles are missing or given in vain, or a target in space lies above or below the base.
+            InputError: Angles are missing or not needed, or a target in space lies directly above or below the base.
         """
         if (angles is not None) != bool(self.drawn):
             allowed = "one for each target" if self.drawn else "none, for the rule draws none"
@@ -125,11 +128,12 @@ class ArrivalRule:
         return Goals(positions, hit_radius, directions, self.cone, self.speed, sights)
 
     def goal_of(self, target: Target) -> Goals:
-        """Return the goal of a target, if it asks for no more than the rule; one direction of all need not be given.
+        """Return the goal of a target if the rule covers it; if the rule has one direction, the target need not give
+        it.
 
         Raises:
-            InputError: It asks for a direction that the rule does not have, or for more speed, or leaves open which of
-                any directions it is.
+            InputError: The target asks for a direction that the rule does not have, or for more speed, or gives no
+                direction although the rule has a range of them.
         """
         asked = target.goals
         self._check_speed(target)
@@ -188,7 +192,7 @@ class ArrivalRule:
         return ", ".join(said) or "arriving in any way"
 
     def table(self) -> dict[str, Any] | None:
-        """Return it as plain data, for a result; None: only points are asked for."""
+        """Return the rule as plain data for a result; None if only points are asked for."""
         if self.only_points:
             return None
         direction, angle = (list(x) if isinstance(x, tuple) else x for x in (self.direction, self.angle))
@@ -197,7 +201,7 @@ class ArrivalRule:
 
 
 def sample_goals(zone: Zone, rule: ArrivalRule, hit_radius: float, count: int, rng: np.random.Generator) -> Goals:
-    """Return uniformly random goals: the targets that `sample` draws, and after them their directions."""
+    """Return `count` random goals: positions uniform over the zone, and directions by the rule."""
     positions = sample(zone, count, rng)
     return rule.goals(positions, hit_radius, rng.random((count, rule.drawn)))
 

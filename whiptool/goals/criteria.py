@@ -23,13 +23,13 @@ NOISE = 0.01  # [rad, s], usual standard deviation of each number of a strike
 
 
 class StrikesAtGoal:
-    """Strikes at a goal and what they came to, which is rolled out when it is asked for.
+    """Strikes at a goal, with results that are simulated on demand.
 
     Args:
         rollout: Simulator.
-        strikes: Vectors, (B, 2 a + 1).
-        goals: One goal of all strikes.
-        t_stay: They are watched this long after the movement ended [s].
+        strikes: Strike vectors, (B, 2 a + 1).
+        goals: The goal of all strikes.
+        t_stay: Time after the movement's end for which the tip is still observed [s].
     """
 
     def __init__(self, rollout: Rollout, strikes: np.ndarray, goals: Goals, t_stay: float) -> None:
@@ -38,32 +38,32 @@ class StrikesAtGoal:
 
     @cached_property
     def near(self) -> Approach:
-        """Their closest approaches."""
+        """Closest approaches of the strikes."""
         return self.rollout.approach(self.strikes, self.goals.positions[0], t_stay=self.t_stay)
 
     @cached_property
     def slopes(self) -> ApproachSlopes:
-        """The exact derivatives of those by the strikes."""
+        """Exact derivatives of the closest approaches by the strikes' coordinates."""
         return self.rollout.slopes(self.strikes, self.goals.positions[0], t_stay=self.t_stay)[1]
 
     def others(self, of: object, strikes: np.ndarray) -> StrikesAtGoal:
-        """Return other strikes at the same goal that `of` asks for, the same ones at every call."""
+        """Return further strikes at the same goal, stored under the key `of` and simulated only once."""
         if of not in self._others:
             self._others[of] = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         return self._others[of]
 
 
 class Criterion(ABC):
-    """One number by which hits are ranked.
+    """A quantity by which hits are ranked.
 
-    Searches that follow derivatives minimise the largest of its measures, which are smooth where the number is not;
-    m is the length of a strike vector.
+    Gradient-based searches minimise the largest of its k measures, which are smooth even if the quantity is not. m is
+    the length of a strike vector.
 
     Args:
-        name: As on the command line.
-        words: For people; with the unit in which the number is.
-        largest: Whether more is better.
-        of_torques: Whether it is computed from torques, which are not known of an arm of unknown inertia.
+        name: Name on the command line.
+        words: Description, with the unit.
+        largest: Whether larger is better.
+        of_torques: Whether it is computed from torques, which are not available for an arm of unknown inertia.
     """
 
     name: ClassVar[str]
@@ -74,7 +74,7 @@ class Criterion(ABC):
 
     @abstractmethod
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
 
     @abstractmethod
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -82,14 +82,14 @@ class Criterion(ABC):
 
     @abstractmethod
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
 
     def measure_of(self, value: float) -> float:
-        """Return the measure of a number: a strike whose measures are at most that has at most that number."""
+        """Return the bound on the measures that corresponds to a value: measures below it mean at most that value."""
         return value
 
     def cost(self, value: float, hit_radius: float) -> float:
-        """Return what searches minimise of a hit: negative, as of a miss it is not, and growing as the hit is worse."""
+        """Return the cost of a hit in searches: negative, whereas that of a miss is not, and larger for a worse hit."""
         size = math.log1p(max(value, 0.0) / self._scale(hit_radius))
         return -(1 + size) if self.largest else -1 / (1 + size)
 
@@ -99,12 +99,12 @@ class Criterion(ABC):
 
 
 class Miss(Criterion):
-    """The miss distance; its measure is the square."""
+    """The miss distance [m]; its measure is the square."""
 
     name, words, unit = "miss", "miss distance", "m"
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
         return struck.near.distance
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -112,11 +112,11 @@ class Miss(Criterion):
         return struck.near.distance[:, None] ** 2
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return (2 * struck.near.distance[:, None] * struck.slopes.distance)[:, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure of a number."""
+        """Return the measure that corresponds to a value of the criterion."""
         return value**2
 
     def _scale(self, hit_radius: float) -> float:
@@ -126,13 +126,13 @@ class Miss(Criterion):
 class Effort(Criterion):
     """The integral of the squared torques of all joints over the strike; its measure is log(1 + effort).
 
-    Efforts of one robot's strikes span four orders of magnitude: as they are, the best of them would all look alike.
+    The logarithm is used because efforts of one robot's strikes span four orders of magnitude.
     """
 
     name, words, unit, of_torques = "effort", "effort", "N² m² s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
         if struck.near.effort is None:
             raise InputError("simulator", struck.rollout.engine, "one that knows the torques at every instant")
         return struck.near.effort.sum(axis=1)
@@ -142,21 +142,21 @@ class Effort(Criterion):
         return np.log1p(self.values(struck))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return struck.slopes.effort.sum(axis=1, keepdims=True) / (1 + self.values(struck))[:, None, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure of a number."""
+        """Return the measure that corresponds to a value of the criterion."""
         return math.log1p(value)
 
 
 class PeakTorque(Criterion):
-    """The largest torque of any joint; its measures are the largest of each."""
+    """The largest torque of any joint [N m]; its measures are the largest torques of each joint."""
 
     name, words, unit, of_torques = "peak-torque", "largest torque", "N m", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
         return struck.near.max_torque.max(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -164,17 +164,17 @@ class PeakTorque(Criterion):
         return struck.near.max_torque
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return struck.slopes.max_torque
 
 
 class Speed(Criterion):
-    """The tip's speed at its closest approach, along the goal's direction where it has one; more is better."""
+    """The tip's speed at its closest approach [m/s], along the goal's direction if it has one; larger is better."""
 
     name, words, unit, largest = "speed", "tip speed through the target", "m/s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
         return struck.goals.arrival_speed(struck.near.velocity)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -182,25 +182,26 @@ class Speed(Criterion):
         return -self.values(struck)[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return -struck.goals.arrival_speed_slope(struck.near.velocity, struck.slopes.velocity)[:, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure of a number."""
+        """Return the measure that corresponds to a value of the criterion."""
         return -value
 
 
 class Robustness(Criterion):
-    """The root mean square of the miss distance where the strike's numbers are noisy; its measure is the mean square.
+    """The root mean square of the miss distance [m] under noise in the strike's coordinates; its measure is the mean
+    square.
 
-    The mean over normal noise is that over 2 m strikes around the one that is judged: the third-degree cubature rule
-    (Arasaratnam and Haykin 2009, Eq. 20), exact where the square of the miss is a polynomial of third degree.
+    The mean over normal noise is computed from 2 m strikes around the given one by the third-degree cubature rule
+    (Arasaratnam and Haykin 2009, Eq. 20), which is exact if the squared miss is a polynomial of third degree.
 
     Args:
-        noise: Standard deviation of each number [rad, s], (m,).
+        noise: Standard deviation of each coordinate of the strike [rad, s], (m,).
 
     Raises:
-        InputError: One is not finite or negative, or all are zero.
+        InputError: A standard deviation is negative or not finite, or all are zero.
     """
 
     name, words, unit = "robustness", "root mean square miss under noise", "m"
@@ -211,7 +212,7 @@ class Robustness(Criterion):
             raise InputError("noise", tuple(noise), "standard deviations of 0 or more, and not all 0")
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the number of each strike, (B,)."""
+        """Return the criterion of each strike, (B,)."""
         return np.sqrt(self.measures(struck)[:, 0])
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -221,12 +222,12 @@ class Robustness(Criterion):
         return self._mean(distance**2, len(struck.strikes))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return their exact derivatives by the strike's numbers, (B, k, m)."""
+        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         around = self._around(struck)
         return self._mean(2 * around.near.distance[:, None] * around.slopes.distance, len(struck.strikes))[:, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure of a number."""
+        """Return the measure that corresponds to a value of the criterion."""
         return value**2
 
     def _scale(self, hit_radius: float) -> float:
@@ -234,7 +235,7 @@ class Robustness(Criterion):
 
     @property
     def reach(self) -> np.ndarray:
-        """How far from a strike those lie that judge it, in each of its numbers [rad, s], (m,)."""
+        """Distance of the cubature points from a strike in each of its coordinates [rad, s], (m,)."""
         return self.noise * math.sqrt(np.count_nonzero(self.noise))
 
     def _around(self, struck: StrikesAtGoal) -> StrikesAtGoal:
@@ -255,7 +256,7 @@ def find_criterion(name: str, bounds: StrikeBounds, *, noise: Sequence[float] = 
     Args:
         name: One of `CRITERIA`.
         bounds: Bounds of the strikes.
-        noise: Standard deviations for `robustness` [rad, s]: one of all numbers of a strike, or one each.
+        noise: Standard deviations for `robustness` [rad, s]: one for all coordinates of a strike, or one for each.
 
     Raises:
         InputError: No criterion has that name, or the noise does not fit the bounds.
@@ -285,10 +286,10 @@ def _robustness(bounds: StrikeBounds, noise: tuple[float, ...]) -> Robustness:
 
 
 def hit_excess(struck: StrikesAtGoal) -> np.ndarray:
-    """Return by how much strikes fall short of a hit, (B, c): of distance, direction and speed, where asked for.
+    """Return by how much strikes fall short of a hit, (B, c), in distance and, where required, direction and speed.
 
-    Each is 0 or less at a hit, and has a derivative everywhere: the squared parts of the cost in hit radii, less one,
-    and the share of the least speed that is missing.
+    Each entry is at most 0 for a hit, and differentiable everywhere: the squared parts of the cost in units of the hit
+    radius, less 1, and the relative shortfall of the speed.
     """
     goals, near = struck.goals, struck.near
     left = goals.residuals(near.tip, near.velocity) / goals.hit_radius
@@ -299,7 +300,7 @@ def hit_excess(struck: StrikesAtGoal) -> np.ndarray:
 
 
 def hit_excess_slopes(struck: StrikesAtGoal) -> np.ndarray:
-    """Return the exact derivatives of `hit_excess` by the strikes' numbers, (B, c, m)."""
+    """Return the exact derivatives of `hit_excess` by the strikes' coordinates, (B, c, m)."""
     goals, near, slopes = struck.goals, struck.near, struck.slopes
     left = goals.residuals(near.tip, near.velocity) / goals.hit_radius
     changes = goals.residual_slopes(near.velocity, slopes.tip, slopes.velocity) / goals.hit_radius

@@ -22,7 +22,7 @@ _LEAST_SPEED = 1.0  # [m/s], as in "Point It, Strike It" (2026)
 
 @dataclass(frozen=True, eq=False)
 class GoalRegion:
-    """Goals of a zone.
+    """A region of goals: a zone of targets, with the required arrival of the tip.
 
     Args:
         zone: Zone of the targets.
@@ -41,31 +41,33 @@ class GoalRegion:
         checked_radius(self.hit_radius)
 
     def draw(self, count: int, rng: np.random.Generator) -> Goals:
-        """Return uniformly random goals, one each of so many strikes."""
+        """Return `count` random goals, uniform over the region."""
         return sample_goals(self.zone, self.rule, self.hit_radius, count, rng)
 
     def angles(self, tips: np.ndarray, velocities: np.ndarray) -> np.ndarray | None:
-        """Return the arrival angles of tips (K, d) [m] that move with velocities (K, d) [m/s], (K,) [rad].
+        """Return the arrival angles (K,) [rad] of tips at positions (K, d) [m] with velocities (K, d) [m/s].
 
-        None where the rule asks for no angle of each target's own.
+        Return None if the rule has no range of angles.
         """
         return arrival_angles(tips, velocities) if self.rule.drawn else None
 
     def goals_of(self, tips: np.ndarray, velocities: np.ndarray) -> Goals:
-        """Return the goals at places (K, d) [m] that are nearest to how tips pass them, with velocities (K, d)."""
+        """Return the goals at tip positions (K, d) [m] whose directions are nearest to the tips' velocities (K, d)
+        [m/s].
+        """
         angles = self.angles(tips, velocities)
         return self.rule.goals_at(tips, self.hit_radius, None if angles is None else self.rule.within(angles))
 
 
 def usual_region(model: Model, hit_radius: float = HIT_RADIUS) -> GoalRegion:
-    """Return the goals of those who name none.
+    """Return the default region of goals of a model.
 
-    Of a robot that stands on the floor and turns about the vertical they are points of a thick shell around its base,
-    above the floor and up to 90 degrees to either side of forward, where the tip arrives at any angle at 1 m/s or more;
-    of another arm points that it reaches, of a disc in the plane, of a ball in space.
+    For a robot on the floor whose first axis is vertical it is a spherical shell around its base, above the floor and
+    up to 90 degrees to either side of forward, with any arrival angle and a speed of at least 1 m/s. For other arms it
+    is a disc in the plane or a ball in space, within reach.
 
     Args:
-        model: Arm and whip.
+        model: Model of arm and whip.
         hit_radius: Hit radius [m].
     """
     reach = model.reach

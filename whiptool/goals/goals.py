@@ -24,16 +24,16 @@ _ALONG = 1e-6  # sine of the angle from the vertical below which a line of sight
 def probability_within(
     radius: float, miss: np.ndarray, scale: np.ndarray | float, freedom: float = np.inf
 ) -> np.ndarray:
-    """Return the probability that a path passes a target within a radius.
+    """Return the probability that a path passes within a radius of a target.
 
     Args:
         radius: Radius [m].
-        miss: Expected distance at which it passes [m], any shape.
-        scale: Scale of the error across the path [m], one number or like `miss`; positive.
-        freedom: Degrees of freedom of the error's Student's t; infinite: a normal distribution.
+        miss: Expected miss distance [m], any shape.
+        scale: Scale of the error across the path [m], a scalar or of the shape of `miss`; positive.
+        freedom: Degrees of freedom of the error's Student's t distribution; infinite: a normal distribution.
 
     Returns:
-        Like `miss`.
+        Probabilities, of the shape of `miss`.
     """
     from scipy.special import ndtr, stdtr
 
@@ -43,10 +43,11 @@ def probability_within(
 
 
 def direction_error(error: np.ndarray | float, speed: np.ndarray) -> np.ndarray:
-    """Return the standard error of a direction [rad]: that of the place over what the tip moves on in `PACE`.
+    """Return the standard error of the tip's direction [rad]: the position error over the distance that the tip moves
+    in the time `PACE`.
 
     Args:
-        error: Standard error of the place [m], one number or like `speed`.
+        error: Standard error of the position [m], a scalar or of the shape of `speed`.
         speed: Speed of the tip [m/s], any shape.
     """
     return np.arctan(error / (np.maximum(speed, _STILL) * PACE))
@@ -56,9 +57,9 @@ def angle_probability(angle: np.ndarray, cone: float, error: np.ndarray) -> np.n
     """Return the probability that a direction lies within a cone.
 
     Args:
-        angle: Expected angle from the middle of the cone [rad], any shape.
-        cone: Cone [rad].
-        error: Standard error of the angle [rad], like `angle`, positive.
+        angle: Expected angle from the axis of the cone [rad], any shape.
+        cone: Half-angle of the cone [rad].
+        error: Standard error of the angle [rad], of the shape of `angle`; positive.
     """
     from scipy.special import ndtr
 
@@ -67,16 +68,16 @@ def angle_probability(angle: np.ndarray, cone: float, error: np.ndarray) -> np.n
 
 @dataclass(frozen=True, eq=False)
 class Goals(NoArray, instead="its positions"):
-    """Goals of B strikes, or one goal of them all (B = 1), in d = 2 or 3 dimensions.
+    """Goals of B strikes, or one common goal (B = 1), in d = 2 or 3 dimensions.
 
     Args:
         positions: Positions of the targets [m], (B, d).
         hit_radius: A target is hit when the tip comes this close [m].
         directions: Unit vectors along which the tip has to arrive, (B, d); None: any.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
-        speed: Least speed then [m/s], along the direction where there is one; None: any.
-        sights: Unit vectors at right angles to the directions, (B, d): velocity along them does not count for the
-            angle; None: the whole velocity counts.
+        speed: Least speed at the closest approach [m/s], along the direction if there is one; None: any.
+        sights: Unit vectors perpendicular to the directions, (B, d); the velocity component along them is ignored in
+            the angle. None: the whole velocity counts.
     """
 
     positions: np.ndarray
@@ -93,17 +94,19 @@ class Goals(NoArray, instead="its positions"):
 
     @property
     def largest_cost(self) -> float:
-        """What arriving as badly as can be adds in quadrature to the miss distance [m]; zero if only points are."""
+        """Largest amount that direction and speed add in quadrature to the miss distance [m]; 0 if only points are
+        asked for.
+        """
         of_direction = 0.0 if self.directions is None else 1 / math.sin(self.cone / 2)
         of_speed = 0.0 if self.speed is None else 1.0
         return self.hit_radius * math.hypot(of_direction, of_speed)
 
     def rows(self, which: np.ndarray) -> Goals:
-        """Return the goals of some of the strikes, by a mask (B,) or by their numbers (b,)."""
+        """Return the goals of some of the strikes, given by a mask (B,) or by indices (b,)."""
         return replace(self, **{name: None if x is None else x[which] for name, x in self._arrays().items()})
 
     def with_rows(self, which: np.ndarray, new: Goals) -> Goals:
-        """Return the goals with new ones (b) for some of the strikes, given by a mask (B,) or their numbers (b,)."""
+        """Return the goals with `new` ones (b) in place of some, given by a mask (B,) or by indices (b,)."""
         changed = {name: None if x is None else x.copy() for name, x in self._arrays().items()}
         for name, x in new._arrays().items():
             into = changed[name]
@@ -118,7 +121,7 @@ class Goals(NoArray, instead="its positions"):
     def angle(self, velocity: np.ndarray) -> np.ndarray:
         """Return the angle between direction and velocity [rad], (B,); NaN where no direction is asked for.
 
-        A tip that rests, as all do before a strike begins, arrives along none: its angle is pi.
+        For a tip at rest, as before a strike begins, the angle is pi.
 
         Args:
             velocity: Velocity of the tip [m/s], (B, d).
@@ -131,13 +134,15 @@ class Goals(NoArray, instead="its positions"):
         return np.where(seen.any(axis=1), angle, np.pi)
 
     def arrival_speed(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the speed along the direction [m/s], (B,), negative if against it; without direction the speed."""
+        """Return the speed along the direction [m/s], (B,), negative against it; without a direction the magnitude."""
         if self.directions is None:
             return np.linalg.norm(velocity, axis=1)
         return _dot(velocity, self.directions)
 
     def arrives(self, velocity: np.ndarray) -> np.ndarray:
-        """Return whether velocities (B, d) [m/s] at the closest approach are as asked, (B,)."""
+        """Return whether the velocities (B, d) [m/s] at the closest approach meet the required direction and speed,
+        (B,).
+        """
         arrives = np.ones(len(velocity), bool)
         for excess in self._arrival_excess(velocity).values():
             arrives &= excess <= 0
@@ -149,7 +154,7 @@ class Goals(NoArray, instead="its positions"):
         The parts are `point` [m] and, where they are asked for, `direction` [rad] and `speed` [m/s].
 
         Args:
-            distance, velocity: As of `hit`.
+            distance, velocity: As in `hit`.
         """
         return {"point": distance - self.hit_radius, **self._arrival_excess(velocity)}
 
@@ -166,15 +171,15 @@ class Goals(NoArray, instead="its positions"):
     ) -> np.ndarray:
         """Return which strikes hit, (B,): by point, direction and speed.
 
-        This is the one place where hits are decided: whatever shows, counts or rewards them asks it.
+        All other code that shows, counts or rewards hits uses this function.
 
         Args:
-            distance: Distance of the tip from the target at the closest approach [m], (B,); not finite of a diverged
+            distance: Distance of the tip from the target at the closest approach [m], (B,); not finite for a diverged
                 strike.
-            velocity: Velocity of the tip then [m/s], (B, d); None: not known, and only goals that are points can be
-                hit.
-            error: Standard error of the distance where it was measured [m], (B,): a hit is claimed from a probability
-                of `CLAIMED`. None: the distance was computed.
+            velocity: Velocity of the tip then [m/s], (B, d); None: unknown, and only goals without direction and speed
+                can be hit.
+            error: Standard error of a measured distance [m], (B,): it is a hit if the hit probability is at least
+                `CLAIMED`. None: the distance is exact.
         """
         if error is not None:
             return self.hit_probability(distance, velocity, error) >= CLAIMED
@@ -186,16 +191,17 @@ class Goals(NoArray, instead="its positions"):
     def hit_probability(
         self, distance: np.ndarray, velocity: np.ndarray | None, error: np.ndarray | float, freedom: float = np.inf
     ) -> np.ndarray:
-        """Return the probability of hits of strikes whose place has an error; of the shape of `distance`.
+        """Return the hit probability of strikes whose tip position has an error, of the shape of `distance`.
 
-        The direction errs as the place does, see `direction_error`; the speed is taken as it is.
+        The error of the direction follows from that of the position, see `direction_error`; the speed is taken as
+        exact.
 
         Args:
             distance: Expected distance of the tip from the target at the closest approach [m], any shape.
-            velocity: Velocity of the tip then [m/s], one more axis, (..., d); None: not known, and of a goal that is
-                more than a point the probability is one half at most.
-            error: Scale of the place's error [m], one number or like `distance`; positive.
-            freedom: Degrees of freedom of the place's error, see `probability_within`.
+            velocity: Velocity of the tip then [m/s], (..., d); None: unknown, and for a goal with direction or speed
+                the probability is at most 0.5.
+            error: Scale of the position's error [m], a scalar or of the shape of `distance`; positive.
+            freedom: Degrees of freedom of the position's error, see `probability_within`.
         """
         within = probability_within(self.hit_radius, distance, error, freedom)
         if self.only_points:
@@ -213,16 +219,18 @@ class Goals(NoArray, instead="its positions"):
     def hit_by(self, near: Approach) -> np.ndarray:
         """Return which of the strikes with these closest approaches hit, (B,): see `hit`.
 
-        None that diverged does, and none whose point is hit by less than the estimated error of integration.
+        A strike that diverged does not count as a hit, nor does one that meets the hit radius by less than the
+        estimated integration error.
         """
         return ~near.diverged & self.hit(near.farthest, near.velocity, near.error)
 
     def residuals(self, tip: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the residuals between strikes and goals [m], (B, r); their norm is the cost that searches minimise.
 
-        The parts are the position of the tip relative to the target; the hit radius times the chord between the
-        velocity's direction and the required one, in units of the cone's chord; and the hit radius times the missing
-        share of the speed, at most 1. Each of the three parts is at most the hit radius for a hit.
+        The parts are the position of the tip relative to the target; the hit radius times the difference between the
+        unit vectors of the velocity and of the required direction, in units of that at the cone's edge; and the hit
+        radius times the relative shortfall of the speed, at most 1. For a hit the norm of each part is at most the hit
+        radius.
 
         Args:
             tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).
@@ -239,7 +247,7 @@ class Goals(NoArray, instead="its positions"):
         return np.concatenate(parts, axis=1)
 
     def cost(self, distance: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the norm of the residuals [m], (B,); of goals that are only points it is the distance itself.
+        """Return the norm of the residuals [m], (B,); for goals that are only points it is the distance.
 
         Args:
             distance: Distance of the tip from the target at the closest approach [m], (B,).
@@ -255,7 +263,7 @@ class Goals(NoArray, instead="its positions"):
 
         Args:
             velocity: Velocity of the tip at the closest approach [m/s], (B, d).
-            dtip, dvelocity: Derivatives of its place and velocity there, (B, d, m).
+            dtip, dvelocity: Derivatives of the tip's position and velocity at the closest approach, (B, d, m).
         """
         parts = [dtip]
         if self.directions is not None:
@@ -298,18 +306,18 @@ class Goals(NoArray, instead="its positions"):
 
 
 def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the directions of arrival angles, (B, d), and the lines of sight, (B, d).
+    """Return the unit vectors of arrival angles, (B, d), and the lines of sight, (B, d), which in the plane are None.
 
-    In space, z' points from the target to the base, x' is the upward direction made perpendicular to it, y' = z' x x';
-    the angle turns from x' to y' ("Point It, Strike It", 2026), and velocity along z' does not count. In the plane, the
-    angle turns from x, forward, to y, up, and all of the velocity counts.
+    In space, z' (the line of sight) points from the target to the base, x' is the upward direction made perpendicular
+    to it, and y' = z' x x'; the angle is measured from x' towards y' ("Point It, Strike It", 2026), and velocity along
+    z' is ignored. In the plane, the angle is measured from x (forward) towards y (up), and the whole velocity counts.
 
     Args:
-        positions: Positions of targets [m], (B, d), from the base.
-        angles: [rad], (B,).
+        positions: Positions of the targets relative to the base [m], (B, d).
+        angles: Arrival angles [rad], (B,).
 
     Raises:
-        InputError: A target in space lies above or below the base, or at it.
+        InputError: A target in space lies directly above or below the base, or at it.
     """
     cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
     if positions.shape[1] == 2:
@@ -330,7 +338,7 @@ def arrival_angles(positions: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return the arrival angles of vectors (B, d) at targets (B, d) [rad], (B,); see `arrival_directions`.
 
     Raises:
-        InputError: A target in space lies above or below the base, or at it.
+        InputError: A target in space lies directly above or below the base, or at it.
     """
     right_angle = np.full(len(positions), np.pi / 2)
     first, _ = arrival_directions(positions, 0 * right_angle)

@@ -32,7 +32,8 @@ class Target(Vector):
     """A point to hit, with the direction and the speed of the tip if they are required. It converts to an array, its
     position.
 
-    `Target(1.25, 0.2)` is `Target((1.25, 0.2))`; all else is then named: `Target(1.25, 0.2, hit_radius=0.03)`.
+    `Target(1.25, 0.2)` is the same as `Target((1.25, 0.2))`; other arguments are then given by name: `Target(1.25, 0.2,
+    hit_radius=0.03)`.
 
     Args:
         position: (x, y) in the plane, (x, y, z) in space [m].
@@ -120,17 +121,17 @@ class Target(Vector):
     ) -> Target:
         """Return a target at which the tip arrives at an angle.
 
-        In space the angle is that of the velocity as it is seen from the base: 0 is upward, 90 degrees to the left, and
-        motion along the line of sight does not count; see `arrival_directions`. In the plane it turns from forward to
-        upward, and all of the velocity counts.
+        In space the angle is that of the velocity as seen from the base: 0 is upward and 90 degrees to the left, and
+        motion along the line of sight is ignored; see `arrival_directions`. In the plane it is measured from forward
+        (0) to upward (90 degrees), and the whole velocity counts.
 
         Args:
-            position: (2,) or (3,) [m].
-            angle: Angle [rad].
-            hit_radius, cone, speed: As of a `Target`.
+            position: Position of the target, (2,) or (3,) [m].
+            angle: Arrival angle [rad].
+            hit_radius, cone, speed: As in `Target`.
 
         Raises:
-            InputError: A value is out of range, or a target in space lies above or below the base.
+            InputError: A value is out of range, or a target in space lies directly above or below the base.
         """
         place = as_target(position).position
         if abs(number("arrival angle", angle)) > 2 * math.pi:
@@ -143,7 +144,7 @@ class Target(Vector):
 
     @classmethod
     def of(cls, goals: Goals, i: int) -> Target:
-        """Return one of many goals, by its number, as a target."""
+        """Return number i of several goals as a target."""
         rows = (goals.positions, goals.directions, goals.sights)
         place, direction, sight = (None if x is None else tuple(map(float, x[i])) for x in rows)
         assert place is not None
@@ -151,18 +152,19 @@ class Target(Vector):
 
     @property
     def vector(self) -> np.ndarray:
-        """Its position [m], (2,) or (3,)."""
+        """Position of the target [m], (2,) or (3,)."""
         return np.array(self.position)
 
     @property
     def goals(self) -> Goals:
-        """The same as the goal of any number of strikes."""
+        """The target as `Goals` with B = 1."""
         rows = [None if x is None else np.array([x]) for x in (self.position, self.direction, self.sight)]
         assert rows[0] is not None
         return Goals(rows[0], self.hit_radius, rows[1], self.cone, self.speed, rows[2])
 
     def hit_time(self, near: Approach) -> float | None:
-        """Return the time of a strike's closest approach (B = 1) if that is a hit [s], see `Goals.hit`; else None."""
+        """Return the time [s] of the closest approach of one strike (B = 1) if it is a hit, see `Goals.hit`; else
+        None."""
         return float(near.time[0]) if self.goals.hit_by(near)[0] else None
 
     def missed_by(self, distance: float, velocity: Sequence[float] | np.ndarray) -> dict[str, float]:
@@ -178,10 +180,11 @@ class Target(Vector):
         return {name: float(by[0]) for name, by in excess.items() if by[0] > 0}
 
     def check_fits(self, model: Model) -> None:
-        """Refuse a target with too many or too few coordinates for a model, or with a hit radius beyond its reach.
+        """Refuse a target with too many or too few coordinates for a model, or with a hit radius that covers all its
+        reach.
 
         Raises:
-            InputError: It is one.
+            InputError: The target does not fit.
         """
         expect(Model, model=model)
         if len(self.position) != model.dimension:
@@ -196,7 +199,8 @@ class Target(Vector):
         """Refuse a target that the stretched arm and whip cannot come near, or cannot miss.
 
         Raises:
-            InputError: It lies farther from the shoulder than reach and hit radius, or see `check_fits`.
+            InputError: The target is farther from the shoulder than reach plus hit radius, or does not fit, see
+                `check_fits`.
         """
         self.check_fits(model)
         distance = math.hypot(*self.position)
@@ -222,19 +226,19 @@ class Target(Vector):
 
 
 def checked_radius(radius: float) -> float:
-    """Return a hit radius [m].
+    """Return a hit radius [m] after checking it.
 
     Raises:
-        InputError: It is not positive, or larger than any, as one in millimetres is.
+        InputError: It is not positive, or implausibly large, such as one in millimetres.
     """
     return metres("hit radius", radius, longest=LARGEST_RADIUS)
 
 
 def check_radius(name: str, radius: float, place: Sequence[float], model: Model) -> None:
-    """Refuse a radius around a place, (2,) or (3,), that holds all that a model reaches.
+    """Refuse a radius [m] around a position (2,) or (3,) that contains all points that a model can reach.
 
     Raises:
-        InputError: It does; it is called `name`.
+        InputError: The radius is too large; the error calls it `name`.
     """
     farthest = model.farthest_miss(place)
     if radius >= farthest:
@@ -243,9 +247,9 @@ def check_radius(name: str, radius: float, place: Sequence[float], model: Model)
 
 
 def missed_words(missed: Mapping[str, float]) -> str:
-    """Return what `Target.missed_by` found in words, such as `the direction by 12.3 degrees`.
+    """Return the result of `Target.missed_by` as text, such as `the direction by 12.3 degrees`.
 
-    A strike that is not a hit, though it misses nothing, was not computed or measured well enough.
+    If a strike does not count as a hit although it misses nothing, its uncertainty is too large, and the text says so.
     """
     if not missed:
         return "by less than the uncertainty"
@@ -272,10 +276,10 @@ _AHEAD = (0.55, 0.0, 0.0)  # of an arm that stands on no floor, such as a person
 
 
 def usual_target(model: Model) -> Target:
-    """Return the target of those who name none: in the plane the paper's, in space one that arms strike easily.
+    """Return the default target of a model: in the plane the paper's, in space one that arms hit easily.
 
-    In space it lies at a share of the model's reach, to two digits: ahead of the base, of a robot that stands on a
-    floor also aside and above it.
+    In space its distance is a fraction of the model's reach, rounded to two digits: in front of the base, and for a
+    robot on a floor also to the side and above it.
     """
     if model.dimension == 2:
         return Target(TARGET)
@@ -285,10 +289,10 @@ def usual_target(model: Model) -> Target:
 
 
 def as_target(target: Target | Sequence[float] | np.ndarray) -> Target:
-    """Return a target, or the one at a place (x, y) or (x, y, z) [m] with the usual hit radius.
+    """Return a target as it is, or a position (x, y) or (x, y, z) [m] as a target with the default hit radius.
 
     Raises:
-        InputError: It is neither.
+        InputError: The argument is neither.
     """
     place: Any = target  # a sequence of any kind, which a `Target` keeps as a tuple
     return target if isinstance(target, Target) else Target(place)

@@ -33,7 +33,7 @@ class Zone(Protocol):
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its lowest and its highest corner, (d,) each [m]."""
+        """Lowest and highest corner of the zone's bounding box [m], (d,) each."""
         ...
 
     @property
@@ -42,20 +42,22 @@ class Zone(Protocol):
         ...
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the zone, (B, d) [m], uniform over it where the numbers (B, d + 1) are uniform in [0, 1)."""
+        """Return points of the zone (B, d) [m] for uniform random numbers (B, d + 1) in [0, 1); the points are uniform
+        over it.
+        """
         ...
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points (..., d) [m] lie in it, (...); NaN does not."""
+        """Whether points (..., d) [m] lie in the zone, (...); False for NaN."""
         ...
 
 
 def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
-    """Return the hit radius [m] of targets in a zone, if both fit a model.
+    """Check that a zone and a hit radius [m] fit a model, and return the hit radius.
 
     Raises:
-        InputError: The zone is of the plane and the model in space, or the other way round; the zone is a disc, or the
-            hit radius one around its farthest corner, that holds all within the model's reach.
+        InputError: The zone is in the plane and the model in space, or the reverse; or the zone, or the hit radius
+            around its farthest corner, contains all points within the model's reach.
     """
     if zone.dimension != model.dimension:
         raise InputError("coordinates of the zone", zone.dimension, f"{model.dimension}, as the model {model.name} has")
@@ -66,12 +68,12 @@ def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
 
 
 def sample(zone: Zone, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Uniformly random targets [m], (count, d)."""
+    """Return `count` random points [m], uniform over the zone, (count, d)."""
     return zone.place(rng.random((count, zone.dimension + 1)))
 
 
 def directions(uniform: np.ndarray) -> np.ndarray:
-    """Return directions (B, d), uniform where the numbers (B, d - 1) are: of a circle, or of a sphere."""
+    """Return unit vectors (B, d) for random numbers (B, d - 1) in [0, 1), uniform on the circle or sphere."""
     angle = 2 * np.pi * uniform[:, 0]
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if uniform.shape[1] == 1:
@@ -86,7 +88,7 @@ class Disc(NoArray, instead="its centre or radius"):
 
     Args:
         centre: Centre [m], not printed in the paper; (2,), of a ball (3,).
-        radius: [m], Sect. 3.1.1.
+        radius: Radius [m], see Sect. 3.1.1 of the paper.
 
     Raises:
         InputError: A value is not finite, or the radius is not positive.
@@ -112,7 +114,7 @@ class Disc(NoArray, instead="its centre or radius"):
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the square or cube around it [m]."""
+        """Lowest and highest corner of the bounding square or cube [m], (d,) each."""
         return np.array(self.centre) - self.radius, np.array(self.centre) + self.radius
 
     @property
@@ -121,7 +123,7 @@ class Disc(NoArray, instead="its centre or radius"):
         return math.pi * self.radius**2 if self.dimension == 2 else 4 / 3 * math.pi * self.radius**3
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the zone."""
+        """Return points of the zone (B, d) [m], see `Zone.place`."""
         d = self.dimension
         r = self.radius * (np.sqrt if d == 2 else np.cbrt)(uniform[:, d - 1])
         return np.array(self.centre) + r[:, None] * directions(uniform[:, : d - 1])
@@ -133,10 +135,10 @@ class Disc(NoArray, instead="its centre or radius"):
 
 @dataclass(frozen=True)
 class ReachableDisc:
-    """The part of a disc or ball that lies within reach of the shoulder, which the zone's rim leaves.
+    """The part of a disc or ball that lies within reach of the shoulder.
 
     Args:
-        disc: All of it.
+        disc: The whole disc or ball.
         reach: Largest distance of a target from the shoulder [m].
 
     Raises:
@@ -160,12 +162,12 @@ class ReachableDisc:
 
     @property
     def dimension(self) -> int:
-        """2 of a disc, 3 of a ball."""
+        """2 for a disc, 3 for a ball."""
         return self.disc.dimension
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the rectangle or block around it [m]."""
+        """Lowest and highest corner of a rectangle or block around the zone [m], (d,) each."""
         lower, upper = self.disc.box
         return np.maximum(lower, -self.reach), np.minimum(upper, self.reach)
 
@@ -175,7 +177,9 @@ class ReachableDisc:
         return float(self._sizes[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the zone: at random by its size up to their radius, and then on their arc or cap."""
+        """Return points of the zone (B, d) [m], see `Zone.place`; first their distance from the centre is drawn, then
+        the angles.
+        """
         centre, d = np.array(self.disc.centre), self.dimension
         r = np.interp(uniform[:, d - 1] * self.size, self._sizes[1], self._sizes[0])
         half = self._half_arc(r)
@@ -231,20 +235,20 @@ def _across(axis: np.ndarray) -> np.ndarray:
 
 
 def usual_disc(model: Model) -> Disc:
-    """Return the paper's disc, or in space the ball around the usual target of a model."""
+    """Return the paper's disc, or in space a ball around the default target of a model."""
     return Disc(usual_target(model).position)
 
 
 def round_name(disc: Disc) -> str:
-    """Return what people call it: a disc, or a ball."""
+    """Return "a disc" or "a ball", by the dimension."""
     return "a disc" if disc.dimension == 2 else "a ball"
 
 
 def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
-    """Return the disc or ball itself where all of it lies within reach [m] of the shoulder, else the part that does.
+    """Return the disc or ball itself if it lies within reach [m] of the shoulder, else the part that does.
 
     Raises:
-        InputError: No point of it does, or all that is within reach lies in it, and its radius says nothing then.
+        InputError: No point of it is within reach, or the disc contains all points within reach.
     """
     widest = math.hypot(*disc.centre) + reach
     if disc.radius >= widest:
@@ -258,7 +262,7 @@ _MOST_CELLS = 1e8  # of the block around a region
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Cells of a grid.
+    """A zone that consists of cells of a grid.
 
     Args:
         corners: Lowest corner of each cell [m], (C, d).
@@ -270,12 +274,12 @@ class Region:
 
     @property
     def dimension(self) -> int:
-        """2 of squares, 3 of cubes."""
+        """2 for squares, 3 for cubes."""
         return self.corners.shape[1]
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the rectangle or block around it [m]."""
+        """Lowest and highest corner of the bounding rectangle or block [m], (d,) each."""
         return self.corners.min(axis=0), self.corners.max(axis=0) + self.cell
 
     @property
@@ -284,7 +288,7 @@ class Region:
         return len(self.corners) * self.cell**self.dimension
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the region."""
+        """Return points of the region (B, d) [m], see `Zone.place`."""
         which = np.minimum((uniform[:, 0] * len(self.corners)).astype(int), len(self.corners) - 1)
         return self.corners[which] + self.cell * uniform[:, 1 : self.dimension + 1]
 
@@ -306,7 +310,7 @@ class Region:
         """Read what `save` wrote.
 
         Raises:
-            InputError: There is no such file, or it is not one of these.
+            InputError: The file does not exist, or is not a region.
         """
         arrays = read_arrays(path, "region", {"corners": "Cd", "cell": ""})
         corners, cell = arrays["corners"].astype(float), float(arrays["cell"])
@@ -324,7 +328,7 @@ class Region:
 def random_paths(
     rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float, progress: bool = False
 ) -> Iterator[np.ndarray]:
-    """Tip paths of random strikes, some thousands at a time: (b, S, d) [m], NaN after a strike's end."""
+    """Yield the tip paths of random strikes, up to 4096 at a time: (b, S, d) [m], NaN after a strike's end."""
     from whiptool.progress import Progress
 
     with Progress(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
@@ -345,19 +349,20 @@ def reachable_region(
     seed: int = 0,
     progress: bool = False,
 ) -> Region:
-    """The cells, wholly within reach, through which the tip of random strikes passes with at least this speed.
+    """Return the region of all cells, wholly within reach, that tips of random strikes pass with at least a given
+    speed.
 
-    The speed is that of the straight line between successive samples, and so is the path in between.
+    Between successive samples the path is taken as a straight line with constant speed.
 
     Args:
         rollout: Simulator with `tip_path`.
         bounds: Box of the strikes.
-        speed: Speed [m/s].
+        speed: Least speed [m/s].
         count: Number of strikes.
-        cell: Cell [m].
-        rate: Samples of each path a second [1/s].
-        seed: Seed of the strikes.
-        progress: Show a bar.
+        cell: Width of the cells [m].
+        rate: Sampling rate of the paths [1/s].
+        seed: Seed of the random strikes.
+        progress: Show a progress bar.
     """
     reach = rollout.model.reach + cell
     n = 2 * math.ceil(reach / cell)
@@ -378,15 +383,15 @@ def reachable_region(
 
 @dataclass(frozen=True)
 class Sector:
-    """A part of a thick spherical shell about the base: so far away, so high, and so far from forward to each side.
+    """A part of a spherical shell around the base, limited in distance, height and azimuth.
 
     Args:
         near, far: Distances from the base [m].
         low, high: Heights above the base [m], within `far`.
-        aside: Angle from forward to either side [rad], at most pi.
+        aside: Largest azimuth from forward to either side [rad], at most pi.
 
     Raises:
-        InputError: A value is out of range, or no point is so far away and so high.
+        InputError: A value is out of range, or no point has such a distance and height.
     """
 
     near: float
@@ -408,12 +413,12 @@ class Sector:
 
     @property
     def dimension(self) -> int:
-        """3: it is in space."""
+        """3: the zone is in space."""
         return 3
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of the block around it [m]."""
+        """Lowest and highest corner of the bounding block [m], (3,) each."""
         flat = 0.0 if self.low <= 0 <= self.high else min(abs(self.low), abs(self.high))
         widest = math.sqrt(self.far**2 - flat**2)
         nearest = math.sqrt(max(0.0, self.near**2 - max(self.low**2, self.high**2)))
@@ -428,7 +433,9 @@ class Sector:
         return float(self._volumes[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Points of the sector: at random by its volume up to their height, then on their part of a ring."""
+        """Return points of the sector (B, 3) [m], see `Zone.place`; first their height is drawn, then radius and
+        azimuth.
+        """
         z = np.interp(uniform[:, 0] * self.size, self._volumes[1], self._volumes[0])
         inner, outer = self._rims(z)
         across = np.sqrt(inner + uniform[:, 1] * (outer - inner))

@@ -60,7 +60,7 @@ class BareArm:
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=strict))
 
     def parameters(self) -> dict[str, float]:
-        """Every number by name: `link.mass[0]`, `link.dry_friction[1]`, `link.drag[0]`, `gravity`."""
+        """Return all parameters by name: `link.mass[0]`, `link.dry_friction[1]`, `link.drag[0]`, `gravity`, ..."""
         named = self.arm.parameters() | {f"{name}[{i}]": x for name in EACH for i, x in enumerate(getattr(self, name))}
         return {f"link.{name}": x for name, x in named.items()} | {name: getattr(self, name) for name in SHARED}
 
@@ -72,7 +72,7 @@ class BareArm:
         return dataclasses.replace(self, arm=arm, **each, **{name: known[name] for name in SHARED})
 
     def quantities(self) -> dict[str, np.ndarray]:
-        """Blocks of numbers, as a swing takes them."""
+        """Return the parameters as blocks for `whiptool.dynamics.swing`, by name."""
         blocks = {name: self.arm.per_link(name) for name in self.arm.QUANTITIES}
         blocks["damping"] = blocks.pop("friction")
         return blocks | {name: np.atleast_1d(getattr(self, name)) for name in (*EACH, *SHARED)}

@@ -39,10 +39,11 @@ _UNITS = {  # factor that mends it
 
 
 def check_joints(recording: StrikeRecording, arm: AnyArm) -> None:
-    """Refuse a log of joints that cannot be the arm's.
+    """Refuse a joint log that cannot be the arm's.
 
     Raises:
-        InputError: An angle jumps by a turn, or the arm does not stand where the strike begins and a slip says why.
+        InputError: An angle jumps by a full turn, or the arm does not start at the strike's start posture because of a
+            common mistake (units, sign, order), which is named.
     """
     t, q, name = recording.joints_t, recording.joints_q, f"{recording.called}: joints"
     if t is None or q is None or q.shape[1] != arm.n:
@@ -93,14 +94,15 @@ def _joints_slip(q: np.ndarray, begun: np.ndarray, q_i: np.ndarray) -> str:
 
 
 def check_beginnings(predictor: Predictor, plant: Plant) -> list[str]:
-    """Refuse recordings whose readings a slip explains, and return what else is odd about their first readings.
+    """Refuse recordings with a common mistake in units, axes, joints or start time, and return remarks on other unusual
+    first readings.
 
     Args:
         predictor: Predictor of all recordings.
         plant: Plant with the values at which the fit starts.
 
     Raises:
-        InputError: Units, axes, joints or the time of the start are wrong, as far as the readings tell.
+        InputError: The first readings indicate wrong units, axes, joints or start time.
     """
     if predictor.kind in ("passive", "free"):
         return []

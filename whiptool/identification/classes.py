@@ -19,20 +19,20 @@ _UNSEEN = 0.1  # relative change along an unseen direction from which a number i
 
 @dataclass(frozen=True)
 class Parameter:
-    """One free number after the fit.
+    """A free parameter after the fit.
 
     Args:
         name, value, start: Name, fitted value and starting value, in the parameter's unit.
-        unit: SI; empty: it has none.
+        unit: SI unit; empty: none.
         kind: `well determined`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a
-            tenth of its usual size); `weak`: not; `traded`: with all others known it would be well determined, but its
-            error goes with that of `partner`; `flat`: the recordings do not see it; `at bound`: its bound stopped it;
-            `withdrawn`: the model does not explain the readings, or their times are wrong, and no standard error holds.
-            Every class assumes that the model's form is right.
+            tenth of its typical size); `weak`: less well; `traded`: it would be well determined if all others were
+            known, but its error is correlated with that of `partner`; `flat`: the recordings contain no information on
+            it; `at bound`: it ended at a bound; `withdrawn`: the model does not explain the readings, or their times
+            are wrong, so that no standard error is valid. All classes assume that the model's form is right.
         error: Standard error of the value, in its unit; NaN if flat or withdrawn.
         interval: 95 % interval; None for the classes flat, at bound and withdrawn.
-        alone: The same if all other numbers were known; NaN if withdrawn.
-        partner, correlation: The number it is most correlated with, and how much.
+        alone: Standard error if all other parameters were known; NaN if withdrawn.
+        partner, correlation: The parameter with which it is most correlated, and the correlation.
     """
 
     name: str
@@ -50,13 +50,13 @@ class Parameter:
 def classify(
     uncertainty: Uncertainty, starts: Sequence[float], level: float = 0.95, *, withdrawn: bool = False
 ) -> list[Parameter]:
-    """Every shared unknown with its class, error and interval.
+    """Return every shared unknown with its class, error and interval.
 
     Args:
-        uncertainty: Uncertainty at the best end of all starts.
-        starts: First value of each unknown.
+        uncertainty: Uncertainty at the best of the solutions.
+        starts: Starting value of each unknown.
         level: Level of the intervals.
-        withdrawn: Whether nothing of it holds.
+        withdrawn: Whether the fit is invalid, so that all classes are `withdrawn`.
     """
     U = uncertainty
     errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)

@@ -21,12 +21,12 @@ _LONGEST_GAP = 100  # frames that count where readings are missing: errors have 
 
 @dataclass(frozen=True)
 class Grid:
-    """Readings of one recording by channel and frame, zero where a reading is missing.
+    """Arrangement of a recording's K readings by channel and frame, with zero for a missing reading.
 
     Args:
         channels: Names of its C channels, (C,).
-        place: Place of each reading, its channel's and its frame's number, 2 x (K,).
-        frames: How many, F.
+        place: Channel index and frame index of each reading, two arrays (K,).
+        frames: Number F of frames.
     """
 
     channels: np.ndarray
@@ -35,7 +35,7 @@ class Grid:
 
     @classmethod
     def of(cls, channel: np.ndarray, t: np.ndarray) -> Grid:
-        """The grid of readings by the names of their channels (K,) and their times (K,) [s]."""
+        """Return the grid of readings with the given channel names (K,) and times (K,) [s]."""
         channels, row = np.unique(channel, return_inverse=True)
         instants, which = np.unique(t, return_inverse=True)
         gaps = np.diff(instants)
@@ -44,13 +44,13 @@ class Grid:
         return cls(channels, (row, frame[which]), int(frame[-1]) + 1)
 
     def lay(self, x: np.ndarray) -> np.ndarray:
-        """Readings (K, ...) in their places, (C, F, ...)."""
+        """Return readings (K, ...) arranged by channel and frame, (C, F, ...)."""
         laid = np.zeros((len(self.channels), self.frames, *x.shape[1:]))
         laid[self.place] = x
         return laid
 
     def neighbours(self, x: np.ndarray, lag: int) -> np.ndarray:
-        """Of each reading, half the sum of the readings of its channel `lag` frames before and after: (K, ...)."""
+        """Return for each reading half the sum of its channel's readings `lag` frames before and after, (K, ...)."""
         if lag >= self.frames:
             return np.zeros_like(x)
         laid = self.lay(x)
@@ -62,11 +62,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Autoregression:
-    """A stationary series e_t = sum_j a_j e_(t-j) + w_t of unit variance.
+    """A stationary autoregressive series e_t = sum_j a_j e_(t-j) + w_t of unit variance.
 
     Args:
-        coefficients: a, (p,).
-        first: Its correlations at lags 0 to p, (p + 1,).
+        coefficients: Coefficients a, (p,).
+        first: Autocorrelation at lags 0 to p, (p + 1,).
         innovation: Variance of w.
     """
 
@@ -76,11 +76,11 @@ class Autoregression:
 
     @property
     def long_run(self) -> float:
-        """Variance of the mean of many, over that of as many independent ones."""
+        """Variance of the mean of many values, relative to that of as many independent ones."""
         return self.innovation / (1 - self.coefficients.sum()) ** 2
 
     def correlations(self, count: int) -> np.ndarray:
-        """At lags 0 to count - 1, (count,)."""
+        """Return the autocorrelation at lags 0 to count - 1, (count,)."""
         known, p = list(self.first), len(self.coefficients)
         while len(known) < count:
             known.append(float(self.coefficients @ known[: -p - 1 : -1]) if p else 0.0)
@@ -91,11 +91,11 @@ WHITE = Autoregression(np.zeros(0), np.ones(1), 1.0)
 
 
 def autoregression(correlations: np.ndarray, most: int, readings: float) -> Autoregression:
-    """The autoregression of at most so many terms that Schwarz's criterion prefers (Levinson's recursion).
+    """Return the autoregression of at most `most` terms that Schwarz's criterion selects (Levinson's recursion).
 
     Args:
-        correlations: Estimated, at lags 0 to `most` or beyond.
-        most: Terms.
+        correlations: Estimated autocorrelation at lags 0 to `most` or more.
+        most: Largest number of terms.
         readings: Number of independent readings.
     """
     a, variance, known = np.zeros(0), 1.0, [1.0]
@@ -114,16 +114,16 @@ def autoregression(correlations: np.ndarray, most: int, readings: float) -> Auto
 def error_correlation(
     grids: Sequence[Grid], residuals: Sequence[np.ndarray], followed: Sequence[np.ndarray], shared: int, freedom: float
 ) -> tuple[Autoregression, float]:
-    """How the errors behind residuals correlate in time, and their variance.
+    """Return the autocorrelation in time of the errors that caused the residuals, and their variance.
 
-    Errors that seem to alternate are taken as independent ones: that is what many unknowns do to residuals, and the
-    covariance of independent errors is then the larger one.
+    Errors with negative autocorrelation are taken as independent: fitting many unknowns makes residuals alternate, and
+    the covariance of independent errors is then the larger one.
 
     Args:
-        grids: Grids of each recording.
-        residuals: Whitened, (K,).
-        followed: Columns U (K, G + L) such that the fit takes `U U' errors` away from a recording's errors.
-        shared: How many columns, the first G, are of unknowns that all recordings share.
+        grids: Grid of each recording.
+        residuals: Whitened residuals of each recording, (K,).
+        followed: For each recording, columns U (K, G + L) such that the fit removes `U U' errors` from its errors.
+        shared: Number G of the first columns, which belong to unknowns that all recordings share.
         freedom: Degrees of freedom of the residuals.
     """
     most = int(min(_MOST_TERMS, freedom // _READINGS_A_TERM))
@@ -162,15 +162,15 @@ def _expected(grids: Sequence[Grid], followed: Sequence[np.ndarray], shared: int
 def spread(
     grids: Sequence[Grid], residuals: Sequence[np.ndarray], slopes: Sequence[np.ndarray], errors: Autoregression
 ) -> np.ndarray:
-    """Covariance of sum_t slope_t e_t for errors of unit variance, (G, G).
+    """Return the covariance of sum_t slope_t e_t for errors e of unit variance, (G, G).
 
-    Channels of a recording correlate as their residuals do, at any lag times the correlation in time.
+    The correlation between channels is that of their residuals, multiplied at each lag by the autocorrelation in time.
 
     Args:
-        grids: Grids of each recording.
-        residuals: (K,).
-        slopes: (K, G).
-        errors: How they correlate in time.
+        grids: Grid of each recording.
+        residuals: Whitened residuals of each recording, (K,).
+        slopes: Derivatives of each recording's residuals by the G shared unknowns, (K, G).
+        errors: Autocorrelation of the errors in time.
     """
     names = np.unique(np.concatenate([g.channels for g in grids]))
     together = np.zeros((len(names), len(names)))

@@ -43,9 +43,11 @@ DRIVES = ("command", "joints", "robot", "hand", "handle", "passive", "free")
 
 @dataclass
 class Packed:
-    """A plant's parameters (P,), and their changes with each of its m free numbers, (m, P).
+    """Parameters of a plant (P,), and their derivatives by its m free parameters, (m, P), as the compiled engine takes
+    them.
 
-    `hanging` is the same for the closed loop that knows how a whip hangs, `turning` how a clamp turns, (m,).
+    `hanging` is the same for the closed loop that computes how the whip hangs; `turning` is the derivative of a clamp's
+    angle, (m,).
     """
 
     p: np.ndarray
@@ -56,13 +58,15 @@ class Packed:
 
 @dataclass
 class Shot:
-    """One recording, ready to be rolled out; D directions: the plant's free numbers, then this recording's unknowns.
+    """One recording prepared for simulation, with derivatives along D directions: the plant's free parameters, then
+    this recording's own unknowns.
 
     Args:
-        p, dp: Parameters and their changes, (P,), (D, P).
-        x0, dx0: Start and its changes, (2 n,), (D, 2 n).
-        u: The base at steps + 2 instants, (I, 7), in space (I, 21); None if it does not move.
-        moving: Its changes along some directions, (some, I, ...), the first of which is number `first`.
+        p, dp: Parameters and their derivatives, (P,), (D, P).
+        x0, dx0: Initial state and its derivatives, (2 n,), (D, 2 n).
+        u: Motion of the base at I = steps + 2 instants, (I, 7), in space (I, 21); None if it does not move.
+        moving: Derivatives of u along some consecutive directions, (some, I, ...), starting with direction number
+            `first`.
         place, dplace: Position of the base and its derivatives, (I, d), (D, I, d).
     """
 
@@ -78,15 +82,16 @@ class Shot:
 
 
 class Drive:
-    """Of one recording.
+    """What drives the whip in one recording; base class of the drives.
 
     Attributes:
-        structure: Structure of the system that is rolled out.
-        start: First time of the path [s].
-        steps: Steps of the path.
-        unknowns: Name and first guess of what is unknown about this recording and moves the system: `motion`, `start`.
-        ends, displacements: Of a command, when its reference ends [s], and how far each coordinate moves the tip [m].
-        period: For which its torque is held [s]; None: it is not.
+        structure: Structure of the simulated system.
+        start: Time at which the simulated path begins [s].
+        steps: Number of time steps.
+        unknowns: Initial guesses of this recording's own unknowns that affect the motion, by name: `motion`, `start`.
+        ends, displacements: For a command, the time at which its reference ends [s], and the largest displacement of
+            the tip per unit of each coordinate [m].
+        period: Time for which the controller holds its torque [s]; None: the controller is continuous.
     """
 
     structure: Structure | SwingStructure
@@ -100,19 +105,22 @@ class Drive:
 
     @property
     def packed_like(self) -> object:
-        """Equal for drives that pack a plant alike."""
+        """Return a key that is equal for drives that give the same result of `pack`."""
         return None
 
     def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
-        """The plant as the engine takes it, the same for all recordings; its quantities change by `slopes`."""
+        """Return the plant's parameters for the compiled engine; `slopes` are their derivatives by the free
+        parameters."""
         raise NotImplementedError
 
     def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
-        """What to roll out for a plant, packed, and this recording's unknowns."""
+        """Return what to simulate for a packed plant and this recording's own unknowns."""
         raise NotImplementedError
 
     def link_of(self, marker: str) -> int | None:
-        """Which link's end a marker is, ORIGIN, AT_BASE, or None where the system does not hold it."""
+        """Return the index of the link at whose end a marker is, ORIGIN, AT_BASE, or None if the system has no such
+        point.
+        """
         raise NotImplementedError
 
 
@@ -130,7 +138,7 @@ def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
 
 
 def unknown_markers(recording: StrikeRecording) -> InputError:
-    """The error that no marker of a recording is on the whip."""
+    """Return the error which says that no marker of a recording is on the whip."""
     fix = "names are in lower case" if any(name != name.lower() for name in recording.markers) else ""
     rule = "tip or nodes of the whip among them (tip, node1, node2, ...)"
     return InputError(f"{recording.called}: markers", ", ".join(recording.markers), rule, fix)
@@ -145,7 +153,9 @@ def _numbered(marker: str, kind: str, count: int) -> int | None:
 
 
 class CommandDrive(Drive):
-    """The strike's command, with the controller in the loop; the arm begins where it was measured, if it was."""
+    """The strike's command drives the whip, with the controller in the loop; the arm starts at its measured posture, if
+    any.
+    """
 
     def __init__(
         self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
@@ -201,7 +211,7 @@ class CommandDrive(Drive):
 
 
 class SwingDrive(Drive):
-    """The whip alone, its hand's motion prescribed: by what was measured, by a robot's command, or for it is still."""
+    """The whip alone on a prescribed motion of its base: measured, computed from a robot's command, or at rest."""
 
     _NAMES: ClassVar = {
         "length": "whip.l", "mass": "whip.m", "stiffness": "whip.k", "damping": "whip.b", "gravity": "gravity",
@@ -264,10 +274,10 @@ class SwingDrive(Drive):
 
     @property
     def of_start(self) -> np.ndarray:
-        """How the unknown first state, x, makes angles and velocities of joints, `of_start @ x`, (2 n, 2 n).
+        """Matrix (2 n, 2 n) from the unknown initial state x to joint angles and velocities, `of_start @ x`.
 
-        In the plane x holds the links' directions and their rates. A change of one joint turns all that hangs behind
-        it, so that joints compensate each other in a narrow curved valley of the cost; a link alone moves little.
+        In the plane x contains the absolute angles of the links and their rates. Joint angles would be strongly
+        correlated in the fit, because each of them moves all links beyond it.
         """
         assert isinstance(self.structure, SwingStructure)
         n = self.structure.coordinates
@@ -406,7 +416,7 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
 
 
 class FreeDrive(Drive):
-    """An arm without a whip that swings from an unknown start."""
+    """A pendulum that swings freely from an unknown initial state."""
 
     def __init__(
         self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
@@ -458,7 +468,7 @@ def pieces(swing: StrikeRecording, length: float) -> list[StrikeRecording]:
 
 
 def farthest(recording: StrikeRecording) -> str:
-    """The marker farthest out on the whip.
+    """Return the name of the marker nearest to the tip.
 
     Raises:
         InputError: No marker is on the whip.
@@ -483,15 +493,16 @@ def _hand(recording: StrikeRecording) -> np.ndarray:
 
 
 def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.ndarray:
-    """First guess of how far a whip is from hanging at rest when it is released, angles and velocities, (2 N,).
+    """Return an initial guess of a whip's deviation from its equilibrium at its release, angles [rad] and velocities,
+    (2 N,).
 
-    From the direction of its farthest marker, seen from the hand, and that direction's rate: a whip behind a free hinge
-    turns there, another one bends evenly.
+    It is computed from the direction of the farthest marker from the hand and its rate: a whip on a free hinge rotates
+    there, any other bends evenly.
 
     Args:
         recording: Recording from the release on.
-        plant: Whip and clamp.
-        hand: Its place [m], (2,).
+        plant: Plant with whip and clamp.
+        hand: Position of the hand [m], (2,).
     """
     model, direction = plant.held, plant.clamp or 0.0
     n, marker = model.whip.N, farthest(recording)
@@ -556,7 +567,7 @@ def make_drive(
     unknown_start: bool,
     knots: float | None,
 ) -> Drive:
-    """The drive of a recording.
+    """Return the drive of a recording.
 
     Raises:
         InputError: `kind` is not in `DRIVES`, or the recording or plant does not hold what it needs.

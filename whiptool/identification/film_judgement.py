@@ -26,11 +26,11 @@ _SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [
 
 @dataclass(frozen=True)
 class Nearest:
-    """Where the most credible path of the tip comes closest to the target.
+    """Closest approach to the target on the most probable path of the tip.
 
     Args:
         time: Time [s].
-        place: (x, y), in space (x, y, z) [m]
+        place: Position (x, y), in space (x, y, z) [m].
         velocity: Velocity [m/s].
     """
 
@@ -46,13 +46,13 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is known of a miss distance.
+    """Estimate of a miss distance.
 
     Args:
-        miss: Most credible miss distance [m]: the mean over what is possible.
+        miss: Posterior mean of the miss distance [m].
         error: Its standard error [m].
         probability: Hit probability.
-        nearest: When and where that is; None where a distance is all that is known.
+        nearest: Time and position of the closest approach; None if only the distance is known.
     """
 
     miss: float
@@ -62,12 +62,12 @@ class Judgement:
 
     @property
     def hit(self) -> bool:
-        """Whether a hit is claimed."""
+        """Whether a hit is claimed: `probability` is at least `CLAIMED`."""
         return self.probability >= CLAIMED
 
     @property
     def verdict(self) -> str:
-        """In a word, for people: hit, missed, or undecided."""
+        """The result as a word: hit, missed, or undecided."""
         return "hit" if self.hit else "missed" if self.probability <= 1 - CLAIMED else "undecided"
 
     def __str__(self) -> str:
@@ -76,7 +76,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Frames:
-    """Those of a film that show the tip: times (F,) [s], places (F, d) [m] and their standard errors (F,) [m]."""
+    """Frames of a film that show the tip: times (F,) [s], positions (F, d) [m] and their standard errors (F,) [m]."""
 
     t: np.ndarray
     points: np.ndarray
@@ -84,12 +84,13 @@ class Frames:
 
 
 def frames_of(recording: StrikeRecording, target: Target, until: float | None = None) -> Frames | None:
-    """The frames of a recording that show the tip; None: too few do.
+    """Return the frames of a recording that show the tip; None if there are too few.
 
     Args:
-        recording: The tip.
+        recording: Recording of the tip.
         target: Target of the strike.
-        until: Later frames are left out, unless the tip comes nearest there [s]; None: none are.
+        until: Frames after this time [s] are left out, unless the closest approach is among them; None: all frames are
+            used.
     """
     i = recording.markers.index("tip")
     seen = recording.seen[:, i]
@@ -102,7 +103,9 @@ def frames_of(recording: StrikeRecording, target: Target, until: float | None = 
 
 
 def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
-    """The last frame before a time and the first after it [s], where frames are missing between them; else None."""
+    """Return the times [s] of the last frame before and the first after `time`, if frames are missing between them;
+    else None.
+    """
     after = int(np.searchsorted(frames.t, time))
     if not 0 < after < len(frames.t):
         return None
@@ -111,7 +114,7 @@ def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
 
 
 def judge_frames(frames: Frames, target: Target) -> Judgement:
-    """The miss distance of a strike of which nothing is known but its frames."""
+    """Return the judgement of a strike from its frames alone, without a model of the whip."""
     t = np.arange(frames.t[0], frames.t[-1], 1 / RATE)
     nowhere = np.tile(frames.points.mean(axis=0), (1, len(t), 1))
     return weigh(t, nowhere, frames, target, _SIZES, _PACES)
@@ -120,13 +123,13 @@ def judge_frames(frames: Frames, target: Target) -> Judgement:
 def weigh(
     t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
 ) -> Judgement:
-    """Judge a miss by the paths (S, T, d) [m] that are expected at times t (T,) [s], and by frames.
+    """Return the judgement of a miss distance from sampled paths of the tip and from frames.
 
     Args:
-        t, paths: See above.
+        t, paths: Times (T,) [s] and sampled paths (S, T, d) [m].
         frames: Frames that show the tip.
         target: Point and hit radius.
-        sizes, paces: Of a discrepancy, the ones that are tried [m], [s].
+        sizes, paces: Standard deviations [m] and correlation times [s] of the model error that are tried.
     """
     d = paths.shape[2]
     at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(d)] for path in paths])  # (S, d, F)

@@ -197,23 +197,23 @@ def _clock_fault(problem: Problem, first: np.ndarray, solution: Solution) -> Clo
 def predict(
     recordings: Sequence[StrikeRecording], plant: Plant, nuisance: Mapping[str, float], options: FitOptions
 ) -> list[RecordingFit]:
-    """Recordings that were not fitted, and what the plant predicts of them.
+    """Return recordings that were not fitted, with the plant's predictions.
 
-    What drives the whip is known: the command, the measured joints, the tracked handle. Where a recording has unknowns
-    that are only its own (a first state, a robot's lag, nuisance), the first half of its frames fits them, and the
-    second half is predicted; a pendulum's free swing begins at its first sample.
+    The drive (command, measured joints or tracked handle) is taken from the recording. If a recording has own unknowns
+    (initial state, a robot's lag, nuisance parameters), they are fitted to the first half of its frames and the second
+    half is predicted. A pendulum's free swing starts from its first sample.
 
     Args:
-        recordings: To predict.
-        plant: As identified.
-        nuisance: Shared, as fitted.
-        options: Those of the fit.
+        recordings: Recordings to predict.
+        plant: Identified plant.
+        nuisance: Fitted values of the shared nuisance parameters.
+        options: Options of the fit.
 
     Returns:
-        Each recording's residuals, those of readings that were known left out.
+        Each recording with its residuals, without the readings to which its own unknowns were fitted.
 
     Raises:
-        InputError: A recording holds nothing but what has to be known of it.
+        InputError: A recording has no readings left to predict.
     """
     own = options.per_recording
     if options.drive == "free":  # encoders saw how it began
@@ -247,14 +247,14 @@ def choose_nodes(
     held_out: Sequence[StrikeRecording],
     options: FitOptions | None = None,
 ) -> tuple[int, dict[int, Fit]]:
-    """The number of nodes that predicts held-out recordings best, and the fits with each number.
+    """Return the number of nodes that predicts held-out recordings best, and the fits by number of nodes.
 
     Args:
-        recordings, plant, free, held_out, options: As for `fit`; the plant's whip is cut again for each number.
+        recordings, plant, free, held_out, options: As for `fit`; the plant's whip is divided again for each number.
         nodes: Numbers of nodes to try.
 
     Raises:
-        InputError: There is nothing held out to judge by, or nothing to try.
+        InputError: No recordings are held out, or no numbers of nodes are given.
     """
     if not held_out or not nodes:
         raise InputError(
@@ -265,6 +265,6 @@ def choose_nodes(
 
 
 def best_nodes(fits: Mapping[int, Fit]) -> int:
-    """The number of nodes, of several fits, that predicts the held-out recordings best."""
+    """Return the number of nodes, among several fits, that predicts the held-out recordings best."""
     error = {N: float(np.mean([r.chi**2 for r in found.held_out])) for N, found in fits.items()}
     return min(error, key=error.__getitem__)

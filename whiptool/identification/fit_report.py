@@ -53,9 +53,10 @@ def sections(
 
     Args:
         fit: The fit.
-        fitted, held_out: The recordings, in the fit's order.
-        nodes: N, RMSE of the fitted and of the held-out recordings [m], for each N that was tried.
-        chosen: The N that was taken.
+        fitted, held_out: Fitted and held-out recordings, in the fit's order.
+        nodes: For each number N of nodes that was tried: N, and the RMSE of the fitted and of the held-out recordings
+            [m].
+        chosen: The chosen number of nodes.
     """
     pairs = [(r, f, "fitted") for r, f in zip(fitted, fit.recordings, strict=True)]
     pairs += [(r, f, "held out") for r, f in zip(held_out, fit.held_out, strict=True)]
@@ -74,7 +75,7 @@ def sections(
 
 
 def parameters_section(fit: Fit) -> Section:
-    """Every parameter with its interval and class, and what is not seen."""
+    """Return the section with every parameter, its interval and class, and the directions without information."""
     rows = [["parameter", "best start", "value", "95 % interval", "class", "alone", "goes with", "correlation"]]
     for p in fit.parameters:
         flat = p.kind == "flat"
@@ -338,7 +339,7 @@ def _stated(recording: StrikeRecording, name: str, t: np.ndarray, *, deep: bool)
 
 
 def knowledge_section(fit: Fit) -> Section:
-    """Correlations and singular values."""
+    """Return the section with correlations and singular values."""
     U = fit.uncertainty
     names = [v.name for v in U.variables]
     size = 1.8 + 0.62 * len(names)
@@ -379,7 +380,7 @@ def knowledge_section(fit: Fit) -> Section:
 
 
 def convergence_section(fit: Fit) -> Section:
-    """Where every start began and ended."""
+    """Return the section with the convergence from every starting point."""
     figure = Figure(figsize=(8, 3.6), layout="constrained")
     ax = figure.subplots()
     marks = "osD^vP*X"

@@ -26,15 +26,16 @@ def each_episode(paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> StrikeRecording | VideoSource:
-    """One recording, or the images that it is to be tracked in.
+    """Return a recording, or the video in which the tip still has to be tracked.
 
     Args:
         path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        cameras: File of the cameras in space, of recordings in pixels and of films; default: the one that each names.
+        cameras: File of the calibrated cameras, for films and recordings in pixels in space; default: the one that each
+            recording names.
         handle: Whether the handle's path is needed, which is not tracked in images.
 
     Raises:
-        InputError: It is not a recording or is damaged; or images are to show the handle.
+        InputError: The file is not a recording or is damaged; or the handle is needed and the recording is a film.
     """
     options: dict[str, Any] = {}
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
@@ -59,14 +60,14 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
 
 
 def may_be_filmed(path: str) -> bool:
-    """Whether a recording is of a form that can hold images."""
+    """Whether a recording has a format that can contain images."""
     if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
         path = episode[1]
     return READERS[find_format(path)].video is not None
 
 
 def in_pixels(path: str) -> bool:
-    """Whether a recording is a CSV of where a camera in space saw markers, in pixels."""
+    """Whether a recording is a CSV file with a camera's pixel coordinates of markers."""
     if not Path(path).is_file() or find_format(path) != "csv":
         return False
     with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
@@ -81,8 +82,8 @@ def tracked(
 
     Args:
         found: Result of `opened`.
-        name: Name of its file.
-        tip: Looks of the tip's marker; default: those of the virtual camera.
+        name: Name of the file.
+        tip: Appearance of the tip's marker; default: as in the virtual camera's images.
 
     Returns:
         The recording, and whether it states that it is synthetic.

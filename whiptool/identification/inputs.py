@@ -25,14 +25,14 @@ from whiptool.vision.markers import Marker
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
-    """Paths to fit, and paths to hold out.
+    """Return the paths to fit, and those to hold out.
 
     Args:
         recordings: All paths.
-        held_out: How many of the last to hold out, or which; None: the last of three or more.
+        held_out: Number of last recordings to hold out, or their names; None: the last one if there are three or more.
 
     Raises:
-        InputError: A path is there twice, or nothing is left to fit.
+        InputError: A path is given twice, or nothing is left to fit.
     """
     if len(set(recordings)) < len(recordings):
         twice = next(name for name in recordings if recordings.count(name) > 1)
@@ -50,10 +50,10 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
 
 
 def names_of(name: str, known: Collection[str]) -> list[str]:
-    """Return the known names that a name stands for; none: it stands for nothing.
+    """Return the known parameter names that an abbreviated name means; empty if no name fits.
 
-    `whip.k` stands for itself, `k` for every name that ends with it after a dot, and `com`, where no name does, for its
-    elements: `link.com[0]`, `link.com[1]`.
+    `whip.k` means itself, `k` every name that ends with `.k`, and `com`, if no name ends with it, its elements
+    `link.com[0]`, `link.com[1]`, ...
     """
     if name in known:
         return [name]
@@ -62,10 +62,10 @@ def names_of(name: str, known: Collection[str]) -> list[str]:
 
 
 def full_name(name: str, plant: Plant) -> str:
-    """Return the name of a number, or of nuisance, as a plant knows it: `whip.k` of `k`.
+    """Return the full name of a parameter of a plant, or of a nuisance parameter: `whip.k` for `k`.
 
     Raises:
-        InputError: It knows none such, or several.
+        InputError: There is no such parameter, or several.
     """
     known = {**plant.values(), **NEUTRAL}
     found = names_of(name, known)
@@ -82,14 +82,14 @@ def full_name(name: str, plant: Plant) -> str:
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
-    """The profile that a model's file gives, or the uniform one of a whip with one number for all nodes, or lumped.
+    """Return the whip's profile: the one in the model's file, or the uniform profile of a whip with equal nodes.
 
     Args:
-        model: As it was read.
-        name: The preset or file that it was read from.
+        model: Model that was read.
+        name: Preset or file from which it was read.
 
     Raises:
-        InputError: There is neither.
+        InputError: The file has no profile, and the nodes are not equal.
     """
     if name.endswith(".toml"):
         profile = read_toml(Path(name)).get("whip", {}).get("profile")
@@ -101,15 +101,15 @@ def profile_of(model: Model, name: str) -> WhipProfile:
 
 
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:
-    """What is known beforehand: a TOML file of lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
+    """Read a prior from a TOML file with lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
 
-    An error is relative where the number is positive by nature, in its own unit where it may be zero (drag, friction,
-    rest angle, delay).
+    An error is relative for a parameter that is always positive, and in its own unit for one that may be zero (drag,
+    friction, rest angle, delay).
 
     Args:
-        path: The file; None: nothing is known.
-        plant: Knows the names.
-        free: Full names of what is fitted.
+        path: The file; None: there is no prior.
+        plant: Plant that has the parameters.
+        free: Full names of the fitted parameters.
 
     Raises:
         InputError: The file cannot be read, a name is not free, or a number is not positive.
@@ -137,7 +137,7 @@ def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior |
 
 
 def read_marker(path: str | None) -> Marker | None:
-    """A marker's looks: a TOML file with the fields of `Marker`; None without a file.
+    """Read a marker's appearance from a TOML file with the fields of `Marker`; None if no file is given.
 
     Raises:
         InputError: The file cannot be read, a key is unknown, or a value is not allowed.
@@ -159,12 +159,12 @@ def read_marker(path: str | None) -> Marker | None:
 
 
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
-    """The controller that the recordings hold, None if none does.
+    """Return the controller that the recordings state, or None if none does.
 
-    One that does not say which masses it compensated is taken for that of the others.
+    A controller without compensated masses counts as equal to one with them.
 
     Raises:
-        InputError: Two hold different ones, or one does not describe a controller.
+        InputError: Two recordings state different controllers, or a description is invalid.
     """
     found: Controller | None = None
     for recording in recordings:
@@ -194,17 +194,17 @@ def _controller_of(recording: StrikeRecording) -> Controller | None:
 def check_controllers(
     recordings: Sequence[StrikeRecording], controller: Controller, *, free: Sequence[str] = ()
 ) -> None:
-    """Refuse recordings of strikes that another controller made than the one that is to explain them.
+    """Refuse recordings of strikes that were made with another controller than the plant's.
 
-    A recording need not say which masses were compensated, and neither need say how long the torque is held.
+    The compensated masses are only compared if the recording states them, and the control period only if both do.
 
     Args:
-        recordings: Some may hold no controller.
+        recordings: Recordings; those without a controller are accepted.
         controller: Controller of the plant.
-        free: Names of numbers that are fitted; those of the controller need not be the recordings'.
+        free: Names of the fitted parameters; fitted ones of the controller may differ from the recordings'.
 
     Raises:
-        InputError: A recording holds another controller, or what does not describe one.
+        InputError: A recording states another controller, or an invalid one.
     """
     now, fitted = controller_to_table(controller), {name.split(".")[-1].split("[")[0] for name in free}
     unsaid = {"compensated", "control_period"}

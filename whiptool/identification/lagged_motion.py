@@ -16,12 +16,13 @@ _QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t 
 
 
 class LaggedReference:
-    """What a first-order lag leaves of a strike's reference, `lag dq/dt = reference - q`, in closed form.
+    """Motion of joints that follow a strike's reference with a first-order lag, `lag dq/dt = reference - q`, in closed
+    form.
 
     Args:
-        strike: The command, of joints.
+        strike: The command in joint space.
         arm: Arm with a joints, in space.
-        instants: Times at which the hand is wanted [s], (I,), from 0 on.
+        instants: Times at which the hand's motion is computed [s], (I,), not below 0.
 
     Attributes:
         start, rows, mean: As of a `BaseMotion`; the one coefficient is the lag [s].
@@ -33,7 +34,7 @@ class LaggedReference:
         self.rows, self.mean = np.array([[1 / SPREAD]]), np.array([USUAL / SPREAD])
 
     def at(self, c: np.ndarray) -> Moved:
-        """The motion with a lag c (1,) [s]; one below zero counts as one above."""
+        """Return the motion for a lag c (1,) [s], of which only the magnitude matters."""
         sign, lag = (-1.0 if c[0] < 0 else 1.0), max(abs(float(c[0])), _LEAST)
         share = _lagging(self._t, self._strike.D, lag + 1j * _STEP)  # (3, I)
         span = np.subtract(self._strike.q_f, self._strike.q_i)

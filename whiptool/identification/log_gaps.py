@@ -13,15 +13,15 @@ _AT_REST = 0.1  # [s] that a log may end before the last reading, if the arm sta
 
 
 def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: float) -> None:
-    """Refuse a log in which the arm's motion would have to be guessed.
+    """Refuse a log of joints or of a hand that does not cover the whole motion.
 
     Args:
         name: Name of the log, for messages.
-        t, q: Samples, (S,) [s], (S, a) [rad] or [m].
-        first, last: Readings that are to be predicted lie between [s].
+        t, q: Times (S,) [s] and samples (S, a) [rad or m] of the log.
+        first, last: Times of the first and last reading to predict [s].
 
     Raises:
-        InputError: It has a hole while the arm moves, starts late or ends early.
+        InputError: The log has a gap while the arm moves, starts late or ends early.
     """
     usual = max(_HOLE, 4 * float(np.median(np.diff(t))))
     gaps, moved = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)

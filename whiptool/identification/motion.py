@@ -24,14 +24,14 @@ LARGEST = 6e9  # [bytes] of a motion's derivatives
 
 
 class SmoothSpline:
-    """A regression spline of d quantities whose jerk is a priori about `jerk` at random.
+    """A regression spline of d quantities, with a normal prior of standard deviation `jerk` on the third derivative.
 
     Args:
-        start, end: Times that it has to cover [s].
-        knots: Their spacing [s].
-        jerk: Root mean square of the third derivative.
+        start, end: Time range that it covers [s].
+        knots: Spacing of the knots [s].
+        jerk: Prior root mean square of the third derivative [unit of the quantity / s^3].
         d: Number of quantities.
-        at_rest: Whether they are known to begin at rest: a priori their first rates are about `REST`.
+        at_rest: Whether they begin at rest: the prior standard deviation of their initial rates is `REST`.
     """
 
     def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int, at_rest: bool = False) -> None:
@@ -50,12 +50,16 @@ class SmoothSpline:
         self.penalty = np.kron(rows, np.eye(d))  # (rows, size d)
 
     def basis(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Values of the basis at times t (T,), or of a derivative: (T, size). Coefficient c[j, i] is entry j d + i."""
+        """Return the values of the basis functions, or of a derivative of them, at times t (T,) [s]: (T, size).
+
+        Coefficient j of quantity i is entry j d + i of the coefficient vector.
+        """
         return self._basis(t, nu=derivative)
 
     def fit(self, t: np.ndarray, values: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-        """Coefficients (size d,) nearest to values (T, d) of standard error sigma (T,) or (T, d), those that are NaN
-        left out."""
+        """Return the coefficients (size d,) fitted to values (T, d) with standard errors sigma (T,) or (T, d); NaN is
+        ignored.
+        """
         seen = ~np.isnan(values).any(axis=1)
         weight = np.broadcast_to(1 / (sigma if sigma.ndim == 2 else sigma[:, None]), values.shape)[seen]
         rows = np.vstack([np.kron(self.basis(t[seen]), np.eye(self.d)) * weight.reshape(-1, 1), self.penalty])
@@ -83,14 +87,14 @@ def _spacing(t: np.ndarray, samples: float) -> float:
 
 
 def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jerk: float, at_rest: bool) -> float:
-    """Spacing of knots that predicts left-out samples best [s].
+    """Return the spacing of knots [s] that predicts left-out samples best.
 
-    By generalised cross-validation (Craven and Wahba 1979) among some multiples of the samples' spacing: what moves
-    abruptly needs a knot a sample, where a smooth motion and noisy samples want fewer.
+    Generalised cross-validation (Craven and Wahba 1979) chooses among multiples of the sampling interval: abrupt motion
+    needs one knot per sample, smooth motion with noisy samples fewer.
 
     Args:
-        t, values, noise: Samples (S,) [s], (S, d), and the error of each quantity, (d,).
-        jerk, at_rest: As of a `SmoothSpline`.
+        t, values, noise: Times (S,) [s], samples (S, d), and standard error of each quantity, (d,).
+        jerk, at_rest: As in `SmoothSpline`.
     """
     spacings = list(dict.fromkeys(_spacing(t, samples) for samples in _SAMPLES_A_KNOT))
     if len(spacings) == 1 or len(t) <= DEGREE + 1:
@@ -112,12 +116,12 @@ def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jer
 
 @dataclass(frozen=True)
 class Moved:
-    """A base motion at I instants, and its derivatives by its C coefficients.
+    """Motion of the base at I instants, and its derivatives by the C coefficients.
 
     Args:
-        inputs, d_inputs: As a swing takes them, (I, 7), (C, I, 7); in space (I, 21), (C, I, 21).
-        place, d_place: Place and d place of the base [m], (I, d), (C, I, d).
-        q_i, d_q_i: The arm's joints at the first instant [rad], (a,), (C, a).
+        inputs, d_inputs: Inputs of `whiptool.dynamics.swing`, (I, 7), (C, I, 7); in space (I, 21), (C, I, 21).
+        place, d_place: Position of the base [m] and its derivatives, (I, d), (C, I, d).
+        q_i, d_q_i: Positions of the arm's joints at the first instant [rad] and their derivatives, (a,), (C, a).
     """
 
     inputs: np.ndarray
@@ -129,13 +133,13 @@ class Moved:
 
 
 class BaseMotion(Protocol):
-    """A prescribed motion whose coefficients are themselves unknown: what was measured of it carries errors, too.
+    """A prescribed motion of the base whose C coefficients are fitted, because its measurement has errors, too.
 
-    The whip's tip magnifies errors of its base a hundredfold; a motion that is held fixed would hide that.
+    The tip amplifies errors of the base about a hundredfold, which a fixed motion would ignore.
 
     Attributes:
         start: Coefficients that fit the measurement best, (C,).
-        rows, mean: Knowledge of the coefficients c apart from the markers: `rows @ c - mean` is standard normal.
+        rows, mean: Prior of the coefficients c from all data but the markers: `rows @ c - mean` is standard normal.
     """
 
     start: np.ndarray
@@ -148,12 +152,12 @@ class BaseMotion(Protocol):
 
 
 class StillMotion:
-    """The base stays where it is: nothing of its motion is unknown.
+    """A base at rest; it has no coefficients.
 
     Args:
-        place: Place of the base [m], (2,).
-        instants: How many the base is wanted at.
-        joints: Number of joints of the arm that is not there.
+        place: Position of the base [m], (2,).
+        instants: Number of instants.
+        joints: Number of joints of the arm, whose positions are zero.
     """
 
     def __init__(self, place: np.ndarray, instants: int, *, joints: int) -> None:
@@ -164,19 +168,20 @@ class StillMotion:
         self._moved = Moved(np.zeros((instants, BASE)), d_inputs, places, none, np.zeros(joints), d_q_i)
 
     def at(self, c: np.ndarray) -> Moved:
-        """The motion; c is empty."""
+        """Return the motion; c is empty."""
         return self._moved
 
 
 class HandleMotion:
-    """The base follows a spline of the handle's path; it does not turn.
+    """The base follows a spline through the handle's path without rotating.
 
-    Its markers are residuals of the fit like any others; apart from them only the jerk's usual size is known.
+    The handle's markers are residuals of the fit like all others; the only prior is the typical size of the jerk.
 
     Args:
-        t, points, sigma: Handle as tracked: (T,), (T, 2), (T,); NaN where it was not seen.
-        instants: Times at which the base is wanted [s], (I,), equally spaced.
-        joints: Number of joints of the arm that is not there.
+        t, points, sigma: Times (T,) [s], positions (T, 2) [m] and standard errors (T,) [m] of the tracked handle; NaN
+            where it was not seen.
+        instants: Times at which the base's motion is computed [s], (I,), equally spaced.
+        joints: Number of joints of the arm, whose positions are zero.
         knots: Spacing of the spline's knots [s]; default: 1.5 frames.
         at_rest: Whether the handle is at rest at the first instant.
     """
@@ -214,13 +219,13 @@ class HandleMotion:
 
 
 class MeasuredJoints:
-    """A spline through the measured joints of an arm, whose coefficients are known as well as its log is.
+    """A spline through the measured joints of an arm; the prior of its coefficients is the fit to the joint log.
 
     Args:
-        t, q: Joint log: (S,) [s], (S, a) [rad].
+        t, q: Times (S,) [s] and positions (S, a) [rad] of the joint log.
         arm: Arm with a joints.
-        instants: Times at which the base is wanted [s], (I,).
-        knots: Spacing of the spline's knots [s]; default: as the log tells, see `cross_validated`.
+        instants: Times at which the base's motion is computed [s], (I,).
+        knots: Spacing of the spline's knots [s]; default: chosen by `cross_validated`.
         at_rest: Whether the arm is at rest at the first instant.
 
     Attributes:
@@ -273,7 +278,7 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
 
 
 class JointMotion(MeasuredJoints):
-    """The base is the hand of a planar arm whose joints were measured; it turns with the last link."""
+    """The base is the hand of a planar arm whose joints were measured; it rotates with the last link."""
 
     def at(self, c: np.ndarray) -> Moved:
         """The motion with coefficients c (C,)."""
@@ -306,7 +311,7 @@ class JointMotion(MeasuredJoints):
 
 
 class SpatialJointMotion(MeasuredJoints):
-    """The base is the hand of an arm in space whose joints, or whose hand's place and turns, were measured."""
+    """The base is the hand of an arm in space whose joints, or whose hand's position and orientation, were measured."""
 
     def at(self, c: np.ndarray) -> Moved:
         """The motion with coefficients c (C,)."""

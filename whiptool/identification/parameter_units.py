@@ -35,12 +35,12 @@ _OF_SLIDES = {"friction": "N s/m", "armature": "kg", "torque_limit": "N"}
 
 
 def unit_of(name: str, slides: Sequence[bool] = ()) -> str:
-    """Return the unit of a free number; empty: it has none.
+    """Return the unit of a parameter; empty if it has none.
 
     Args:
-        name: Such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
-        slides: Which joints of the arm slide, (a,); a gain of an arm of two, `law.K[1]`, is that of the first joint's
-            torque by the second one's position. Empty: none slides.
+        name: Name of the parameter, such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
+        slides: Which joints of the arm are prismatic, (a,), as the unit of a gain depends on it: for two joints
+            `law.K[1]` is torque of joint 1 per position of joint 2. Empty: none is.
     """
     group, dot, quantity = name.partition(".")
     group, quantity = (group, quantity) if dot else ("", name)
@@ -61,5 +61,5 @@ def _gain(symbol: str, *, force: bool, length: bool) -> str:
 
 
 def with_unit(value: float, unit: str, digits: int = 5) -> str:
-    """Return a value with its unit, to so many significant digits."""
+    """Return a value with its unit as text, rounded to `digits` significant digits."""
     return f"{rounded(value, digits)} {unit}".strip()

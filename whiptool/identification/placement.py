@@ -25,19 +25,19 @@ NEUTRAL = {name: float(name in ("scale", "clock_rate")) for name in NUISANCE}
 
 
 def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
-    """Return places x (..., d) as they are measured, for values of `PLACED[d]`."""
+    """Return positions x (..., d) in the frame of the measurement, for placement parameters `PLACED[d]`."""
     d = x.shape[-1]
     shift = [given[f"shift_{axis}"] for axis in "xyz"[:d]]
     return given["scale"] * x @ _turned(given, d)[0].T + shift
 
 
 def carried(dx: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
-    """Return how measured places change where the places do by dx (..., d)."""
+    """Return the change of measured positions for a change dx (..., d) of the true ones."""
     return given["scale"] * dx @ _turned(given, dx.shape[-1])[0].T
 
 
 def by_placement(x: np.ndarray, given: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Return how measured places change by each of `PLACED[d]`, for places x (K, d): (K, d) each."""
+    """Return the derivatives of measured positions x (K, d) by each of `PLACED[d]`, (K, d) each."""
     d = x.shape[-1]
     R, slopes = _turned(given, d)
     found = {"scale": x @ R.T}

@@ -28,17 +28,18 @@ Quantities = dict[str, np.ndarray]  # numbers of the chain by block, as the gene
 
 @dataclass(frozen=True)
 class Plant:
-    """A model and a controller whose parameters can be fitted; the whip has numbers per node or a profile.
+    """A model and a controller whose parameters can be fitted; the whip has values per node or a profile.
 
     Args:
         model: Whip, arm, gravity; or an arm without a whip, a `BareArm`.
         controller: Controller of the arm; needed where the command drives the whip.
-        profile: The whip's profile; the model's whip is then lumped from it, its dry friction kept.
-        clamp: Direction of a clamp that holds the whip, 0 for straight down [rad]; the whip also bends at the clamp,
-            see `held`. None: the hinge is that of the model.
+        profile: The whip's profile, from which the nodes of the model's whip are then computed; its dry friction is
+            kept.
+        clamp: Direction of a clamp that holds the whip, 0 for straight down [rad]; the first joint then has the bending
+            stiffness of the clamped half link, see `held`. None: the hinge of the model.
 
     Its parameters are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
-    `profile.length` and so on in place of those of the whip.
+    `profile.length` and so on instead of the whip's.
     """
 
     model: Model | Any  # a BareArm, where the whip is left out
@@ -68,10 +69,10 @@ class Plant:
 
     @property
     def held(self) -> Model:
-        """The model as it is held: with a clamp, the hinge's numbers are those of half a link's bending.
+        """The model with the clamp applied: the hinge gets the bending parameters of half a link.
 
-        Its compliance, rest angle and losses are half those of a joint between two links; numbers per node are kept:
-        they include the hinge.
+        Its compliance, rest angle and losses are half those of a joint between two links. Values that are given per
+        node are kept, as they include the hinge.
         """
         if self.clamp is None:
             return self.model
@@ -88,7 +89,7 @@ class Plant:
         return dataclasses.replace(self.model, whip=dataclasses.replace(whip, **numbers))
 
     def values(self) -> dict[str, float]:
-        """Every number that can be freed, by name."""
+        """Return all parameters that can be fitted, by name."""
         named = self.model.parameters()
         if self.profile is not None:
             named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}
@@ -100,7 +101,7 @@ class Plant:
         return named | ({} if self.controller is None else self.controller.parameters())
 
     def changed(self, changes: Mapping[str, float]) -> Plant:
-        """A copy with some of `values()` changed.
+        """Return a copy with some of `values()` changed.
 
         Raises:
             InputError: A name is unknown, or a value is not allowed.
@@ -128,10 +129,10 @@ class Plant:
         return Plant(model, controller, profile, changes.get("clamp", self.clamp))
 
     def with_nodes(self, N: int) -> Plant:
-        """The same whip with another number of nodes.
+        """Return the plant with another number N of nodes.
 
-        A profile is lumped again; free numbers keep length, mass, and the whip's bending as a whole: `l` and `m` go
-        with 1/N, `k` and `b` with N, `cubic_stiffness` with N^3, `drag` with 1/N.
+        The nodes of a profile are computed again. Otherwise total length, mass and bending of the whip are kept: `l`,
+        `m` and `drag` scale with 1/N, `k` and `b` with N, `cubic_stiffness` with N^3.
 
         Raises:
             InputError: The whip has values per node and no profile.
@@ -152,7 +153,7 @@ class Plant:
         return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile, self.clamp)
 
     def quantities(self) -> Quantities:
-        """Numbers of arm, whip, gravity and law by block."""
+        """Return the parameters of arm, whip, gravity and law as blocks, by name."""
         if isinstance(self.model, BareArm):
             return self.model.quantities()
         model, blocks = self.held, {}
@@ -171,8 +172,9 @@ class Plant:
 
 
 def units(plant: Plant, names: Sequence[str]) -> dict[str, str]:
-    """Return the units of a plant's numbers by their names; those of gains are per length where joints slide, or of
-    the hand's place."""
+    """Return the units of a plant's parameters by name; of gains they depend on whether joints slide or the hand is
+    controlled.
+    """
     arm, controller = plant.model.arm, plant.controller
     of_law = of_arm = [joint in arm.slides for joint in arm.joints]
     if controller is not None and controller.hand is not None:
@@ -200,10 +202,10 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
 
 
 def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
-    """Derivative of every block of `quantities()` by each named number.
+    """Return the derivatives of the blocks of `quantities()` by each named parameter.
 
-    Blocks are linear in the numbers of model and law, so that one unit's difference is their derivative; those of a
-    profile are differentiated by CasADi.
+    Blocks are linear in the parameters of model and law, so that a unit difference is the derivative; derivatives by a
+    profile's parameters are computed with CasADi.
 
     Raises:
         InputError: A name is unknown.

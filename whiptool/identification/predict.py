@@ -25,14 +25,15 @@ _INTERVAL = 1e-3  # [s] between samples of a path
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a recording should have read, flat over its K readings that are not missing.
+    """Predicted values of a recording's K readings that are not missing.
 
     Args:
-        value: [m], [rad], or of a camera's view [pixels] and, of depth, its inverse [1/m], (K,).
+        value: Predicted readings, (K,): [m], [rad], or for a camera in space [pixels] and, for depth, its inverse
+            [1/m].
         by_shared, by_own: Derivatives by the shared unknowns (K, G) and by this recording's own (K, L); empty if not
-            asked for.
-        size: How far a place moves at least that moves a reading by one [m/pixel], of depth [m^2], (K,); 1 where places
-            are read.
+            requested.
+        size: Smallest displacement of a point that changes the reading by one unit [m/pixel], for depth [m^2], (K,); 1
+            for positions.
         by_time: Derivative by the time of each reading, (K,).
     """
 
@@ -44,17 +45,16 @@ class Prediction:
 
 
 class Predictor:
-    """Predicts recordings of one kind.
+    """Predicts the readings of recordings that have the same kind of drive.
 
     Args:
         recordings: Recordings to predict.
-        plant: Plant of which some numbers vary; its structure is kept.
+        plant: Plant of which some parameters vary; its structure is fixed.
         drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
-        shared: Names of what is free and the same for all recordings: numbers of the plant, or of `NUISANCE`.
-        own: Names in `NUISANCE` of parameters that are free for each recording separately; and `start`, its state at
-            the start.
-        timestep: Equal steps of this length [s]; None: of strikes that a command drives they are chosen by their
-            errors, and the other drives, which are tabulated at the steps, take 1 ms.
+        shared: Names of free parameters that are the same for all recordings: of the plant, or in `NUISANCE`.
+        own: Names in `NUISANCE` of parameters that are free for each recording separately; also `start`, its initial
+            state.
+        timestep: Time step [s]; None: 1 ms, or for the drive `command` chosen by the integration error.
         knots: Spacing of the spline of a prescribed motion [s].
 
     Raises:
@@ -111,11 +111,11 @@ class Predictor:
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
 
     def names(self, i: int) -> list[str]:
-        """Markers of recording i that are predicted."""
+        """Return the names of the markers of recording i that are predicted."""
         return self._read[i].names
 
     def own_names(self, i: int) -> list[str]:
-        """What the entries of recording i's own unknowns are."""
+        """Return the names of recording i's own unknowns, in order."""
         named = [f"{name}[{j}]" for name, x in self.drives[i].unknowns.items() for j in range(len(x))]
         return named + self._own_nuisance
 
@@ -155,8 +155,9 @@ class Predictor:
         return found
 
     def many(self, i: int, plants: Sequence[Plant], delays: Sequence[float]) -> np.ndarray:
-        """Readings of recording i with each of many plants and delays of its clock [s], (plants, K); NaN from where a
-        path diverged."""
+        """Return the K readings of recording i for each of many plants and clock delays [s], (plants, K); NaN after
+        divergence.
+        """
         d, read = self.drives[i], self._read[i]
         own = self.start[i][: sum(len(x) for x in d.unknowns.values())]
         shots = [d.shot(plant, d.pack(plant, []), own) for plant in plants]
@@ -169,9 +170,12 @@ class Predictor:
     def path(
         self, i: int, plant: Plant, nuisance: dict[str, float], own: np.ndarray
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Predicted path of every measured marker of recording i, in the recording's own clock and frame: times (S,)
-        [s], positions by marker, (S, d) [m] (or the angles by link, (S, 1) [rad], or of a view pixels, (S, 2), and
-        where depth was measured [m] in a third column)."""
+        """Return the predicted paths of recording i in its own clock and frame: times (S,) [s], and positions by
+        marker.
+
+        Positions are (S, d) [m]; for a pendulum angles by link, (S, 1) [rad]; for a camera in space pixels, (S, 2),
+        with depth [m] in a third column if it was measured.
+        """
         d, read = self.drives[i], self._read[i]
         k = sum(len(x) for x in d.unknowns.values())
         y, _ = self._roll([d.shot(plant, d.pack(plant, []), own[:k])], derivatives=False, which=[i])[0]

@@ -31,29 +31,30 @@ _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first stat
 
 @dataclass(frozen=True)
 class FitOptions:
-    """How to fit.
+    """Options of a fit.
 
     Args:
-        drive: What drives the whip: `command`, `robot` (the command, which a position-controlled arm in space follows
-            behind a lag that is fitted), `joints`, `hand` (its measured pose, in space), `handle`, `passive` (nothing:
-            it is held still and was released), `free` (of a pendulum's angles).
-        per_recording: Nuisance that each recording has its own value of: of `NUISANCE`, see
-            `whiptool.identification.placement`; `start`, the state at the start (always, in a passive or free swing).
-        bounds: Bounds of free numbers, by name.
+        drive: What drives the whip: `command`; `robot` (the command, followed by a position-controlled arm in space
+            with a fitted lag); `joints` (measured joints); `hand` (the hand's measured pose, in space); `handle` (a
+            tracked handle); `passive` (nothing: the whip hangs from a fixed point after release); `free` (a pendulum's
+            angles).
+        per_recording: Nuisance parameters with a separate value for each recording: names in `NUISANCE`, see
+            `whiptool.identification.placement`, and `start`, the initial state (always included for `passive` and
+            `free`).
+        bounds: Bounds of free parameters, by name.
         prior: Prior of the shared free parameters.
         loss: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
-        starts: How many; the first is the plant as given.
-        dispersion: The others are drawn within this factor of it.
-        pieces: Lengths of the pieces that a free swing is cut into, one stage after the other [s]; the recordings as
-            they are come last. For swings that forget their start.
-        timestep: Equal steps of this length [s]; None: see `Predictor`.
-        knots: Spacing of the spline of a prescribed motion [s]; None: of joints and hand as their log tells, of a
-            tracked handle 1.5 frames.
-        seed: Seed of the starts.
-        check: Whether recordings are judged: which controller struck them, where their first readings are
-            (`whiptool.identification.beginnings`), and whether their times are right
-            (`whiptool.identification.time_base`).
-        max_iterations, tolerance: When a solution ends, see `whiptool.identification.solver.solve`.
+        starts: Number of starting points; the first is the plant as given.
+        dispersion: Largest factor between the other starting points and the first.
+        pieces: Lengths [s] of the pieces into which a free swing is cut, one length for each stage of the fit; the last
+            stage uses whole recordings. For chaotic swings.
+        timestep: Time step [s]; None: see `Predictor`.
+        knots: Spacing of the knots of a prescribed motion's spline [s]; None: by cross-validation for joints and hand,
+            1.5 frames for a tracked handle.
+        seed: Seed of the starting points.
+        check: Whether recordings are checked: their controller, their first readings
+            (`whiptool.identification.beginnings`), and their times (`whiptool.identification.time_base`).
+        max_iterations, tolerance: Stopping criteria, see `whiptool.identification.solver.solve`.
     """
 
     drive: str = "command"
@@ -84,7 +85,7 @@ class FitOptions:
 
 
 class Problem:
-    """Recordings, plant and variables as the solver's blocks."""
+    """Recordings, plant and free parameters as a least-squares problem in the solver's blocks."""
 
     def __init__(
         self,
@@ -115,28 +116,28 @@ class Problem:
 
     @property
     def starts_free(self) -> bool:
-        """Whether the first state of a recording is unknown."""
+        """Whether the initial state of each recording is unknown."""
         return "start" in self._own
 
     def values(self, z: np.ndarray) -> dict[str, float]:
-        """The shared free numbers by name."""
+        """Return the shared free parameters by name, for the solver's variables z (G,)."""
         return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}
 
     def split(self, z: np.ndarray) -> tuple[Plant, dict[str, float]]:
-        """The plant with these numbers, and the shared nuisance."""
+        """Return the plant with the parameters of z (G,), and the shared nuisance parameters by name."""
         values = self.values(z)
         plant = self.plant.changed({k: v for k, v in values.items() if k not in NUISANCE})
         return plant, {k: v for k, v in values.items() if k in NUISANCE}
 
     def solve(self, z: np.ndarray, *, fixed: bool = False, known: Sequence[np.ndarray] | None = None) -> Solution:
-        """From this start: pieces first, if any, then the whole recordings.
+        """Solve from a starting point: first with pieces of the recordings, if any, then with whole recordings.
 
-        A free first state is sought in the first readings before the others are looked at: a path that begins far from
-        what was recorded leads a fit astray.
+        A free initial state is first fitted to the first readings alone, because a path with a wrong start leads the
+        fit to a wrong minimum.
 
         Args:
-            z: Shared unknowns.
-            fixed: Whether they stay as they are, and only own unknowns are sought.
+            z: Starting values of the shared unknowns, (G,).
+            fixed: Whether z is fixed and only the recordings' own unknowns are fitted.
             known: FittedReadings of each recording that are fitted, 1 or 0; default: all.
         """
         if self.options.drive == "passive":
@@ -158,13 +159,13 @@ class Problem:
         return solution
 
     def first(self, i: int, share: float) -> np.ndarray:
-        """1 for the readings in the first share of the frames of recording i, 0 for the others, (K,)."""
+        """Return 1 for readings in the first `share` (0 to 1) of recording i's frames and 0 for the others, (K,)."""
         frame = self.predictor.channels[i][:, 0]
         frames = np.unique(frame)
         return (frame < frames[min(int(np.ceil(share * len(frames))), len(frames) - 1)]).astype(float)
 
     def of_marker(self, i: int, marker: str) -> np.ndarray:
-        """1 for the readings of one marker in recording i, 0 for the others, (K,)."""
+        """Return 1 for the readings of one marker in recording i and 0 for the others, (K,)."""
         return (self.predictor.channels[i][:, 1] == self.predictor.names(i).index(marker)).astype(float)
 
     def _solve_stage(
@@ -190,14 +191,16 @@ class Problem:
         )
 
     def refine(self, solution: Solution) -> Solution:
-        """On from a solution, with the present limit of the loss."""
+        """Continue from a solution with the current limit of Huber's loss, and return the new solution."""
         again = self._solve_stage(self.predictor, solution.z, solution.own)
         again.history = solution.history + again.history
         again.evaluations += solution.evaluations
         return again
 
     def adapt(self, solution: Solution) -> bool:
-        """Widen Huber's limit to the spread that the residuals really have; whether that matters."""
+        """Widen the limit of Huber's loss to the actual spread of the residuals; return whether this changes it
+        noticeably.
+        """
         if self.options.loss is None:
             return False
         P = self.predictor
@@ -265,7 +268,7 @@ class Problem:
         return np.vstack(rows), np.concatenate(means)
 
     def assess(self, solution: Solution) -> Uncertainty:
-        """Uncertainty at a solution."""
+        """Return the uncertainty at a solution."""
         pseudo = self._pseudo(solution)
         prior = None if self._prior is None else self._prior[0]
         values = self.split(solution.z)[0].values()
@@ -294,7 +297,7 @@ class Problem:
         return [r.t[channel[:, 0]] for r, channel in zip(self._recordings, self.predictor.channels, strict=True)]
 
     def clock_fault(self, solution: Solution, *, correlated: bool = True) -> ClockFault | None:
-        """The likeliest fault of a recording's time base, with its significance; see `likeliest_fault`."""
+        """Return the most likely fault of a recording's times and its significance; see `likeliest_fault`."""
         P, prior = self.predictor, None
         predictions = P(*self.split(solution.z), solution.own, derivatives=False)
         inside = np.array([not v.bound(z) for v, z in zip(self.variables, solution.z, strict=True)])
@@ -310,9 +313,10 @@ class Problem:
         return likeliest_fault(readings, prior, fitted=fitted, correlated=correlated)
 
     def with_clocks(self) -> Problem | None:
-        """The same with a delay and a clock rate of each recording's own; None where they have them, or cannot have.
+        """Return the problem with a free delay and clock rate for each recording; None if they are free already or
+        cannot be.
 
-        A free first state takes a delay up, and encoders have no separate clock.
+        With a free initial state a delay cannot be distinguished, and encoders have no separate clock.
         """
         kinds: Sequence[str] = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
         own = [name for name in kinds if name not in (*self.free, *self._own)]
@@ -324,7 +328,9 @@ class Problem:
         return wider
 
     def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
-        """Every recording and its prediction; readings that were known are not among the residuals."""
+        """Return every recording with its prediction at a solution; readings with `known` = 1 are not among the
+        residuals.
+        """
         plant, nuisance = self.split(solution.z)
         P, found = self.predictor, []
         predictions = P(plant, nuisance, solution.own, derivatives=False)

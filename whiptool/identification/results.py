@@ -32,22 +32,22 @@ class RecordingFit:
 
     Args:
         source: File of the recording.
-        residuals: Predicted minus measured [m], [rad], or of a camera's view [pixels] and, of depth, of its inverse
-            [1/m], (K,).
-        measured: Likewise, (K,).
-        sigma: Stated standard errors, (K,).
+        residuals: Predicted minus measured readings, (K,): [m], [rad], or for a camera in space [pixels] and, for
+            depth, its inverse [1/m].
+        measured: Measured readings in the same units, (K,).
+        sigma: Stated standard errors of the readings, (K,).
         weight: Weights of Huber's loss, 1 for small residuals, (K,).
-        channels: Frame, marker and axis of each residual, (K, 3); axis 2 of a view is depth.
-        markers: Names of the markers that `channels` counts.
+        channels: Frame, marker and axis of each residual, (K, 3); for a camera in space axis 2 is depth.
+        markers: Names of the markers to which `channels` refers.
         own: The recording's own unknowns by name.
         t: Times of the predicted path [s], (S,).
-        path: Predicted path of each marker, (S, d) [m], (S, 2) [pixels] or (S, 1) [rad], in the recording's frame and
-            clock; where depth was measured, [m] in a third column after pixels.
-        predicted_from: Frame time from which on it was predicted [s]; what was read before fitted its own unknowns and
-            is not among the residuals. None: all of it was fitted or predicted.
-        size: Of a view: how far a place moves at least that moves a reading by one [m/pixel], [m^2], (K,); None for
-            recordings without such a view.
-        view: The camera whose pixels it holds.
+        path: Predicted path of each marker in the recording's frame and clock, (S, d) [m], (S, 2) [pixels] or (S, 1)
+            [rad]; depth [m], if measured, is a third column after the pixels.
+        predicted_from: Time [s] from which it was predicted; earlier readings were used to fit its own unknowns and are
+            not among the residuals. None: all readings were fitted, or all were predicted.
+        size: For a camera in space, the smallest displacement of a point that changes the reading by one unit
+            [m/pixel], for depth [m^2], (K,); else None.
+        view: Camera of a recording in pixels; else None.
     """
 
     source: str
@@ -66,7 +66,7 @@ class RecordingFit:
 
     @property
     def deep(self) -> np.ndarray:
-        """Which residuals are of depth, (K,)."""
+        """Which residuals are residuals of depth, (K,)."""
         return (self.channels[:, 2] == DEPTH_AXIS) & (self.view is not None)
 
     @property
@@ -76,36 +76,40 @@ class RecordingFit:
 
     @property
     def errors(self) -> np.ndarray:
-        """The residuals [m] or [rad], (K,); of pixels how far the place is off at least, across the line of sight, of
-        depth how far it is off along the optical axis, too far being negative."""
+        """Residuals as lengths [m] or angles [rad], (K,).
+
+        Pixels are converted to the smallest displacement across the line of sight, inverse depth to the error along the
+        optical axis, negative if predicted too far.
+        """
         return self.residuals if self.view is None or self.size is None else self.residuals * self.size
 
     @property
     def rmse(self) -> float:
-        """Root mean square of the errors [m] or [rad], those of depth left out."""
+        """Root mean square of the errors [m] or [rad], without those of depth."""
         return root_mean_square([self]) or 0.0
 
     @property
     def pixels(self) -> float | None:
-        """Root mean square of the residuals in a camera's view [pixels]; None without such a view."""
+        """Root mean square of the residuals in pixels; None if the recording is not from a camera in space."""
         return root_mean_square([self], "pixels")
 
     @property
     def depth(self) -> float | None:
-        """Root mean square of the errors of depth [m]; None: none was measured."""
+        """Root mean square of the errors of depth [m]; None if none was measured."""
         return root_mean_square([self], "depth")
 
     @property
     def chi(self) -> float:
-        """The same in units of the stated errors; about 1 if model and errors are right."""
+        """Root mean square of the residuals in units of their stated errors; about 1 if model and errors are right."""
         return float(np.sqrt(np.mean((self.residuals / self.sigma) ** 2)))
 
 
 def root_mean_square(
     found: Sequence[RecordingFit], of: Literal["places", "pixels", "depth"] = "places"
 ) -> float | None:
-    """Root mean square over several recordings, per coordinate: of the errors without those of depth [m] or [rad], of
-    the residuals in cameras' views [pixels], or of the errors of depth [m]; None where there are none."""
+    """Return the root mean square of all errors of several recordings, per coordinate [m], without depth; None for no
+    recordings.
+    """
     parts = {
         "places": [r.errors[~r.deep] for r in found],
         "pixels": [r.residuals[~r.deep] for r in found if r.view is not None],
@@ -116,14 +120,14 @@ def root_mean_square(
 
 @dataclass(frozen=True)
 class FittedStart:
-    """One start and where it led.
+    """One starting point and the solution from it.
 
     Args:
-        start: First values of the shared free numbers by name.
-        values: Last ones.
-        solution: Solution of the last stage; its history holds the convergence.
-        over_best: Its cost over that of the best start, 1 for the best.
-        failed: Whether it ended so far above the best start that its values lie outside what the best one leaves open.
+        start: Starting values of the shared free parameters by name.
+        values: Final values.
+        solution: Solution of the last stage, with the history of its convergence.
+        over_best: Ratio of its cost to that of the best run.
+        failed: Whether its cost is so far above the best that its values are outside the best run's confidence region.
     """
 
     start: dict[str, float]
@@ -134,20 +138,20 @@ class FittedStart:
 
     @property
     def outcome(self) -> str:
-        """How it ended, in words."""
+        """How the run ended, as text."""
         if self.failed:
             return f"failed: it ended at {self.over_best:.3g} times the cost of the best start"
         return self.solution.status.value
 
 
 def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart]:
-    """The starts, the best first, each with how far above the best it ended, and whether it failed.
+    """Return the runs sorted by cost, each with `over_best` and `failed` set.
 
-    By the likelihood ratio: with the residuals' variance as at the best end, twice the difference of the costs is
-    chi-squared with as many degrees of freedom as there are unknowns, if both ends belong to one minimum.
+    A run failed by the likelihood ratio test: if two runs ended in the same minimum, twice the difference of their
+    costs over the residual variance of the best is chi-squared, with as many degrees of freedom as there are unknowns.
 
     Args:
-        runs: Each start with its end; costs are of one loss.
+        runs: Runs, all with the same loss.
         readings: Number of residuals.
     """
     ordered = sorted(runs, key=lambda run: run.solution.cost)
@@ -161,14 +165,15 @@ def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart
 
 
 def misfit_of(recordings: Sequence[RecordingFit]) -> float:
-    """Root mean square of recordings' errors over what they state; NaN of none."""
+    """Return the root mean square of recordings' residuals in units of their stated errors; NaN without residuals."""
     return math.sqrt(sum(found.chi**2 for found in recordings) / len(recordings)) if recordings else math.nan
 
 
 def is_explained(uncertainty: Uncertainty, recordings: Sequence[RecordingFit], clock_fault: ClockFault | None) -> bool:
-    """Whether a model explains the readings and no time base is faulty: else none of the fit's intervals holds.
+    """Whether a model explains the readings and no recording's times are wrong; otherwise the fit's intervals are not
+    valid.
 
-    The readings' misfit is at most `MISFIT`, with those that Huber's loss weighs down and without.
+    The misfit has to be at most `MISFIT`, both with all readings and with Huber's weights.
     """
     too_far = misfit_of(recordings) > MISFIT or uncertainty.residual_variance > MISFIT**2
     return clock_fault is None and not too_far
@@ -232,7 +237,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def model(self) -> Model:
-        """The model with the fitted numbers."""
+        """The model with the fitted parameters."""
         return self.plant.model
 
     @property
@@ -247,14 +252,14 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """The free numbers that ended at a bound, by name: `lower` or `upper`."""
+        """The free parameters that ended at a bound, by name: `lower` or `upper`."""
         U = self.uncertainty
         ends = {v.name: v.bound(float(z)) for v, z in zip(U.variables, U.z, strict=True)}
         return {name: end for name, end in ends.items() if end}
 
     @property
     def failed(self) -> tuple[FittedStart, ...]:
-        """The starts that ended far above the best one."""
+        """The runs that ended far above the best one."""
         return tuple(run for run in self.runs if run.failed)
 
     @property

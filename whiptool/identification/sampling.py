@@ -10,14 +10,14 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # of the exposure's avera
 
 
 class Readings:
-    """Where K readings of a path lie on its grid, and with what weights.
+    """Interpolates K readings from paths that are sampled on an equidistant time grid.
 
-    A path stands still before its grid begins, as a strike does before its command, and after it ends.
+    Before and after the grid a path is constant.
 
     Args:
         at: Times of the readings [s], (K,).
-        exposure: Each is the path's mean over this span around its time [s].
-        start, interval, count: The grid [s].
+        exposure: Each reading is the mean of the path over this interval around its time [s].
+        start, interval, count: First time [s], spacing [s] and number of points of the grid.
     """
 
     def __init__(self, at: np.ndarray, *, exposure: float, start: float, interval: float, count: int) -> None:
@@ -34,9 +34,10 @@ class Readings:
         self.rate = rates @ _TO_POLYNOMIAL * (shares * inside)[..., None] / interval
 
     def value(self, path: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Readings of quantities `which` (K,) of a path (..., S, quantities, d): (..., K, d)."""
+        """Return readings (..., K, d) of a path (..., S, quantities, d); `which` (K,) is the quantity of each
+        reading."""
         return np.einsum("...kepd,kep->...kd", path[..., self.index, which[:, None, None], :], self.weight)
 
     def velocity(self, path: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Their derivative by the time of the reading, shaped like `value`."""
+        """Return the derivatives of the readings by time [1/s], in the shape of `value`."""
         return np.einsum("...kepd,kep->...kd", path[..., self.index, which[:, None, None], :], self.rate)

@@ -16,20 +16,20 @@ _RATE = 1000.0  # [1/s] of the comparison of delays
 
 @dataclass(frozen=True)
 class Similarity:
-    """A simulated tip path compared with a measured one.
+    """Comparison of a simulated tip path with a measured one.
 
     Args:
-        rho: Eq. 23 for each coordinate, divided by the number of samples (the paper prints the sum): 1 if they are
-            the same; it depends on where the origin lies, here the shoulder.
+        rho: Eq. 23 for each coordinate, divided by the number of samples (the paper prints the sum): 1 if the paths are
+            equal. It depends on the origin, here the shoulder.
         rho_mean: Mean over the coordinates.
-        left_out: Samples that Eq. 23 divides by zero at, of all coordinates; left out of rho.
+        left_out: Number of samples, over all coordinates, at which Eq. 23 divides by zero; they are left out of rho.
         rmse: Root mean square distance [m].
-        nrmse: The same over the diagonal of the measured path's box.
+        nrmse: `rmse` divided by the diagonal of the measured path's bounding box.
         largest: Largest distance [m].
-        delay: By how much the simulated path lags [s], from the largest cross-correlation of velocities.
-        frechet: Discrete Frechet distance of the two curves, time left aside [m].
-        hit_point, hit_time, hit_speed: At the closest approach to the target, simulated minus measured: distance of
-            the two points [m], times [s], speeds [m/s]; None without a target.
+        delay: Time by which the simulated path lags [s], from the largest cross-correlation of velocities.
+        frechet: Discrete Frechet distance of the two curves, regardless of time [m].
+        hit_point, hit_time, hit_speed: Distance between the two closest approaches to the target [m], and the
+            differences of their times [s] and speeds [m/s], simulated minus measured; None without a target.
     """
 
     rho: tuple[float, ...]
@@ -52,11 +52,12 @@ def similarity(
 
     Args:
         t: Times [s], (T,), increasing, at least five of them.
-        measured, simulated: Tip positions from the shoulder [m], (T, d); frames in which either is NaN are left out.
+        measured, simulated: Tip positions relative to the shoulder [m], (T, d); frames in which either is NaN are left
+            out.
         target: Target of the tip [m], (d,).
 
     Raises:
-        InputError: Shapes differ, times do not increase, or fewer than five frames hold both.
+        InputError: Shapes differ, times do not increase, or fewer than five frames have both positions.
     """
     t, P, S = (np.asarray(x, float) for x in (t, measured, simulated))
     if P.ndim != 2 or P.shape != S.shape or t.shape != P.shape[:1]:

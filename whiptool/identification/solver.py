@@ -23,12 +23,12 @@ TOLERANCE = 1e-5  # predicted decrease of the cost per mean squared residual: a 
 
 @dataclass(frozen=True)
 class Damping:
-    """Marquardt's damping.
+    """Range of Marquardt's damping factor.
 
     Args:
-        start: Starting point.
-        least: Keeps flat directions still.
-        most: No step lowers the cost beyond.
+        start: Initial value.
+        least: Smallest value, which prevents steps along flat directions.
+        most: Largest value; if no step lowers the cost below it, the solver stops.
     """
 
     start: float = 1e-3
@@ -41,7 +41,7 @@ _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
 class Ending(Enum):
-    """How a solution ended."""
+    """Why the solver stopped."""
 
     CONVERGED = "the cost no longer decreases"
     SETTLED = "the shared parameters have converged; those of single recordings still change along a flat direction"
@@ -61,14 +61,14 @@ class Block:
 
 @dataclass
 class Solution:
-    """Where the solver ended.
+    """Result of the solver.
 
     Args:
         z: Shared unknowns, (G,).
-        own: Of each recording.
-        cost: Half the sum of Huber's loss.
-        status: Why it ended.
-        history: Record of each accepted step: cost, damping, length of the step in z.
+        own: Own unknowns of each recording, (L,).
+        cost: Half the sum of the loss.
+        status: Why it stopped.
+        history: Cost, damping and length of the step in z of each accepted step.
         evaluations: Evaluations of the model, with or without derivatives.
     """
 
@@ -84,7 +84,9 @@ Evaluate = Callable[[np.ndarray, list[np.ndarray], bool], list[Block]]
 
 
 def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
-    """Half the sum of the loss, and the weight of each residual: quadratic to `limit`, linear beyond (Huber 1964)."""
+    """Return half the sum of Huber's loss of residuals r (K,), quadratic up to `limit` and linear beyond, and their
+    weights (K,).
+    """
     size = np.abs(r)
     if limit is None:
         return float(r @ r) / 2, np.ones_like(r)
@@ -95,18 +97,21 @@ def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class Loss:
-    """What is minimised, of the residuals of all blocks.
+    """Loss of the residuals of all blocks.
 
     Args:
         limit: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
-        robust: How many residuals of each block it is for, the first ones; default: all.
+        robust: Number of residuals of each block, from the first, that have Huber's loss; the others have least
+            squares. Default: all.
     """
 
     limit: float | None = None
     robust: Sequence[int] | None = None
 
     def of(self, blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
-        """Return the cost, infinite where it or a derivative is beyond all bounds, and the weights of each block."""
+        """Return the cost, which is infinite if a residual or derivative is not finite or too large, and the weights of
+        each block.
+        """
         total, weights = 0.0, []
         for i, block in enumerate(blocks):
             count = len(block.r) if self.robust is None or i >= len(self.robust) else self.robust[i]
@@ -119,10 +124,10 @@ class Loss:
 
 
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The block's rows [B A r] in triangular form: the first L rows, for its own unknowns, and the rest without them.
+    """Eliminate a block's own unknowns: return the triangular form of [B A r], its first L rows and the remaining rows.
 
     Returns:
-        (L, L + G + 1) and (G + 1 or fewer, G + 1).
+        First L rows, (L, L + G + 1), and the remaining ones without own unknowns, (at most G + 1, G + 1).
     """
     L = block.B.shape[1]
     rows = np.hstack([block.B, block.A, block.r[:, None]])
@@ -133,7 +138,7 @@ def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray,
 
 
 def weigh(block: Block, w: np.ndarray) -> Block:
-    """The block with its residuals weighted by w (K,) in the squares."""
+    """Return the block with its squared residuals weighted by w (K,)."""
     s = np.sqrt(w)[:, None]
     return Block(block.r * s[:, 0], block.A * s, block.B * s)
 
@@ -149,14 +154,14 @@ def solve(
     max_iterations: int = MAX_ITERATIONS,
     tolerance: float = TOLERANCE,
 ) -> Solution:
-    """Minimise the loss of all blocks from a start inside the bounds.
+    """Minimise the loss of all blocks from a starting point inside the bounds.
 
-    Marquardt's damping scales with the columns; the factor follows Nielsen (1999). A shared unknown at a bound that
-    its gradient pushes against is held for one step.
+    Marquardt's damping is scaled by the columns; its factor follows Nielsen (1999). A shared unknown at a bound whose
+    gradient points outside is fixed for one step.
 
     Args:
-        evaluate: Blocks at (z, own), with derivatives or without (A and B are then ignored).
-        z, own: Start.
+        evaluate: Returns the blocks at (z, own), with derivatives or without (A and B are then ignored).
+        z, own: Starting point: shared unknowns (G,), and each recording's own unknowns (L,).
         lower, upper: Bounds of z, (G,).
         loss: Loss to minimise.
         max_iterations: Largest number of iterations.

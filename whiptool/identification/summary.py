@@ -26,19 +26,19 @@ _SHARE = 0.05  # part of a direction from which a number belongs to it
 
 
 def format_value(p: Parameter) -> str:
-    """A parameter's value with its unit."""
+    """Return a parameter's value with its unit as text."""
     return with_unit(p.value, p.unit)
 
 
 def format_interval(p: Parameter) -> str:
-    """Its 95 % interval in words, or the reason why it has none."""
+    """Return a parameter's 95 % interval as text, or "none"."""
     if p.interval is None:
         return "none"
     return " to ".join(rounded(x, 5) if math.isfinite(x) else "no bound" for x in p.interval)
 
 
 def parameter_lines(fit: Fit) -> list[str]:
-    """The parameters for people, and what is not seen, one line each."""
+    """Return lines of text on the parameters, one each, and on directions without information."""
     width = max(len(p.name) for p in fit.parameters)
     lines = []
     for p in fit.parameters:
@@ -64,7 +64,7 @@ def bound_lines(fit: Fit) -> list[str]:
 
 
 def misfit_line(fit: Fit) -> str:
-    """Return the misfit in words, and why nothing holds where the model does not explain the recordings."""
+    """Return the misfit as text, with the reason if the fit is not valid."""
     said = f"{fit.misfit:.2f} (RMS residual in standard errors; about 1 if the model fits)"
     if fit.explains:
         return said
@@ -74,7 +74,7 @@ def misfit_line(fit: Fit) -> str:
 
 
 def warning(fit: Fit) -> str | None:
-    """Return the warning that comes before all values: why all classes and intervals are withdrawn; None: they hold."""
+    """Return the warning why all classes and intervals are withdrawn; None if the fit is valid."""
     if fit.explains:
         return None
     if fit.clock_fault is not None:
@@ -121,7 +121,7 @@ def _source(fit: Fit, recording: int) -> str:
 
 
 def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
-    """Where each recording came from and what it holds, by the name of its file."""
+    """Return a description of each recording's source and content, by the name of its file."""
     facts = {}
     for recording in recordings:
         about = recording.provenance
@@ -135,8 +135,11 @@ def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
 
 
 def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Times [s], (T,), measured and predicted places [m], (T, d), or a view's pixels and depth [m], of the tip, or of
-    the last marker, and its name."""
+    """Return times (S,) [s], measured and predicted positions (S, d) [m], and the name of the marker: the tip or the
+    last one.
+
+    For a camera in space the positions are pixels, and depth [m] if it was measured.
+    """
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
     frames = np.unique(found.channels[mine, 0])
@@ -152,7 +155,8 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
 
 
 def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity | None:
-    """How alike measured and predicted tip are; None where too little of it was seen, or a camera saw it."""
+    """Return the similarity of measured and predicted tip path; None for a camera in space or if too little was
+    seen."""
     if recording.view is not None or recording.angular:
         return None
     t, measured, predicted, _ = tip_paths(recording, found)
@@ -163,8 +167,9 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
 
 
 def error_words(found: Sequence[RecordingFit]) -> str:
-    """Return the root mean square error of recordings in words: in mm or mrad, of cameras in pixels, too, and of
-    depth."""
+    """Return the root mean square error of recordings as text: in mm, for cameras in space also in pixels, and of
+    depth.
+    """
     metres, pixels, depth = (root_mean_square(found, of) for of in ("places", "pixels", "depth"))
     said = [] if pixels is None else [f"{pixels:.3g} pixels"]
     said += [] if depth is None else [f"depth {1e3 * depth:.3g} mm"]
@@ -173,7 +178,7 @@ def error_words(found: Sequence[RecordingFit]) -> str:
 
 
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
-    """Each direction that the recordings do not see, in words."""
+    """Return each direction in parameter space on which the recordings have no information, as text."""
     U, said = uncertainty, []
     for change, direction, seen in zip(U.flat_changes, U.directions[U.flat], U.singular_values[U.flat], strict=True):
         moved = np.flatnonzero(np.abs(change) > _SHARE).tolist()
@@ -212,7 +217,9 @@ def _bound(v: Variable, step: float, seen: float) -> str:
 
 
 def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float, float]]]:
-    """Ratios that are known where the numbers are not, such as `whip.k / whip.m`: each with its 95 % interval."""
+    """Return ratios that are determined although their parameters are not, such as `whip.k / whip.m`, with 95 %
+    intervals.
+    """
     U = uncertainty
     unseen = [
         v.name for v, x in zip(U.variables, U.flat_changes.T, strict=True) if v.log and (np.abs(x) > _SHARE).any()
@@ -225,7 +232,7 @@ def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float,
 
 
 def known_ratios(fit: Fit) -> dict[str, tuple[float, tuple[float, float]]]:
-    """The same of a fit: none where its intervals are withdrawn."""
+    """Return `seen_ratios` of a fit; empty if its intervals are withdrawn."""
     return seen_ratios(fit.uncertainty) if fit.explains else {}
 
 
@@ -234,7 +241,7 @@ def _listed(names: list[str]) -> str:
 
 
 def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]) -> dict[str, Any]:
-    """A fit as plain data for JSON: SI units, None where there is no number."""
+    """Return a fit as plain data for JSON, in SI units, with None for numbers that do not exist."""
     U = fit.uncertainty
     pairs = [(r, f, False) for r, f in zip(fitted, fit.recordings, strict=True)]
     pairs += [(r, f, True) for r, f in zip(held_out, fit.held_out, strict=True)]
@@ -323,5 +330,5 @@ def _plain(x: Any) -> Any:
 
 
 def finite(x: float | None) -> float | None:
-    """The number, or None if it is not finite: JSON has neither NaN nor infinity."""
+    """Return x, or None if it is not finite, because JSON has neither NaN nor infinity."""
     return None if x is None or not math.isfinite(x) else x if isinstance(x, int) else float(x)

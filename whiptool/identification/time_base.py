@@ -36,18 +36,19 @@ JUMP = "jump"
 
 @dataclass(frozen=True)
 class ClockFault:
-    """What explains a recording's residuals best, if its stamps are wrong.
+    """The error of a recording's time stamps that explains its residuals best.
 
     Args:
-        recording: Its number.
-        kind: `delay`: all stamps are late; `clock_rate`: the clock runs fast; `jump`: stamps from `at` on are late.
-        size: By how much [s]; of `clock_rate` the share that the clock is fast.
-        error: Standard error of that.
-        at: When the jump is, by the recording's own clock [s]; else None.
-        frames: How many frames the stamps are off by where they are off most.
-        p_value: How likely sound recordings would show as much, somewhere.
-        share: Of the recording's squared errors beyond what is stated, how much it explains: a model that lacks
-            something leaves errors of many shapes.
+        recording: Index of the recording.
+        kind: `delay`: all time stamps are late; `clock_rate`: the clock runs fast; `jump`: time stamps from `at` on are
+            late.
+        size: Size of the error [s]; for `clock_rate` the relative error of the rate.
+        error: Standard error of `size`.
+        at: Time of a jump, by the recording's own clock [s]; else None.
+        frames: Largest error of a time stamp, in frame intervals.
+        p_value: Probability that correct recordings would show as large an effect in any of the tests.
+        share: Fraction of the recording's unexplained squared residuals that the fault explains; a low value indicates
+            an error of the model.
     """
 
     recording: int
@@ -61,7 +62,7 @@ class ClockFault:
 
     @property
     def plain(self) -> bool:
-        """Whether it is significant, no trifle, and explains the most of what is not explained."""
+        """Whether the fault is significant, large enough, and explains most of the unexplained residuals."""
         return self.p_value <= SIGNIFICANCE and self.frames >= LEAST and self.share >= SHARE
 
 
@@ -70,12 +71,12 @@ class FittedReadings:
     """One recording's readings at the end of a fit.
 
     Args:
-        block: Whitened residuals and derivatives, then what regularises the recording's own unknowns.
-        channel: Series of each residual, (K,).
+        block: Whitened residuals and derivatives, followed by the rows that regularise the recording's own unknowns.
+        channel: Channel (marker and axis) of each residual, (K,).
         t: Time of each reading [s], (K,).
-        slope: By the time of a reading, whitened, (K,).
-        clock: The recording's own delay [s] and clock rate less 1, if they are to be judged: column of the block's B,
-            and value, by kind.
+        slope: Whitened derivative of each reading by its time, (K,).
+        clock: The recording's own delay [s] and clock rate minus 1, if they are fitted and to be tested: column in the
+            block's B, and value, by kind.
     """
 
     block: Block
@@ -85,7 +86,7 @@ class FittedReadings:
     clock: dict[str, tuple[int, float]]
 
     def without(self, kind: str) -> FittedReadings:
-        """The same as if a clock's number had not been fitted."""
+        """Return the readings as if the clock parameter `kind` had not been fitted."""
         b, column = self.block, self.clock[kind][0]
         return dataclasses.replace(self, block=Block(b.r, b.A, np.delete(b.B, column, axis=1)))
 
@@ -93,15 +94,15 @@ class FittedReadings:
 def likeliest_fault(
     readings: Sequence[FittedReadings], prior: np.ndarray | None, *, fitted: Sequence[str] = (), correlated: bool = True
 ) -> ClockFault | None:
-    """The likeliest fault of a time base, with its significance; None where none leaves a trace.
+    """Return the most likely fault of a recording's times, with its significance; None if none has an effect.
 
-    Less scatter than the recordings state is taken for chance.
+    If residuals scatter less than the stated errors, the stated errors are used.
 
     Args:
-        readings: FittedReadings of each recording.
+        readings: Readings of each recording.
         prior: Rows of the prior on the shared unknowns, (m, G).
-        fitted: Kinds that were fitted and are not to be judged.
-        correlated: Whether successive errors correlate, as the residuals do that the fault leaves.
+        fitted: Kinds of faults that were fitted and are not tested.
+        correlated: Whether to account for the autocorrelation of the residuals that remain without the fault.
     """
     rest = _Rest(readings, prior)
     tried = [(i, *one) for i, r in enumerate(readings) for one in _alternatives(r, fitted)]

@@ -19,23 +19,23 @@ _SHARE = 0.05  # part of a flat direction from which a number belongs to it
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How well the shared unknowns z are known; z is a logarithm or a scaled number (see `Variable`).
+    """Uncertainty of the G shared unknowns z; each z is a logarithm or a scaled parameter (see `Variable`).
 
     Args:
         variables: Variables of the G shared unknowns.
         z: Their estimate, (G,).
-        covariance: Covariance of z, flat directions left out, (G, G).
-        correlation: The same, scaled, (G, G).
+        covariance: Covariance of z without flat directions, for independent errors, (G, G).
+        correlation: Correlation matrix of z, (G, G).
         singular_values: Singular values of the Jacobian of the whitened residuals by z, largest first, (G,).
-        directions: Combination of z of each singular value, in rows, (G, G).
-        units: Units of z for singular values and directions, (G,), see `variables.room`.
-        flat: Directions about which the recordings contain no information, (G,).
-        condition_number: Condition number of the Jacobian with columns of unit length: what correlation alone does.
-        residual_variance: Residual variance of the whitened residuals; 1 if the stated errors are right.
-        freedom: Degrees of freedom of that variance, fewer where errors correlate; intervals use Student's t of them.
-        sandwich: Covariance of z if successive errors correlate as `errors` says; without, that of independent errors.
-        whiteness: Correlation of successive residuals of one channel, 0 if independent.
-        errors: How successive errors of one channel correlate, as the residuals show.
+        directions: Right singular vectors in rows, one for each singular value, (G, G).
+        units: Scale of each z in which singular values and directions are computed, (G,), see `variables.room`.
+        flat: Which directions the recordings contain no information on, (G,).
+        condition_number: Condition number of the Jacobian with its columns scaled to unit length.
+        residual_variance: Variance of the whitened residuals; 1 if the stated errors are right.
+        freedom: Degrees of freedom of that variance, fewer if errors are correlated; intervals use Student's t.
+        sandwich: Covariance of z for errors with the autocorrelation `errors`, (G, G).
+        whiteness: Correlation of successive residuals of one channel; 0 if independent.
+        errors: Autocorrelation of the errors of one channel, estimated from the residuals.
     """
 
     variables: tuple[Variable, ...]
@@ -55,18 +55,21 @@ class Uncertainty:
 
     @property
     def correlated(self) -> bool:
-        """Whether successive errors correlate by more than chance."""
+        """Whether successive errors are significantly correlated."""
         return len(self.errors.coefficients) > 0
 
     @property
     def stated(self) -> np.ndarray:
-        """The covariance that intervals are drawn from, (G, G)."""
+        """Covariance from which intervals are computed, (G, G)."""
         return self.sandwich
 
     @property
     def sizes(self) -> np.ndarray:
-        """What a relative change of each unknown is relative to, (G,): 1 of a logarithm; of a number that may be zero
-        its own size, at least its standard error; the usual size of one whose zero is arbitrary."""
+        """Reference value of each unknown's relative change, (G,).
+
+        1 for a logarithm; for a parameter that may be zero its magnitude, at least its standard error; for one whose
+        zero is arbitrary its typical size, if larger than its magnitude.
+        """
         errors = np.sqrt(np.diag(self.covariance))
         return np.array(
             [
@@ -77,16 +80,19 @@ class Uncertainty:
 
     @property
     def flat_changes(self) -> np.ndarray:
-        """Relative changes of the unknowns (G,) along each unseen direction, rows, where no unknown leaves its room."""
+        """Largest allowed relative changes of the unknowns along each direction without information, one row each, (F,
+        G).
+        """
         return self.directions[self.flat] * self.units / self.sizes
 
     def product(self, powers: Mapping[str, float], level: float = 0.95) -> tuple[float, tuple[float, float] | None]:
-        """A product of powers of positive numbers, such as k / m, and its interval; None if it is not seen.
+        """Return a product of powers of positive parameters, such as k / m, and its interval, or None if it is not
+        determined.
 
-        A combination can be known where its numbers are not.
+        A product can be determined although its parameters are not.
 
         Args:
-            powers: By name, such as `{"whip.k": 1, "whip.m": -1}`.
+            powers: Exponents by name, such as `{"whip.k": 1, "whip.m": -1}`.
             level: Level of the interval.
         """
         weights = np.zeros(len(self.z))
@@ -110,15 +116,16 @@ def assess(
     *,
     values: Mapping[str, float] | None = None,
 ) -> Uncertainty:
-    """Uncertainty of a fit at its end.
+    """Return the uncertainty at the solution of a fit.
 
     Args:
-        variables, z: Shared unknowns, G.
-        blocks: Weighted residuals and derivatives of the data, then what regularises a recording's own unknowns.
-        channels: Channels of each block, which series each of its first residuals belongs to, (K,) whole numbers.
-        times: When they were measured [s], (K,).
+        variables, z: The G shared unknowns and their values (G,).
+        blocks: Weighted residuals and derivatives of the data, followed by the rows that regularise a recording's own
+            unknowns.
+        channels: For each block the channel of each of its first K residuals, integers (K,).
+        times: For each block the times of these residuals [s], (K,).
         prior: Rows of the prior on z, (m, G).
-        values: All numbers of the plant by name, where the room of an unknown depends on others.
+        values: All parameters of the plant by name, on which the scale of an unknown may depend.
 
     Raises:
         InputError: The fit ended where the model diverges.

@@ -34,7 +34,7 @@ _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bo
 
 @dataclass(frozen=True)
 class Variable:
-    """One free number; the solver's z is its logarithm, or the number in multiples of `scale`."""
+    """A free parameter as the solver sees it: z is its logarithm if `log`, else the parameter divided by `scale`."""
 
     name: str
     log: bool
@@ -45,7 +45,7 @@ class Variable:
 
     @property
     def arbitrary_zero(self) -> bool:
-        """Whether its origin is a place or time that was chosen by hand."""
+        """Whether the zero of the parameter is arbitrary: a position or time that was chosen by hand."""
         return self.name in _ARBITRARY_ZERO
 
     def value(self, z: float) -> float:
@@ -57,7 +57,7 @@ class Variable:
         return float(np.log(value) if self.log else value / self.scale)
 
     def slope(self, z: float) -> float:
-        """d value / d z."""
+        """Return the derivative of the value by z."""
         return float(np.exp(z) if self.log else self.scale)
 
     def bound(self, z: float) -> str:
@@ -67,13 +67,14 @@ class Variable:
         return "upper" if z >= self.upper - _AT_BOUND else ""
 
     def off_bounds(self, z: float) -> float:
-        """z moved inside its bounds: a fit that starts on one stalls."""
+        """Return z moved slightly inside its bounds, because a fit that starts at a bound stalls."""
         margin = min(_OFF_BOUND, _OFF_BOUND * (self.upper - self.lower))
         return float(np.clip(z, self.lower + margin, self.upper - margin))
 
 
 def variable(name: str, value: float, bounds: tuple[float, float] | None = None, unit: str | None = None) -> Variable:
-    """The variable of a number of that name, first value and unit; default: that of an arm without slides.
+    """Return the solver's variable of a parameter with this name and starting value; default unit: as for revolute
+    joints.
 
     Raises:
         InputError: The bounds are not ordered or the value has no logarithm.
@@ -100,16 +101,15 @@ def variable(name: str, value: float, bounds: tuple[float, float] | None = None,
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of free numbers beforehand: a normal distribution, of the logarithm where a number is positive.
+    """Normal prior of free parameters, for positive ones in terms of the logarithm.
 
     Args:
-        names: m of the free numbers that are the same for all recordings.
-        mean: Their values, (m,), in their own units.
-        covariance: Covariance of the logarithms of positive numbers (relative errors), of the others themselves, (m,
-            m).
+        names: Names of m free parameters that are the same for all recordings.
+        mean: Prior values in the parameters' own units, (m,).
+        covariance: Covariance, of the logarithms for positive parameters (relative errors), (m, m).
 
     Raises:
-        InputError: Shapes do not fit, or the covariance is not positive.
+        InputError: Shapes do not fit, or the covariance is not positive definite.
     """
 
     names: tuple[str, ...]
@@ -128,10 +128,10 @@ class Prior:
         object.__setattr__(self, "covariance", covariance)
 
     def rows(self, variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
-        """`W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal.
+        """Return `W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal.
 
         Raises:
-            InputError: It has a number that is not free.
+            InputError: A parameter of the prior is not free.
         """
         at = {v.name: i for i, v in enumerate(variables)}
         for name in self.names:
@@ -149,16 +149,15 @@ class Prior:
 
 
 def room(variables: Sequence[Variable], z: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-    """How far each unknown may be off before it counts as unseen, in units of z, (G,).
+    """Return the error of each unknown above which it counts as not determined, in units of z, (G,).
 
-    A factor of e of what is positive; ten times its size, at least the usual one, of what may be zero. An inertia about
-    the centre of mass is positive by its logarithm, but it vanishes without harm, and its logarithm then takes up what
-    the data do not see of mass and centre of mass: its room is at least the inertia of a rod of its link's mass and
-    length.
+    It is a factor of e for a positive parameter, and ten times its magnitude, at least its typical size, for one that
+    may be zero. An inertia about the centre of mass may become negligible, so that its logarithm has no effect; its
+    room is at least the inertia of a rod with the link's mass and length.
 
     Args:
-        variables, z: The unknowns.
-        values: All numbers of the plant at z, by name.
+        variables, z: The G unknowns and their values (G,).
+        values: All parameters of the plant at z, by name.
     """
     return np.array([_room(v, float(x), values) for v, x in zip(variables, z, strict=True)])
 
@@ -179,10 +178,10 @@ def variables_of(
     bounds: Mapping[str, tuple[float, float]],
     units: Mapping[str, str],
 ) -> list[Variable]:
-    """Variables of these names at their first values, in these units.
+    """Return the solver's variables of the parameters `names`, with starting values, bounds and units by name.
 
     Raises:
-        InputError: Bounds are given for what is not free.
+        InputError: Bounds are given for a parameter that is not free.
     """
     for name in bounds:
         if name not in names:

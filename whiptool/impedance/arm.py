@@ -18,13 +18,13 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 def pinocchio_chain(
     length: np.ndarray, mass: np.ndarray, com: np.ndarray, inertia: np.ndarray, gravity: float
 ) -> pin.Model:
-    """Return links in a row as a Pinocchio model in the x-y plane: joint axes along z, gravity along -y.
+    """Return a planar chain of n links as a Pinocchio model in the x-y plane: joint axes along z, gravity along -y.
 
     Args:
         length: Length of each link [m], (n,).
         mass: Mass [kg], (n,).
         com: Distance of the centre of mass from the joint [m], (n,).
-        inertia: About the centre of mass [kg m^2], (n,).
+        inertia: Moment of inertia about the centre of mass [kg m^2], (n,).
         gravity: Gravity [m/s^2].
     """
     model = pin.Model()
@@ -75,10 +75,10 @@ class _Scratch(threading.local):
 
 
 class Arm:
-    """The bare arm of a model, and the weight of the whip at its hand; several threads may use one.
+    """The arm of a model without whip, and the weight of the whip at its hand; it is safe to use from several threads.
 
     Args:
-        model: Arm, whip and gravity.
+        model: Model with arm, whip and gravity.
     """
 
     def __init__(self, model: Model) -> None:
@@ -101,12 +101,15 @@ class Arm:
         return self._scratch.data
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
-        """Inertia matrix I(q) of the bare arm [kg m^2; kg where a joint slides], shape (n, n), as in Eq. 7."""
+        """Inertia matrix I(q) of the arm without whip [kg m^2; kg for a prismatic joint], shape (n, n), as in Eq. 7."""
         return pin.crba(self._model, self._data, np.asarray(q, float)).copy()
 
     def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
-        """Jacobians of the points where the weights act, shape (n + 1, 2, n), in space (n + 1, 3, n): the links'
-        centres of mass and the hand; for two joints J_s, J_e and J_w of Eq. 3. Rows are x, y (and z) [m/rad]."""
+        """Return the Jacobians [m/rad] of the links' centres of mass and of the hand, (n + 1, 2, n), in space (n + 1,
+        3, n).
+
+        Rows are x, y (and z). For two joints they are J_s, J_e and J_w of Eq. 3.
+        """
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -114,7 +117,10 @@ class Arm:
         return np.array([jacobian.reshape(6, -1)[: self._dimension] for jacobian in jacobians])  # (6,) for one joint
 
     def hand(self, q: np.ndarray) -> HandMotion:
-        """Return where a posture (n,) holds the hand, in space; a strike plane lies there upright."""
+        """Return position, orientation and Jacobian of the hand in space at joint positions q (n,).
+
+        The plane of a planar arm is vertical in space.
+        """
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
         end, world, A = self._frames[-1], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, self._axes
@@ -147,7 +153,8 @@ class Arm:
         return model, _Scratch(model)
 
     def feedforward(self, q_d: np.ndarray, v_d: np.ndarray, a_d: np.ndarray) -> np.ndarray:
-        """Torque [N m], shape (n,), of the bare arm along the reference, without gravity."""
+        """Torque [N m], (n,), that the arm without whip needs along the reference q_d, v_d, a_d (n,), without
+        gravity."""
         with_gravity = pin.rnea(self._model, self._data, q_d, v_d, a_d)
         weight = pin.computeGeneralizedGravity(self._model, self._data, q_d)
         return with_gravity - weight + self._friction * v_d

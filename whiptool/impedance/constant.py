@@ -50,11 +50,11 @@ class ConstantImpedance(NoArray, instead="its K or B"):
 
     Args:
         K: Stiffness [N m/rad], (n, n), or its diagonal, (n,), or one number for all joints of any arm.
-        B: Damping [N m s/rad], likewise.
+        B: Damping [N m s/rad], in the same forms.
 
     Raises:
-        InputError: One has another form, or another number of joints than the other, or its symmetric part has an
-            eigenvalue below 0: it would push the arm away from its path.
+        InputError: A matrix has another form, or another number of joints than the other, or its symmetric part has a
+            negative eigenvalue, which would be unstable.
     """
 
     K: Matrix | float = ((29.5, 14.3), (14.3, 39.3))
@@ -91,15 +91,17 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         return {name: n * n if isinstance(x, tuple) else 1 for name, x in (("K", self.K), ("B", self.B))}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
-        """Return the same law with other values of its `parameters`; all finite values are allowed, since fits pass
-        through them."""
+        """Return the same law with other values of its `parameters`.
+
+        All finite values are allowed, since fits may pass through invalid ones.
+        """
         law = object.__new__(ConstantImpedance)
         for name in ("K", "B"):
             object.__setattr__(law, name, _gain(name, np.reshape(numbers[name], np.shape(getattr(self, name)))))
         return law
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """The law's numbers by name, flat; what `expression` takes."""
+        """Return the flattened matrices `K` and `B` by name, row by row, as `expression` takes them."""
         return {"K": np.ravel(self.K), "B": np.ravel(self.B)}
 
     @staticmethod
@@ -140,7 +142,7 @@ CONSTANT_PRESETS: dict[str, ConstantImpedance] = {
 
 
 def constant_preset(name: str) -> ConstantImpedance:
-    """Return the constant impedance called `name`, which is that of an arm.
+    """Return the constant impedance called `name`, such as that of the arm `nah2023`.
 
     Raises:
         InputError: No preset has that name; the message lists the presets.

@@ -35,15 +35,16 @@ class Controller(NoArray, instead="its parameters()"):
             OIAC with the preset `table4`.
         feedforward: Add the torque that the arm without the whip needs to follow the reference, `I(q_d) ddq_d` with its
             velocity and viscous terms. Eq. 2 has no feedforward; the authors of the law use one in later work.
-        torque_limit: Largest torque of every joint, or one for each [N m; N where a joint slides]; None: no limit.
-        control_period: The torque is computed this often [s] and held in between, as a rig does; None: continuous.
-        compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) assumes;
-            None: those of the simulated model. A rig's controller has the masses of the nominal model.
+        torque_limit: Largest torque of every joint, or one for each [N m; N for a prismatic joint]; None: no limit.
+        control_period: Period at which the torque is computed [s] and between which it is held, as on a rig; None:
+            continuous.
+        compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) assumes, (n +
+            1,); None: those of the simulated model. A rig's controller has the masses of the nominal model.
         hand: Control of the hand: the law acts on the hand's errors, and strikes are in hand space. None: joint space.
 
     Raises:
         InputError: `law` is not a law, a number is not positive, `feedforward` is neither true nor false, or an option
-            is set that position control has no use for.
+            is set that position control does not have.
     """
 
     law: Law = field(default_factory=lambda: oiac_preset("table4"))
@@ -81,7 +82,9 @@ class Controller(NoArray, instead="its parameters()"):
 
     @property
     def prescribed(self) -> bool:
-        """Whether the arm's joints are exactly on the reference, and no torque is computed from errors."""
+        """Whether the arm's joints follow the reference exactly (position control), and no torque is computed from
+        errors.
+        """
         return isinstance(self.law, PositionControl)
 
     def strike_space(self, arm: AnyArm) -> JointSpace | HandSpace:
@@ -97,9 +100,9 @@ class Controller(NoArray, instead="its parameters()"):
         """Refuse a controller that does not fit an arm.
 
         Raises:
-            InputError: Torques move the arm, and its inertia is not known; or the law's matrices have not as many rows
-                as the arm has joints, in hand space as the hand has coordinates, or `torque_limit` not as many numbers,
-                or `compensated` not one mass more.
+            InputError: The law gives torques and the arm's inertia is unknown; or the size of the law's matrices is not
+                the number of the arm's joints, in hand space of the hand's coordinates; or `torque_limit` or
+                `compensated` has a wrong length.
         """
         expect(ArmParameters, SpatialArm, arm=arm)
         if arm.weightless and not self.prescribed:
@@ -119,14 +122,14 @@ class Controller(NoArray, instead="its parameters()"):
             raise InputError(f"controller {self.law.kind}", given, f"matrices of {rows} rows, one per {each}", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
-        """Return the same controller with gravity compensation for this model, also when another model is simulated."""
+        """Return the same controller with gravity compensation for this model, whatever model is simulated."""
         expect(Model, model=model)
         if self.prescribed:
             return self
         return replace(self, compensated=(*model.arm.per_link("mass").tolist(), float(model.whip.mass)))
 
     def parameters(self) -> dict[str, float]:
-        """Every number under its name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""
+        """Return all parameters by name: `law.a`, or `law.K[0]` to `law.K[3]`, row by row; `torque_limit`."""
         named: dict[str, float] = {}
         for name, values in self.law.parameters().items():
             single = self.law.sizes(2)[name] == 1  # not one for each joint
@@ -140,14 +143,14 @@ class Controller(NoArray, instead="its parameters()"):
         return named
 
     def clipped(self, tau: np.ndarray) -> np.ndarray:
-        """Torques (..., n) [N m] within the limit."""
+        """Return torques (..., n) [N m] clipped to the torque limit."""
         if self.torque_limit is None:
             return tau
         limit = np.asarray(self.torque_limit)
         return np.clip(tau, -limit, limit)
 
     def bind(self, arm: Arm, strike: StrikePath) -> ControlLoop | HandControlLoop:
-        """Return the controller for one arm and one strike, in hand space with the strike's path.
+        """Return the control loop for one arm and one strike.
 
         Raises:
             InputError: The law is position control, which computes no torques.
@@ -160,7 +163,9 @@ class Controller(NoArray, instead="its parameters()"):
 
 
 class ControlLoop:
-    """Torques of one strike, in NumPy and Pinocchio: for the reference rollout, and for a rig."""
+    """Computes the torques of one strike in joint space with NumPy and Pinocchio, for the MuJoCo simulator and for a
+    rig.
+    """
 
     def __init__(self, controller: Controller, arm: Arm, strike: StrikePath) -> None:
         self.controller, self.arm, self.strike = controller, arm, strike
@@ -177,7 +182,7 @@ class ControlLoop:
 
 
 class HandControlLoop:
-    """Torques of one strike of the hand, in NumPy and Pinocchio: for the reference rollout."""
+    """Computes the torques of one strike in hand space with NumPy and Pinocchio, for the MuJoCo simulator."""
 
     def __init__(self, controller: Controller, arm: Arm, path: HandPath) -> None:
         assert controller.hand is not None

@@ -24,7 +24,7 @@ _KEYS = {"law", *_OPTIONS, *(f.name for law in LAWS.values() for f in dataclasse
 
 
 def controller_to_table(controller: Controller) -> dict[str, Any]:
-    """Return the controller as plain data: its law's name and numbers, and those options that are set."""
+    """Return the controller as plain data: the law's name and parameters, and those options that are set."""
     numbers = dataclasses.asdict(controller.law)
     options = {name: getattr(controller, name) for name in _OPTIONS}
     table = {"law": controller.law.kind, **numbers, **options}
@@ -59,7 +59,7 @@ def read_controller(path: Path | str) -> Controller:
     """Return the controller in the table `[controller]` of a TOML file, such as the `config.toml` of a run folder.
 
     Raises:
-        InputError: The file cannot be read, has no such table, or says something that is not allowed.
+        InputError: The file cannot be read, has no such table, or a value is not allowed.
     """
     content = read_toml(path)
     table = content.get(TABLE)

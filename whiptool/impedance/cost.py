@@ -14,7 +14,7 @@ from whiptool.models.trajectory import Trajectory
 
 @dataclass(frozen=True, repr=False)
 class Cost:
-    """`J = J_c + J_p` (Eq. 5): what the impedance costs (Eq. 6), and the change of the error's energy (Eq. 7)."""
+    """`J = J_c + J_p` (Eq. 5): cost of the impedance (Eq. 6), and change of the error's energy (Eq. 7)."""
 
     J_c: float
     J_p: float
@@ -37,11 +37,11 @@ def impedance_cost(
     Q_K: np.ndarray | None = None,
     Q_B: np.ndarray | None = None,
 ) -> Cost:
-    """Cost of a strike from 0 to D.
+    """Return the cost of a strike from time 0 to D.
 
     Args:
         trajectory: Trajectory with T instants of an arm with a joints.
-        model: Its arm gives the inertia I(q), through Pinocchio.
+        model: Model whose arm gives the inertia I(q).
         D: Duration of the movement [s].
         beta: Weight of the velocity error in `eps = e + beta de` (Eq. 8) [s].
         Q_K, Q_B: Weights of vec(K) and vec(B), (a^2, a^2), symmetric positive; default: identity.

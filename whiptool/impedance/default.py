@@ -13,9 +13,9 @@ from whiptool.models.strike import is_person
 def default_controller(model: Model) -> Controller:
     """Return the default controller of a model.
 
-    For an arm in the plane it is OIAC with the preset `table4`, for the human arm `nah2023` the constant impedance that
-    was published with it, and for every other arm in space position control, because robots follow their commands
-    closely.
+    For an arm in the plane it is OIAC (online impedance adaptation control) with the preset `table4`, for the human arm
+    `nah2023` the constant impedance that was published with it, and for every other arm in space position control,
+    because robots follow their commands closely.
     """
     expect(Model, model=model)
     if model.dimension == 2:

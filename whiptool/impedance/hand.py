@@ -23,17 +23,18 @@ SINGULAR = 0.02  # [m/rad] below which a direction of the hand counts as one in 
 
 @dataclass(frozen=True)
 class HandControl:
-    """Control of the hand instead of the joints.
+    """Control of the hand's motion instead of the joints'.
 
-    With J the hand's Jacobian and a law's `F = K e + B de` (Eq. 2) of the hand's errors [m, m/s], with orientation also
-    of how far it is turned from its path [rad, rad/s] (see `rotation_left`), the joints' torques are `J^T F` and
-    gravity compensation, and what joints do that does not move the hand is braked by `null_damping`: `-b (1 - J^+ J)
-    v`. With position control the joints follow the hand's path exactly.
+    With J the hand's Jacobian and a law's force `F = K e + B de` (Eq. 2) from the hand's errors [m, m/s], with
+    orientation also its rotation errors [rad, rad/s] (see `rotation_left`), the joints' torques are `J^T F` plus
+    gravity compensation plus damping of the null space, `-b (1 - J^+ J) v`. With position control the joints follow the
+    hand's path exactly.
 
     Args:
-        posture: Home posture of the arm [rad or m], near which it holds the hand; default: see `home_posture`.
-        null_damping: b [N m s/rad], of every joint; where a law gives torques.
-        orientation: Strikes hold the hand's orientation, too.
+        posture: Home posture of the arm [rad or m], (a,); of all postures with the same hand pose the nearest to it is
+            taken. Default: see `home_posture`.
+        null_damping: Damping b of the null space, for every joint [N m s/rad]; only for laws that give torques.
+        orientation: Whether strikes prescribe the hand's orientation, too.
 
     Raises:
         InputError: A number is not finite, or negative, or `orientation` is neither true nor false.
@@ -54,31 +55,31 @@ class HandControl:
 
 @lru_cache(maxsize=32)
 def hand_space(arm: AnyArm, hand: HandControl, *, led: bool) -> HandSpace:
-    """Return the space of an arm's hand strikes, made once.
+    """Return the space of strikes of an arm's hand; the result is cached.
 
     Args:
         arm: Arm in the plane or in space.
-        hand: How its hand is controlled.
-        led: Whether its joints follow the hand's path exactly.
+        hand: Control of the hand.
+        led: Whether the joints follow the hand's path exactly (position control).
 
     Raises:
-        InputError: The arm has no such space.
+        InputError: The arm cannot be controlled by its hand.
     """
     return HandSpace(arm, posture=hand.posture, orientation=hand.orientation, led=led)
 
 
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
-    """Return the stiffness and damping of the hand where none are given [N/m, N s/m].
+    """Return the default stiffness and damping of the hand [N/m, N s/m].
 
-    In the home posture they give the arm and the whip's mass in its hand a natural frequency, and damp it critically:
-    of its place alike in all directions, along that in which they are the heaviest; of a pose in all its motions, by
-    the inertia that the hand feels [kg, kg m, kg m^2], since about its own axis a hand is so light that what holds the
-    arm would tear it around.
+    In the home posture they give the arm with the whip's mass in its hand a natural frequency with critical damping.
+    For positions they are equal in all directions, computed from the direction of the largest effective mass. For poses
+    they follow the hand's effective inertia [kg, kg m, kg m^2] in all directions, because the inertia about the hand's
+    own axis is very small.
 
     Args:
         model: Arm and whip.
-        hand: How the hand is controlled; default: as usual.
-        frequency: Frequency [Hz].
+        hand: Control of the hand; default: `HandControl()`.
+        frequency: Natural frequency [Hz].
     """
     from whiptool.impedance.arm import Arm
 

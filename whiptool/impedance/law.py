@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Law(Protocol):
-    """From tracking errors to stiffness and damping: `tau = K e + B de` (Eq. 2). A frozen dataclass of numbers."""
+    """A control law: stiffness and damping from tracking errors, `tau = K e + B de` (Eq. 2). A frozen dataclass of
+    numbers.
+    """
 
     kind: ClassVar[str]
     # further, where unknown whips are learned: `uncertain`, the names of single parameters that are not exactly known
@@ -23,15 +25,15 @@ class Law(Protocol):
         __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K [N m/rad] and B [N m s/rad] for errors `e` [rad], `de` [rad/s] of shape (..., n): each (..., n, n).
+        """Return K [N m/rad] and B [N m s/rad], (..., n, n) each, for errors `e` [rad] and `de` [rad/s], (..., n).
 
-        For the reference rollout, and for a rig.
+        It is used by the MuJoCo simulator and by a rig.
         """
         ...
 
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
-        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors: for the compiled rollout."""
+        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors, for the compiled simulator."""
         ...
 
     def sizes(self, n: int) -> dict[str, int]:
@@ -39,11 +41,11 @@ class Law(Protocol):
         ...
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """The law's numbers by name, flat; matrices row by row."""
+        """Return the law's parameters by name, each flattened, matrices row by row."""
         ...
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> Law:
-        """The same law with other numbers, as `parameters` gives them."""
+        """Return the same law with other values of its `parameters`."""
         ...
 
 
@@ -52,6 +54,6 @@ L = TypeVar("L", bound=type[Law])
 
 
 def register(law: L) -> L:
-    """Make a law known by its `kind`: to compiled rollouts, identification, and files. A decorator of classes."""
+    """Class decorator that registers a law under its `kind` for the compiled simulator, identification and files."""
     LAWS[law.kind] = law
     return law

@@ -19,7 +19,7 @@ from whiptool.words import as_named
 @register
 @dataclass(frozen=True)
 class OIAC(NoArray, instead="its parameters()"):
-    """Stiffness and damping that grow with the tracking error.
+    """Online impedance adaptation control: stiffness and damping that grow with the tracking error.
 
     `eps = e + beta de` (Eq. 8), `F = eps / gamma`, `K = F e^T`, `B = F de^T` (Eq. 9),
     `gamma = a / (1 + C |eps|^2)` (Eq. 10), `tau = K e + B de` (Eq. 2). Both matrices have rank one, and the torque
@@ -56,11 +56,11 @@ class OIAC(NoArray, instead="its parameters()"):
         return {"a": 1, "beta": 1, "C": 1}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> OIAC:
-        """The same law with other numbers, as `parameters` gives them."""
+        """Return the same law with other values of its `parameters`."""
         return OIAC(**{name: float(x[0]) for name, x in numbers.items()})
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """The law's numbers by name; what `expression` takes."""
+        """Return the law's parameters by name, (1,) each, as `expression` takes them."""
         return {"a": np.array([self.a]), "beta": np.array([self.beta]), "C": np.array([self.C])}
 
     @staticmethod

@@ -17,9 +17,8 @@ from whiptool.impedance.law import register
 class PositionControl:
     """Joints exactly on the reference (Eq. 1), as stiff industrial robots follow it.
 
-    The motion is prescribed: no error is left that a torque could follow. The torques are those which that motion
-    needs under the whip's pull, by inverse dynamics, so that limits of torque can still be judged. There are
-    no springs and dampers: K and B are zero.
+    The motion is prescribed, and there are no tracking errors. The torques are those that this motion needs under the
+    load of the whip, by inverse dynamics, so that torque limits can be checked. K and B are zero.
     """
 
     kind: ClassVar[str] = "position"
@@ -32,18 +31,18 @@ class PositionControl:
 
     @staticmethod
     def sizes(n: int) -> dict[str, int]:
-        """Return no names: it has no numbers."""
+        """Return an empty dict: the law has no parameters."""
         return {}
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return no numbers."""
+        """Return an empty dict: the law has no parameters."""
         return {}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> PositionControl:
-        """Return the same law: it has no numbers to change."""
+        """Return the same law: it has no parameters to change."""
         return self
 
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
-        """Return zeros (n, 1): no torque follows an error."""
+        """Return zeros (n, 1): no torque depends on the errors."""
         return ca.SX.zeros(e.numel())

@@ -40,10 +40,10 @@ _FAR = 0.5  # [m]: a miss beyond costs no more
 
 @dataclass(frozen=True)
 class TargetCamera:
-    """What goes on seeing the target until the strike starts.
+    """A camera that observes the target until the strike starts.
 
     Args:
-        rate: Frames a second [1/s].
+        rate: Frame rate [1/s].
         sigma: Standard error of each coordinate [m].
     """
 
@@ -57,17 +57,17 @@ class TargetCamera:
 
 @dataclass(frozen=True)
 class Interception:
-    """A strike and when to start it.
+    """A strike and the time to start it.
 
     Args:
-        strike: Which.
-        start: t0 [s], on the clock of the track.
-        contact: When the tip meets the target [s], on the same clock.
+        strike: The strike.
+        start: Start time t0 [s], on the clock of the track.
+        contact: Time at which the tip meets the target [s], on the same clock.
         point: Position of the contact (x, y) [m].
-        tip_speed: There [m/s].
-        probability: Predicted probability of a hit, over tracks other than those that chose the strike.
-        expected_miss: Mean over the same tracks, each at most half a metre [m].
-        mean_miss: Miss on the most probable track [m].
+        tip_speed: Speed of the tip at the contact [m/s].
+        probability: Predicted hit probability, over sampled tracks other than those with which the strike was chosen.
+        expected_miss: Mean miss distance over the same tracks, each cut at 0.5 m [m].
+        mean_miss: Miss distance with the most probable track [m].
         warning: Warning of the track that it is planned on (`TargetTrack.warning`); empty: none.
         wall_time: Time that planning took [s].
     """
@@ -244,14 +244,14 @@ class Interceptor:
 
 
 class Aim:
-    """What is known when a plan is made, and what can be done with it.
+    """Track, strikes and time window of a plan, and the steps of planning.
 
     Args:
         interceptor: Library of strikes, hit radius and camera.
         track: Track of the target.
         now: Time of the decision [s].
-        earliest: Start of a strike [s].
-        latest: Contact [s].
+        earliest: Earliest start of a strike [s].
+        latest: Latest contact [s].
     """
 
     def __init__(
@@ -263,7 +263,9 @@ class Aim:
         self._seen: dict[int, TargetTrack] = {}
 
     def at_start(self, start: float) -> TargetTrack:
-        """The track as certain as it will be when a strike starts."""
+        """Return the track with the covariance that it will have at a strike's start [s], after further frames of the
+        camera.
+        """
         if self.camera is None or not self.track.covariance.any():
             return self.track
         bin = int((start - self.earliest) / _BIN + 1e-9)
@@ -274,7 +276,11 @@ class Aim:
         return self._seen[bin]
 
     def crossings(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Strike, t0 and time of contact of the most promising crossings, of a different strike each."""
+        """Return strikes (B, 2 a + 1), start times and contact times [s], (B,), of the `count` most promising
+        crossings.
+
+        Each is of a different strike of the library.
+        """
         lib = self.library
         t = np.arange(self.earliest, self.latest, 1 / _AHEAD)
         y, w = self.track.position(t), self.track.velocity(t)
@@ -302,7 +308,17 @@ class Aim:
     def steer(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, free: np.ndarray, steps: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gauss-Newton of the smallest change towards `tip(tau) = target(start + tau)`, for B strikes at once."""
+        """Find by Gauss-Newton the smallest change that gives `tip(tau) = target(start + tau)`, for B strikes at once.
+
+        Args:
+            x: Strikes (B, 2 a + 1).
+            start, tau: Start of each strike, and time of contact after it [s], (B,).
+            free: Coordinates of the strikes that may change, (2 a + 1,).
+            steps: Number of steps.
+
+        Returns:
+            The changed x, start and tau.
+        """
         striker, lower, upper = self.library.striker, self.library.striker.lower, self.library.striker.upper
         names = [name for name, yes in zip(strike_names(striker.rollout.model.arm), free, strict=True) if yes]
         width, x = (upper - lower)[free], x.copy()
@@ -328,7 +344,7 @@ class Aim:
     def best(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, rng: np.random.Generator, samples: int, began: float
     ) -> Interception:
-        """The strike that hits most probably; what it promises is found on tracks that did not choose it."""
+        """Return the strike with the largest hit probability, which is computed from tracks that did not choose it."""
         allowed, path = sure_paths(self.library.striker, x, rate=FINE)
         t = np.arange(path.shape[1]) / FINE
         seed = int(rng.integers(2**63))  # the same tracks for every strike
@@ -357,7 +373,9 @@ class Aim:
     def outlook(
         self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
-        """What a path of the tip (T, 2) [m] at times (T,) [s] does to tracks that are still possible."""
+        """Return hit probability and miss distances of a tip path (T, 2) [m] at times (T,) [s] over samples of the
+        track.
+        """
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
         miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance
         hit, expected = self.goal.hit(miss[1:]).mean(), np.minimum(miss[1:], _FAR).mean()

@@ -19,14 +19,14 @@ SPEED = 2.0  # [m/s] below which the tip does not strike
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Where the tip comes, when, and how fast, over many strikes.
+    """Points, times and velocities of the tip over many strikes that were simulated once.
 
     Args:
         striker: Rolls strikes out, within their box and limits.
         free: Numbers of a strike that may be chosen, (2 a + 1,).
-        strikes: (B, 2 a + 1).
-        owner: Strike of each of the N points, (N,).
-        tau: When the tip is there, from the strike's start [s], (N,).
+        strikes: Strike vectors, (B, 2 a + 1).
+        owner: Index of the strike to which each of the N points belongs, (N,).
+        tau: Time of each point after the strike's start [s], (N,).
         points, velocities: Points and velocities of the tip [m], [m/s], (N, 2).
     """
 
@@ -53,14 +53,14 @@ class Library:
         q_i: Sequence[float] | None = None,
         speed: float = SPEED,
     ) -> Library:
-        """Roll out random strikes.
+        """Simulate random strikes and return the library.
 
         Args:
             striker: Rolls out; strikes beyond its limits are left out.
-            size: How many strikes.
+            size: Number of strikes.
             seed: Seed of the strikes.
-            q_i: Posture in which the arm waits [rad] and all strikes begin. Default: wherever the strike wants to
-                begin, and the arm has to be there, the whip at rest, when it starts.
+            q_i: Posture in which the arm waits and from which all strikes start [rad], (a,). Default: the start posture
+                differs between strikes, and the arm has to be there with the whip at rest.
             speed: Speed of the tip, at least, where it is to hit [m/s].
 
         Raises:

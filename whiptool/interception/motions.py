@@ -37,21 +37,24 @@ class TargetMotion(ABC):
 
     @abstractmethod
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Where it is, (..., T, 2) [m], for numbers (..., p) and times (T,) [s]."""
+        """Return the target's positions (..., T, 2) [m] for parameters (..., p) and times (T,) [s]."""
 
     @abstractmethod
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Rough numbers that a fit begins with, (S, p), from times (T,) near 0 and positions (T, 2)."""
+        """Return S initial guesses of the parameters for a fit, (S, p), from times (T,) [s] near 0 and positions (T, 2)
+        [m].
+        """
 
 
 @dataclass(frozen=True)
 class Polynomial(TargetMotion):
-    """At rest (order 0) or with a velocity (order 1), under a known acceleration: x, y, then vx, vy at time 0.
+    """A target at rest (order 0) or with an initial velocity (order 1), under a known acceleration. Its parameters are
+    x, y, then vx, vy at time 0.
 
     Args:
         name: Name of the motion.
         order: 0 or 1.
-        acceleration: (x, y) [m/s^2].
+        acceleration: Acceleration (x, y) [m/s^2].
     """
 
     order: int
@@ -59,31 +62,31 @@ class Polynomial(TargetMotion):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers: position [m] and velocity [m/s]."""
+        """Names of the parameters: position [m] and velocity [m/s]."""
         return ("x", "y", "vx", "vy")[: 2 * (self.order + 1)]
 
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Where it is, (..., T, 2) [m]."""
+        """Return the target's positions, (..., T, 2) [m], see `Motion.positions`."""
         powers = np.asarray(t, float)[:, None] ** np.arange(self.order + 1)  # (T, order + 1)
         terms = np.reshape(numbers, (*np.shape(numbers)[:-1], self.order + 1, 2))
         return powers @ terms + 0.5 * np.asarray(t)[:, None] ** 2 * np.array(self.acceleration)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Zeros: the fit is linear, one step ends it."""
+        """Return zeros (1, p): the fit is linear and needs no initial guess."""
         return np.zeros((1, len(self.names)))
 
 
 @dataclass(frozen=True)
 class PendulumMotion(TargetMotion):
-    """A bob on a string, at any angle below the top: theta'' = -(g / L) sin(theta), exactly.
+    """A bob on a string that does not swing over the top: exact solution of theta'' = -(g / L) sin(theta).
 
-    Its numbers: the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0. theta
-    is 0 straight below the pivot and positive towards +x. Half a second of a long swing says little about the string,
-    so that something is known beforehand: log(L / 1 m) is 0 +- 1 (some decimetres to some metres), the pivot is within
-    some 10 m, theta is 0 +- 3 rad, its rate 0 +- 10 rad/s.
+    Its parameters are the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0.
+    theta is 0 straight below the pivot and positive towards +x. As half a second of a long swing does not determine the
+    string, there is a weak prior (mean and standard deviation): log(L / 1 m) 0 +- 1, pivot 0 +- 10 m, theta 0 +- 3 rad,
+    rate 0 +- 10 rad/s.
 
     Args:
-        pivot: (x, y) [m] where it is known.
+        pivot: Pivot (x, y) [m]; None: unknown.
         gravity: Gravity [m/s^2].
 
     Source: A. J. Brizard, "A primer on elliptic functions with applications in classical mechanics", 2009.
@@ -95,12 +98,12 @@ class PendulumMotion(TargetMotion):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the numbers, in their order."""
+        """Names of the parameters, in their order."""
         return (*(("pivot x", "pivot y") if self.pivot is None else ()), "log L", "theta", "rate")
 
     @property
     def loosely(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the weak prior on the numbers: its means, and the inverses of its standard errors."""
+        """Weak prior of the parameters: means, and inverses of the standard errors, (p,) each."""
         errors = np.array([10.0] * (len(self.names) - 3) + [1.0, 3.0, 10.0])
         return np.zeros(len(self.names)), 1 / errors
 
@@ -118,7 +121,9 @@ class PendulumMotion(TargetMotion):
         return pivot + L[..., None] * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """From the bob's acceleration, which beyond gravity points along the string, with some lengths of it."""
+        """Return initial guesses (S, p) with several string lengths; the string's direction is that of the force on the
+        bob.
+        """
         order = min(2, len(t) - 1)
         terms = np.zeros((3, 2))
         terms[: order + 1] = np.polynomial.polynomial.polyfit(t, points, order)
@@ -140,7 +145,7 @@ MOTIONS = ("still", "straight", "ballistic", "pendulum")
 
 
 def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY) -> TargetMotion:
-    """The motion called `name`.
+    """Return the motion called `name`.
 
     Raises:
         InputError: No motion has that name; the message lists them.

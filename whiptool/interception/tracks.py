@@ -19,17 +19,18 @@ STEPS = 40  # of a fit, at most
 
 @dataclass(frozen=True, eq=False)
 class TargetTrack:
-    """A target's motion as it is known.
+    """Estimate of a target's motion.
 
     Args:
-        motion: Which.
-        numbers: Numbers of the motion, (p,), with its time 0 at `epoch`.
-        covariance: Covariance of the numbers, (p, p), the misfit included.
-        epoch: Epoch [s].
+        motion: Family of the motion.
+        numbers: Parameters of the motion, (p,), with its time 0 at `epoch`.
+        covariance: Covariance of the parameters, (p, p), with the misfit included.
+        epoch: Time at which the motion's time is 0 [s].
         chi2: Sum of squared residuals in units of the measurement error.
-        dof: Measured coordinates less p.
-        bic: chi2 + p log(measured coordinates); the motion of the smallest is the most plausible (Schwarz 1978).
-        last: Time of the last frame that it was seen in [s]; -inf: it was given, not seen.
+        dof: Degrees of freedom: number of measured coordinates minus p.
+        bic: chi2 + p log(number of measured coordinates); the motion with the smallest value is the most plausible
+            (Schwarz 1978).
+        last: Time of the last frame that shows it [s]; -inf: it was given, not observed.
     """
 
     motion: TargetMotion
@@ -43,23 +44,23 @@ class TargetTrack:
 
     @classmethod
     def known(cls, motion: TargetMotion, numbers: np.ndarray, *, epoch: float = 0.0) -> TargetTrack:
-        """A motion without any doubt."""
+        """Return the track of a motion whose parameters (p,) are known exactly."""
         numbers = np.asarray(numbers, float)
         return cls(motion, numbers, np.zeros((len(numbers), len(numbers))), epoch)
 
     @property
     def p_value(self) -> float:
-        """Probability of residuals so large, if it moves like that; small: it does not."""
+        """Probability of residuals at least this large if the motion is right; a small value means that it is not."""
         return float(chi2_distribution.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
 
     @property
     def misfit(self) -> float:
-        """max(1, chi2 / dof): by how much the variance of a frame is larger than stated, for all that is known."""
+        """max(1, chi2 / dof): factor by which the variance of the frames exceeds the stated one."""
         return _misfit(self.chi2, self.dof)
 
     @property
     def warning(self) -> str:
-        """A sentence where the frames spread much wider than stated; else empty."""
+        """Warning, as a sentence, if the frames scatter much more than stated; else empty."""
         if self.misfit <= DOUBTFUL:
             return ""
         return (
@@ -72,7 +73,7 @@ class TargetTrack:
         return self.positions(self.numbers, t)
 
     def positions(self, numbers: np.ndarray, t: np.ndarray | float) -> np.ndarray:
-        """The same for other numbers (..., p), such as samples of them, (..., T, 2) [m]."""
+        """Return the positions (..., T, 2) [m] at times (T,) [s] for other parameters (..., p), such as samples."""
         return self.motion.positions(numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
 
     def velocity(self, t: np.ndarray | float) -> np.ndarray:
@@ -81,29 +82,32 @@ class TargetTrack:
         return (self.position(t + h) - self.position(t - h)) / (2 * h)
 
     def derivatives(self, t: np.ndarray | float) -> np.ndarray:
-        """Of the position by the numbers, (T, 2, p)."""
+        """Return the derivatives of the position by the parameters at times (T,) [s], (T, 2, p)."""
         return derivatives(self.motion, self.numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
 
     def covariance_at(self, t: np.ndarray | float) -> np.ndarray:
-        """Of the position at times (T,), to first order [m^2], (T, 2, 2)."""
+        """Return the covariance of the position at times (T,) [s], to first order, (T, 2, 2) [m^2]."""
         J = self.derivatives(t)
         return J @ self.covariance @ np.swapaxes(J, 1, 2)
 
     def sample(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Numbers that are all still possible, (count, p)."""
+        """Return random samples of the parameters, (count, p)."""
         return rng.multivariate_normal(self.numbers, self.covariance, count, method="eigh", check_valid="ignore")
 
     def after(self, t: np.ndarray, sigma: float) -> TargetTrack:
-        """The same motion with the certainty that it will have once frames at times t (T,) are seen, too.
+        """Return the track with the covariance that it will have after further frames at times t (T,) [s].
 
-        To first order it does not depend on what they show. They are taken to be as wrong as those so far (`misfit`).
+        To first order the covariance does not depend on the measured positions. `sigma` is the frames' stated standard
+        error [m], which is multiplied by the square root of `misfit`.
         """
         J = self.derivatives(t).reshape(-1, len(self.numbers)) / (sigma * self.misfit**0.5)
         return replace(self, covariance=_inverse(_inverse(self.covariance) + J.T @ J))
 
 
 def derivatives(motion: TargetMotion, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Of a motion's positions at times (T,) by its numbers (p,), (T, 2, p), by central differences."""
+    """Return the derivatives of a motion's positions at times (T,) [s] by its parameters (p,), by central differences,
+    (T, 2, p).
+    """
     steps = 1e-5 * np.maximum(1.0, np.abs(numbers))
     moved = np.vstack([numbers + np.diag(steps), numbers - np.diag(steps)])
     ahead, behind = np.split(motion.positions(moved, t), 2)
@@ -119,26 +123,27 @@ def fit_track(
     pivot: tuple[float, float] | None = None,
     gravity: float = GRAVITY,
 ) -> TargetTrack:
-    """The motion behind noisy positions, by least squares over all of them (Levenberg-Marquardt).
+    """Fit a motion to noisy positions by least squares (Levenberg-Marquardt).
 
-    For the linear motions this is what a Kalman filter without process noise ends with; a pendulum is searched from
-    several lengths of its string.
+    For linear motions the result is that of a Kalman filter without process noise; a pendulum is fitted from several
+    initial string lengths.
 
     Where the residuals are larger than `sigma` says, because it is understated or because the target moves otherwise,
-    the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1
-    (Birge 1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself
-    grows differently from noise, so that this is a remedy for small ones; see `TargetTrack.warning`.
+    the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1 (Birge
+    1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself grows
+    differently from noise, so that this is a remedy for small ones; see `TargetTrack.warning`.
 
     Args:
-        t: Times of the frames [s], (T,), increasing. Gaps do no harm.
-        points: Positions in the strike plane [m], (T, 2); NaN where it was not seen.
+        t: Times of the frames [s], (T,), increasing, possibly with gaps.
+        points: Positions in the strike plane [m], (T, 2); NaN where the target was not seen.
         sigma: Standard error of each coordinate [m].
         motion: `still`, `straight`, `ballistic`, `pendulum`, or `auto`: the most plausible of these by BIC.
         pivot: Pivot of the pendulum (x, y) [m], if known.
         gravity: Gravity [m/s^2].
 
     Raises:
-        InputError: Shapes do not match, times do not increase, the motion is unknown, or it was seen in too few frames.
+        InputError: Shapes do not match, times do not increase, the motion is unknown, or too few frames show the
+            target.
     """
     t, points = np.asarray(t, float), np.asarray(points, float)
     number("sigma", sigma, low=0, strict=True)

@@ -28,14 +28,14 @@ Given: TypeAlias = Limits | Sequence[Limits] | None
 
 
 def default_limits(model: Model, *, prescribed: bool) -> list[Limits]:
-    """Return what strikes of a model keep where nothing else is asked for.
+    """Return the default limits of a model's strikes.
 
-    Of a robot these are the limits of its joints, the distance of arm and whip from the arm, and the floor on which it
-    stands, see `default_floor`; of a planar or a person's arm none.
+    For a robot these are the limits of its joints, no contact of arm and whip with the arm, and the floor on which it
+    stands, see `default_floor`; a planar or a human arm has none.
 
     Args:
-        model: Arm and whip.
-        prescribed: Whether joints move exactly as commanded, as under position control.
+        model: Model of arm and whip.
+        prescribed: Whether joints move exactly as commanded (position control).
     """
     return named_limits({}, model, prescribed=prescribed)
 
@@ -95,10 +95,10 @@ def floor_height(given: str | float) -> float | None:
 
 
 def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:
-    """Return limits as given, or `default_limits`.
+    """Return the given limits, or `default_limits` for "default".
 
     Raises:
-        InputError: They are named by another word.
+        InputError: Another word is given.
     """
     if not isinstance(given, str):
         return given
@@ -110,16 +110,18 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
 
 
 def distance_beyond(penalty: float, beyond: np.ndarray | float) -> np.ndarray | float:
-    """Return the distances [m] that stand for strikes beyond limits, between one penalty and two; 0 beyond: one."""
+    """Return the distances [m] that a search uses for strikes that break limits: from `penalty` (excess 0) to twice
+    that.
+    """
     return penalty * (2 - 1 / (1 + beyond))
 
 
 class AllLimits:
-    """Several limits, of which a strike has to keep all.
+    """Combination of several limits, all of which a strike has to keep.
 
     Args:
-        given: One or several; None: none.
-        by_joints: Whether strikes are described by their joints; if not, none can be judged beforehand.
+        given: One limit or several; None: none.
+        by_joints: Whether strikes are in joint space; if not, no limit can be checked without simulation.
     """
 
     def __init__(self, given: Given, *, by_joints: bool = True) -> None:
@@ -135,20 +137,20 @@ class AllLimits:
 
     @property
     def smooth(self) -> tuple[Smooth, ...]:
-        """What a search can keep beforehand."""
+        """Constraints that a search can keep without simulating a strike."""
         return tuple(each for limits in self.members for each in limits.smooth) if self._by_joints else ()
 
     def kept_beforehand(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether strikes (B, 2 a + 1) keep what is `smooth`, which takes no rollout, (B,)."""
+        """Return whether strikes (B, 2 a + 1) keep the constraints in `smooth`, which need no simulation, (B,)."""
         keep = np.ones(len(strikes), bool)
         for smooth in self.smooth:
             keep[keep] = smooth.kept(strikes[keep])
         return keep
 
     def random_strikes(self, bounds: StrikeBounds, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return random strikes (count, 2 a + 1) of a box that keep what can be kept beforehand.
+        """Return random strikes (count, 2 a + 1) in a box that keep the limits that can be checked without simulation.
 
-        Where hardly any do, the others are any.
+        If too few are found, the rest may break these limits.
         """
         drawn = self.admissible(bounds.sample(rng, count), bounds)
         found = drawn[self.kept_beforehand(drawn)]
@@ -163,21 +165,23 @@ class AllLimits:
         return bool(self.members)
 
     def shortened(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, 2 a + 1) whose joints are commanded no faster than they may."""
+        """Return strikes (B, 2 a + 1) with end postures moved towards the start so that commanded paths keep their
+        limits.
+        """
         for command in self.commands:
             strikes = command.shortened(strikes)
         return strikes
 
     def admissible(self, strikes: np.ndarray, bounds: StrikeBounds) -> np.ndarray:
-        """Return strikes (B, m) put into a box, shortened where joints would be commanded beyond their speeds."""
+        """Return strikes (B, m) clipped to a box, and shortened so that commanded paths keep their limits."""
         lower, upper = bounds.box
         return np.clip(self.shortened(np.clip(strikes, lower, upper)), lower, upper)
 
     def narrowed(self, bounds: StrikeBounds) -> StrikeBounds:
-        """Return what of a box of strikes is within the limits of position.
+        """Return the part of a box of strikes that is within the position limits.
 
         Raises:
-            InputError: Nothing is.
+            InputError: No part of the box is.
         """
         lower, upper = bounds.box
         for limits in self.members:
@@ -189,27 +193,28 @@ class AllLimits:
         return StrikeBounds(tuple(lower), tuple(upper))
 
     def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:
-        """How far strikes (B, 2 a + 1) are commanded beyond the limits, (B,); <= 0: not."""
+        """Return the excess of commanded paths of strikes (B, 2 a + 1) over the limits, (B,); at most 0 within them."""
         return np.max([c.violation(strikes) for c in self.commands], axis=0, initial=0.0) * np.ones(len(strikes))
 
     def violations(
         self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
     ) -> np.ndarray:
-        """How far each strike is beyond the limits, (B,); <= 0: within. Peaks acquit, whole strikes convict.
+        """Return the excess of each strike over the limits, (B,); at most 0 within them. A strike whose peak values
+        keep a limit keeps it; otherwise its whole trajectory is checked if the peak values do not suffice.
 
         Args:
-            strikes: Vectors, (B, 2 a + 1).
+            strikes: Strike vectors, (B, 2 a + 1).
             near: Closest approaches of the strikes.
-            trajectory: Function that returns the whole trajectory of a strike that its peak values do not decide.
+            trajectory: Returns the whole trajectory of a strike (2 a + 1,).
         """
         return self.judged(strikes, near, trajectory)[0]
 
     def judged(
         self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
     ) -> tuple[np.ndarray, list[str]]:
-        """Return how far each strike is beyond the limits, (B,), as `violations` does, and beyond which of them, (B,).
+        """Return the excess of each strike over the limits, (B,), as `violations`, and the limit that it exceeds most.
 
-        These are named by their `judges`; of what is within, the name says nothing.
+        The limits are named by their `judges`, (B,) strings; for a strike within all limits the name has no meaning.
         """
         beyond, names = [self.violation_of_command(strikes)], [COMMANDED]
         for limits in self.members:
@@ -224,26 +229,28 @@ class AllLimits:
 
     @property
     def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best."""
+        """Whether the whole trajectory has to be checked for strikes that would be hits or the best."""
         return any(limits.of_candidates for limits in self.members)
 
     def violation(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> float:
-        """How far a whole strike is beyond the limits; <= 0: within.
+        """Return the excess of a strike's whole trajectory over the limits; at most 0 within them.
 
         Args:
-            trajectory: Motion of the strike.
+            trajectory: Trajectory of the strike.
             strike: Commanded strike; None: limits of the command are not checked.
         """
         return self.judged_whole(trajectory, strike)[0]
 
     def judged_whole(self, trajectory: Trajectory, strike: AnyStrike | None = None) -> tuple[float, str]:
-        """Return how far a whole strike is beyond the limits, as `violation` does, and beyond which, as `judged`."""
+        """Return the excess of a whole strike over the limits, as `violation`, and the limit that it exceeds most, as
+        `judged`.
+        """
         commanded = 0.0 if strike is None else float(self.violation_of_command(strike.vector[None])[0])
         found = [(max(commanded, 0.0), COMMANDED), *((x.violation(trajectory), x.judges) for x in self.members)]
         return max(found, key=lambda one: one[0])
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> str | None:
-        """What a strike is farthest beyond, in words; None: it is within all limits."""
+        """Return a description of the limit that a strike exceeds most; None if it keeps all."""
         found: list[tuple[float, Callable[[], str]]] = [
             (limits.violation(trajectory), lambda limits=limits: limits.explain(trajectory, joints))
             for limits in self.members

@@ -30,16 +30,16 @@ def _limited(joints: Sequence[JointLimits]) -> bool:
 class ArmLimits(Limits):
     """Limits of each joint of an arm.
 
-    Position, velocity and torque are judged by what the joints do, acceleration and jerk by the commanded path alone,
-    for which makers set them, and the change of torque (`torque_rates`) on whole strikes that would be hits or the
-    best.
+    Position, velocity and torque are checked on the simulated motion; acceleration and jerk on the commanded path, for
+    which manufacturers state them; the rate of change of torque (`torque_rates`) on the whole trajectory, only for
+    strikes that would be hits or the best.
 
     Args:
         joints: Limits of each joint; see `JointLimits`.
-        words: The limits for people.
-        share: Share of the velocity limits that searches command: less than all where joints only follow what is
-            commanded.
-        slides: Which joints slide, counted from 0; the others turn.
+        words: Description of the limits.
+        share: Fraction of the velocity limits that searches command; below 1 if the joints only approximately follow
+            the command.
+        slides: Indices of the prismatic joints, from 0; the others are revolute.
 
     Raises:
         InputError: No joint has a limit.
@@ -55,7 +55,7 @@ class ArmLimits(Limits):
 
     def __post_init__(self) -> None:
         if not _limited(self.joints):
-            raise InputError("limits", "none", "an arm whose joints have limits")
+            raise InputError("arm", "joints without limits", "an arm whose joints have limits")
 
     @classmethod
     def of(cls, arm: AnyArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:
@@ -63,11 +63,11 @@ class ArmLimits(Limits):
 
         Args:
             arm: Arm whose joints have limits.
-            keep_free: This share of every limit is kept free.
-            prescribed: Whether joints move exactly as commanded, as under position control.
+            keep_free: Fraction of every limit that must remain unused.
+            prescribed: Whether joints move exactly as commanded (position control).
 
         Raises:
-            InputError: It has none, as planar arms; or the share is not in [0, 1).
+            InputError: The arm has no limits, such as a planar arm; or `keep_free` is not in [0, 1).
         """
         joints = tuple(joint.keeping_free(keep_free) for joint in arm.joint_limits)
         words = "the arm's limits" + (f", {keep_free:.0%} of them kept free" if keep_free else "")
@@ -76,38 +76,38 @@ class ArmLimits(Limits):
 
     @staticmethod
     def are_in(arm: AnyArm) -> bool:
-        """Whether an arm has any."""
+        """Whether an arm has any limits."""
         return _limited(arm.joint_limits)
 
     @property
     def command(self) -> CommandLimits:
-        """What searches command, and what is judged of the command alone."""
+        """Limits of the commanded path, for searches and checks."""
         return CommandLimits(self.joints, self.share, self.slides)
 
     @property
     def smooth(self) -> tuple[CommandLimits, ...]:
-        """What a search can keep beforehand."""
+        """Constraints that a search can keep without simulating a strike."""
         return (self.command,)
 
     @property
     def positions(self) -> np.ndarray:
-        """Lowest and highest position of each joint [rad or m], (2, a); infinite where there is no limit."""
+        """Lowest and highest position of each joint [rad or m], (2, a); infinite without a limit."""
         return np.array([joint.position for joint in self.joints]).T
 
     @property
     def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best."""
+        """Whether the whole trajectory has to be checked for strikes that would be hits or the best."""
         return any(math.isfinite(joint.torque_rate) for joint in self.joints)
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Which fraction of each limit states use: above 1 they exceed it, 0 without a limit.
+        """Return the fraction of each limit that states use: above 1 they exceed it; 0 without a limit.
 
         Args:
             q, v, tau: Positions, velocities and torques, (..., a).
 
         Returns:
-            Of position, velocity and torque, (..., 3, a). A position in the middle of its range uses nothing; where
-            a range has one end only, each radian or metre beyond it counts as one.
+            Usage of position, velocity and torque, (..., 3, a). It is 0 for a position in the middle of its range; if a
+            range has only one end, each radian or metre beyond it counts as 1.
         """
         low, high = np.array([joint.position for joint in self.joints]).T
         velocity, torque = (
@@ -118,11 +118,11 @@ class ArmLimits(Limits):
         return np.stack([np.maximum(1 + beyond, 0), np.abs(v) / velocity, np.abs(tau) / torque], axis=-2)
 
     def violation(self, trajectory: Trajectory, *, margin: float = 0.0) -> float:
-        """How far the worst instant of a trajectory lies beyond a limit, in parts of it; <= 0: within.
+        """Return the largest relative excess of a trajectory over a limit; at most 0 within all limits.
 
         Args:
             trajectory: Positions, speeds and torques of the arm at every instant.
-            margin: This part of every limit is kept free.
+            margin: Fraction of every limit that must remain unused.
         """
         if trajectory.diverged:
             return math.inf
@@ -130,10 +130,10 @@ class ArmLimits(Limits):
         return float(worst) - (1.0 - margin)
 
     def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
-        """The same from what each joint does at most, which says all: each limit is of one quantity.
+        """Return the same from the peak values of each joint, which suffice since each limit concerns one quantity.
 
         Returns:
-            One number per strike, (B,) for an Approach; infinite where positions are limited and not known.
+            One number per strike, (B,) for an `Approach`; infinite if positions are limited but unknown.
         """
         v, tau = np.asarray(near.max_joint_speed), np.asarray(near.max_torque)
         positions = near.positions
@@ -145,7 +145,7 @@ class ArmLimits(Limits):
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
-        """The worst instant in words."""
+        """Return a description of the instant at which a trajectory uses a limit most."""
         usage = self._usage_of(trajectory)
         t, of_rates, rates = self._rate_usage_of(trajectory)
         if of_rates.max() > usage.max():

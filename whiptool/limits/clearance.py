@@ -27,19 +27,19 @@ UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
 
 @dataclass(frozen=True)
 class Clearance(Limits):
-    """The distance that arm, whip and floor keep from each other, as capsules; see `Scene`.
+    """Smallest allowed distance between arm, whip and floor, whose shapes are capsules; see `Scene`.
 
-    Links that have but one between them are always near each other: they have to be apart, but need not keep more.
-    Whole strikes are judged where they would be hits or the best.
+    Links with only one link between them are always close: they must not touch, but need no further distance. The whole
+    trajectory is checked only for strikes that would be hits or the best.
 
     Args:
-        model: Arm and whip.
-        floor: Its height, of the plane z (in the plane y) = floor [m]; None: no floor.
-        least: Distance to be kept [m], at most 1 m.
+        model: Model of arm and whip.
+        floor: Height of the floor, z = floor (in the plane y = floor) [m]; None: no floor.
+        least: Smallest allowed distance [m], at most 1 m.
 
     Raises:
-        InputError: There is nothing to touch, as the arm has no capsules and there is no floor; or a number is out of
-            range.
+        InputError: There is nothing to check because the arm has no capsules and there is no floor; or a number is out
+            of range.
     """
 
     model: Model
@@ -58,7 +58,7 @@ class Clearance(Limits):
 
     @property
     def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best: yes."""
+        """Whether the whole trajectory has to be checked for strikes that would be hits or the best: yes."""
         return True
 
     @staticmethod
@@ -68,7 +68,7 @@ class Clearance(Limits):
 
     @property
     def words(self) -> str:
-        """The limits for people."""
+        """Description of the limits."""
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
         floor = "" if self.floor is None else f" and the floor at {self.floor:g} m"
         return f"the distance{kept} from arm and whip to the arm{floor}"
@@ -89,7 +89,9 @@ class Clearance(Limits):
 
     @property
     def smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
-        """What a search can keep beforehand, of an arm in space: where its whip hangs, and its own commanded path."""
+        """Constraints that a search can keep without simulation, for an arm in space: the hanging whip, and the arm's
+        path.
+        """
         return self._smooth
 
     @cached_property
@@ -103,14 +105,14 @@ class Clearance(Limits):
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)
 
     def nearest(self, trajectory: Trajectory, *, enough: float = math.inf) -> tuple[NearestPair | None, float]:
-        """Return where bodies come nearest over a strike, and when [s]; close links only where they overlap.
+        """Return the closest pair of bodies over a strike and the time [s]; neighbouring links only if they overlap.
 
         Args:
             trajectory: Trajectory of the strike.
-            enough: Clearance from which it does not matter how large it is [m].
+            enough: Distance above which the exact value is not needed [m].
 
         Returns:
-            None, where nothing is compared.
+            The pair (None if nothing is compared), and the time.
         """
         step = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else SAMPLED
         stride = max(1, int(SAMPLED / step + 1e-9))
@@ -126,32 +128,32 @@ class Clearance(Limits):
         return min(found, key=lambda x: x.clearance, default=None)
 
     def violation(self, trajectory: Trajectory) -> float:
-        """Return how far a strike comes nearer than it may, in tenths of a metre; <= 0: not."""
+        """Return by how much a strike falls below the allowed distance, in units of 0.1 m; at most 0 if it is kept."""
         if trajectory.diverged:
             return math.inf
         found = self.nearest(trajectory, enough=self.least)[0]
         return -math.inf if found is None else self._beyond(found)
 
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return -1 for each strike, (B,), as peaks say nothing of distances; infinity where it diverged."""
+        """Return -1 for each strike, (B,), as peak values contain no distances; infinity for one that diverged."""
         return np.where(near.diverged, math.inf, -1.0)
 
     def _beyond(self, found: NearestPair) -> float:
         return (self.least - found.clearance) / UNIT
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
-        """Return in words what comes nearest to what."""
+        """Return a description of the closest pair of bodies."""
         found, at = self.nearest(trajectory)
         if found is None:
             return "nothing is near anything"
         return f"at {at:.3f} s {self._said(found)}"
 
     def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
-        """Return what an arm without its whip comes too near to on a way, in words; None: nothing.
+        """Return a description of what an arm without its whip comes too close to on a path; None: nothing.
 
         Args:
             t: Times [s], (T,).
-            q: Positions of its joints [rad or m], (T, a).
+            q: Positions of the arm's joints [rad or m], (T, a).
         """
         found = self._nearest(q, self.least, self._scene_of_arm) if self.model.dimension == 3 else None
         if found is None or self._beyond(found) <= 0:

@@ -17,16 +17,16 @@ ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding ta
 
 @dataclass(frozen=True)
 class CommandLimits:
-    """Limits of velocity, acceleration and jerk of commanded paths, which are closed forms of a strike.
+    """Limits of velocity, acceleration and jerk of commanded paths; their usage is a closed form of a strike.
 
-    The derivative k of a minimum-jerk path over a span in a duration D is at most a number times span / D^k: 15/8,
-    10/sqrt(3) and 60.
+    The largest k-th derivative of a minimum-jerk path over a span in a duration D is span / D^k times 15/8, 10/sqrt(3)
+    and 60 for k = 1, 2, 3.
 
     Args:
         joints: Limits of each joint; see `JointLimits`.
-        share: Share of the velocity limits that searches command; the rest is left for how joints depart from the
-            command.
-        slides: Which joints slide, counted from 0; the others turn.
+        share: Fraction of the velocity limits that searches command; the rest allows for deviations of the joints from
+            the command.
+        slides: Indices of the prismatic joints, from 0; the others are revolute.
     """
 
     joints: tuple[JointLimits, ...]
@@ -35,26 +35,28 @@ class CommandLimits:
 
     @property
     def largest(self) -> np.ndarray:
-        """Largest velocity, acceleration and jerk that searches command of each joint, (3, a); infinite for any."""
+        """Largest velocity, acceleration and jerk of each joint that searches command, (3, a); infinite without a
+        limit.
+        """
         limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES])
         return limits * np.array([[self.share], [1 - ROUNDING], [1 - ROUNDING]])
 
     def farthest(self, D: np.ndarray) -> np.ndarray:
-        """Return how far searches command each joint to move in given times [rad or m].
+        """Return the largest movement of each joint that searches command in given durations [rad or m].
 
         Args:
-            D: [s], (B,).
+            D: Durations [s], (B,).
 
         Returns:
-            (B, a); infinite where there is no limit.
+            Largest movements, (B, a); infinite without a limit.
         """
         powers = np.asarray(D, float)[:, None, None] ** np.array([1, 2, 3])[:, None]  # (B, 3, 1)
         return (self.largest * powers / _PEAKS[:, None]).min(axis=1)
 
     def shortened(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes, vectors (B, 2 a + 1), whose joints' ends come nearer to their starts where they move too far.
+        """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if they are too far.
 
-        They are within the limits; their starts and durations stay.
+        They keep the limits; their start positions and durations are unchanged.
         """
         a = len(self.joints)
         q_i, q_f, D = np.split(strikes, [a, 2 * a], axis=1)
@@ -62,12 +64,12 @@ class CommandLimits:
         return np.hstack([q_i, np.clip(q_f, q_i - farthest, q_i + farthest), D])
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return smooth functions of a strike that are <= 0 where it is within what searches command.
+        """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
 
-        They are `peak (q_f - q_i) - limit D^k` to either side, for each limit that there is.
+        They are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit.
 
         Args:
-            strike: Vector, (2 a + 1,).
+            strike: Strike vector, (2 a + 1,).
 
         Returns:
             The functions (m,), and their derivatives (m, 2 a + 1).
@@ -85,30 +87,30 @@ class CommandLimits:
         return np.concatenate([move - allowed, -move - allowed]), rows.reshape(-1, len(strike))
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether strikes (B, 2 a + 1) are within what searches command, (B,)."""
+        """Return whether strikes (B, 2 a + 1) keep the limits for searches, (B,)."""
         a = len(self.joints)
         moves = np.abs(strikes[:, a : 2 * a] - strikes[:, :a])
         return np.all(moves <= self.farthest(strikes[:, -1]) + ROUNDING, axis=1)
 
     def usage(self, strikes: np.ndarray) -> np.ndarray:
-        """Return how much strikes use of the limits of acceleration and jerk: 1 is at one, more is beyond.
+        """Return the fraction of the limits of acceleration and jerk that strikes use; above 1 they exceed it.
 
         Args:
-            strikes: Vectors, (B, 2 a + 1).
+            strikes: Strike vectors, (B, 2 a + 1).
 
         Returns:
-            (B, 2, a); 0 where there is no limit.
+            Usage of acceleration and jerk, (B, 2, a); 0 without a limit.
         """
         values = self._peaks_of(strikes)[:, 1:]
         limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES[1:]])
         return values / limits
 
     def violation(self, strikes: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, 2 a + 1) are beyond a limit of acceleration or jerk, in parts of it, (B,)."""
+        """Return the largest relative excess of strikes (B, 2 a + 1) over a limit of acceleration or jerk, (B,)."""
         return self.usage(strikes).max(axis=(1, 2)) - 1.0
 
     def explain(self, strike: np.ndarray, joints: Sequence[str]) -> str:
-        """Return what one strike, (2 a + 1,), uses most of, in words."""
+        """Return a description of the limit that a strike (2 a + 1,) uses most."""
         usage = self.usage(strike[None])[0]
         what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value, name = self._peaks_of(strike[None])[0, what + 1, j], _NAMES[what + 1]

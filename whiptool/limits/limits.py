@@ -13,21 +13,21 @@ from whiptool.models.trajectory import Approach, Trajectory
 
 
 class Smooth(Protocol):
-    """Functions of a strike that are <= 0 where it keeps something, with derivatives."""
+    """Differentiable constraints of a strike: functions that are at most 0 if the strike keeps a limit."""
 
     def constraints(self, strike: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
         """Return the functions (m,) and their derivatives (m, 2 a + 1) at a strike, (2 a + 1,)."""
         ...
 
     def kept(self, strikes: np.ndarray, /) -> np.ndarray:
-        """Return whether strikes (B, 2 a + 1) keep it, (B,)."""
+        """Return whether strikes (B, 2 a + 1) keep the constraints, (B,)."""
         ...
 
 
 class Limits(ABC):
-    """What a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
+    """Limits that a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
 
-    `judges` names them, and `by_peaks` is true if the peak values of a strike suffice to judge it.
+    `judges` names them, and `by_peaks` is true if the peak values of a strike suffice to check it.
     """
 
     judges: ClassVar[str]
@@ -40,7 +40,7 @@ class Limits(ABC):
 
     @property
     def command(self) -> CommandLimits | None:
-        """What may be commanded; None: anything."""
+        """Limits of the commanded path; None if it has no limits."""
         return None
 
     @property
@@ -50,7 +50,7 @@ class Limits(ABC):
 
     @property
     def positions(self) -> np.ndarray | None:
-        """Lowest and highest position of each joint [rad or m], (2, a); None: any."""
+        """Lowest and highest position of each joint [rad or m], (2, a); None: no limits."""
         return None
 
     @property
@@ -69,4 +69,4 @@ class Limits(ABC):
 
     @abstractmethod
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
-        """Return what a strike uses most of, in words."""
+        """Return a description of the limit that a strike uses most."""

@@ -22,8 +22,8 @@ from whiptool.models.trajectory import Approach, Trajectory
 class MotorLimits(NoArray, Limits, instead="its numbers by name"):
     """The speed-torque line of a motor at its supply voltage.
 
-    Driving at speed w, a motor gives at most `stall_torque (1 - w / no_load_speed)`; braking, at most its stall
-    torque, which is what its current limit allows.
+    When driving at speed w, a motor gives at most `stall_torque (1 - w / no_load_speed)`; when braking, at most its
+    stall torque, by its current limit.
 
     Args:
         name: Name of the motor.
@@ -49,10 +49,10 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
             number(name, getattr(self, name), low=0, strict=True)
 
     def keeping_free(self, share: float) -> MotorLimits:
-        """Return the line reduced by a share that is kept free.
+        """Return the limits reduced by a fraction that must remain unused.
 
         Raises:
-            InputError: The share is not in [0, 1).
+            InputError: The fraction is not in [0, 1).
         """
         left = 1.0 - kept_free(share)
         scaled = {name: left * getattr(self, name) for name in ("stall_torque", "no_load_speed", "stall_current")}
@@ -60,23 +60,26 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
 
     @property
     def words(self) -> str:
-        """The limits in words."""
+        """Description of the limits."""
         return f"the {self.name}'s speed-torque line"
 
     @property
     def torque_constant(self) -> float:
-        """At the output [N m/A]."""
+        """Torque at the output per current [N m/A]."""
         return self.stall_torque / self.stall_current
 
     def available(self, v: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Largest torque [N m] in a direction (+1, -1) at speeds v [rad/s]; negative beyond the no-load speed."""
+        """Return the largest torque [N m] in a direction (+1, -1) at speeds v [rad/s]; negative beyond the no-load
+        speed.
+        """
         return self.stall_torque * np.minimum(1.0, 1.0 - v * direction / self.no_load_speed)
 
     def usage(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Usage of the motor in a state: 1 is on its line, more exceeds it. Same shape as v and tau.
+        """Return the usage of a motor's limits at speeds v [rad/s] and torques tau [N m], in their shape: 1 is on the
+        speed-torque line, more exceeds it.
 
-        `|tau| / stall_torque + (speed in the torque's direction, if any) / no_load_speed`, and no less than
-        `|v| / no_load_speed`: faster than that, a motor has no torque left to steer with.
+        It is `|tau| / stall_torque + (speed in the torque's direction, if any) / no_load_speed`, and at least `|v| /
+        no_load_speed`, because beyond the no-load speed a motor cannot be controlled.
         """
         driving = np.maximum(v * np.sign(tau), 0.0) / self.no_load_speed
         return np.maximum(np.abs(tau) / self.stall_torque + driving, np.abs(v) / self.no_load_speed)
@@ -87,7 +90,7 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
 
         Args:
             trajectory: Speeds and torques of the arm at every instant.
-            margin: This part of the line is kept free.
+            margin: Fraction of the limits that must remain unused.
         """
         if trajectory.diverged:
             return math.inf
@@ -108,7 +111,7 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
-        """The worst instant in words."""
+        """Return a description of the instant at which a trajectory uses the motors most."""
         a = trajectory.tau.shape[1]
         v, tau = trajectory.v[:, :a], trajectory.tau
         i, j = (int(x) for x in np.unravel_index(self.usage(v, tau).argmax(), tau.shape))
@@ -125,7 +128,7 @@ LIMITS: Registry[MotorLimits] = Registry("limits", MotorLimits, {"xm430": XM430}
 
 
 def limits_preset(name: str) -> MotorLimits:
-    """The motor called `name`.
+    """Return the limits of the motor called `name`.
 
     Raises:
         InputError: No motor has that name; the message lists the motors.

@@ -13,14 +13,14 @@ SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for h
 
 
 class PathClearance:
-    """How near an arm without its whip comes to itself and to the floor where its joints are commanded to go.
+    """Constraints on the distance of an arm without its whip from itself and the floor, on its commanded path.
 
-    Joints move together along a straight line from `q_i` to `q_f`, so that the way does not depend on the duration.
+    The joints move along a straight line from `q_i` to `q_f`, so the path does not depend on the duration.
 
     Args:
         model: Model with an arm in space.
-        floor: Its height [m]; None: no floor.
-        least: Distance to be kept [m].
+        floor: Height of the floor [m]; None: no floor.
+        least: Smallest allowed distance [m].
     """
 
     def __init__(self, model: Model, floor: float | None = None, least: float = 0.0) -> None:
@@ -34,14 +34,14 @@ class PathClearance:
         self._least, self._links = np.array([x[0] for x in kept]), np.array([x[1:] for x in kept], int).reshape(-1, 2)
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return, of each pair of links (or link and floor), how much nearer they come than they may [m].
+        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one [m].
 
         Args:
-            strike: Vector, (2 a + 1,).
+            strike: Strike vector, (2 a + 1,).
 
         Returns:
-            The functions (m,), <= 0 where the distance is kept, and their derivatives (m, 2 a + 1). Where another
-            instant or capsule becomes the nearest, a function has a kink.
+            The functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A function has a
+            kink where another instant or capsule becomes the nearest.
         """
         a, m = self._arm.n, len(self._links)
         if not m:

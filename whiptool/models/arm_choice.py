@@ -21,16 +21,16 @@ _TOOL_FRAMES = ("tool0", "_tcp")  # what the names of tool frames end with
 
 @dataclass(frozen=True)
 class ArmChoice:
-    """What is taken of a robot: the chain from its base to a tip.
+    """Selection of an arm from a robot: the chain from its base to a tip.
 
     Args:
-        tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other.
-        moving: Names of the joints that move; None: all between base and tip, except those that are locked.
+        tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other link.
+        moving: Names of the joints that move; None: all between base and tip that are not in `locked`.
         locked: Positions of joints that do not move [rad or m], by name; a joint that neither moves nor is named here
             is locked at 0.
-        outward: Direction in the tip's frame in which a stick or the whip goes on (3,); flanges have their z axis so.
-        never_touch: Pairs of joints, by their names, or `base` and one, whose links' shapes are not compared; None:
-            those that touch where all joints are at 0.
+        outward: Direction in the tip's frame in which a stick or the whip points, (3,); default: z, as for flanges.
+        never_touch: Pairs of joint names (or `base` and a joint) whose links are not checked for contact; None: those
+            that touch with all joints at 0.
 
     Raises:
         InputError: A value is of the wrong kind, or a joint both moves and is locked.
@@ -62,15 +62,15 @@ class ArmChoice:
         object.__setattr__(self, "outward", tuple((outward / np.linalg.norm(outward)).tolist()))
 
     def check_locked(self, name: str, low: float, high: float, *, turns: bool) -> None:
-        """Refuse a locked joint's position that is beyond its limits, as degrees and millimetres are.
+        """Refuse a locked joint's position that is beyond its limits, such as one in degrees or millimetres.
 
         Args:
             name: Name of the joint.
-            low, high: Its limits [rad or m]; infinite: none, and an angle is within two turns.
-            turns: Whether it is a hinge, not a slide.
+            low, high: Limits of the joint [rad or m]; infinite: none, but an angle has to be within two turns.
+            turns: Whether the joint is revolute, not prismatic.
 
         Raises:
-            InputError: It is.
+            InputError: The position is beyond the limits.
         """
         value, unit = self.locked[name], "rad" if turns else "m"
         farthest = FARTHEST_TURN if turns else LONGEST
@@ -104,16 +104,16 @@ class ArmChoice:
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
         """Return the name of the tip.
 
-        Where none is named and the robot branches, it is the end that is called as tool frames are: `tool0`, the frame
-        of the flange by the ROS-Industrial convention (REP 199), or `..._tcp`.
+        If no tip is named and the robot branches, it is the end that is named like a tool frame: `tool0`, the flange's
+        frame by the ROS-Industrial convention (REP 199), or `..._tcp`.
 
         Args:
-            ends: Names of what carries nothing.
-            frames: Names of all that a tip can be.
+            ends: Names of the links that carry no other link.
+            frames: Names of all possible tips.
 
         Raises:
-            InputError: No part has that name, or no name is given, the robot branches, and not just one end is a tool
-                frame.
+            InputError: No part has that name; or no name is given, the robot branches, and not exactly one end is a
+                tool frame.
         """
         if self.tip:
             if self.tip not in frames:
@@ -132,7 +132,7 @@ class ArmChoice:
 
     @property
     def hand(self) -> np.ndarray:
-        """Rotation of the hand in the tip's frame (3, 3): its -z is `outward`."""
+        """Rotation of the hand in the tip's frame (3, 3), whose -z is `outward`."""
         z = -np.array(self.outward)
         across = np.eye(3)[np.abs(z).argmin()]  # the first of the axes that are most across
         x = across - (across @ z) * z
@@ -142,7 +142,7 @@ class ArmChoice:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what a library in C++ writes to standard error to itself."""
+    """Suppress, within a `with` block, what a C++ library writes to standard error."""
     sys.stderr.flush()
     kept = os.dup(2)
     with tempfile.TemporaryFile() as nowhere:

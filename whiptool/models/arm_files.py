@@ -24,10 +24,10 @@ FASTEST_TURN = 50.0  # [rad/s]; no joint of an arm is faster
 
 
 def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
-    """Return the arm of a robot's file.
+    """Read an arm from a robot's file, URDF or MJCF.
 
     Raises:
-        InputError: The file is neither URDF nor MJCF, or what `read_urdf` or `read_mjcf` refuses.
+        InputError: The file is neither URDF nor MJCF, or `read_urdf` or `read_mjcf` refuses it.
     """
     path = Path(path)
     if path.suffix == ".urdf":
@@ -52,13 +52,13 @@ def _units_asked(arm: SpatialArm) -> SpatialArm:
 
 
 def arm_from_table(table: object, folder: Path) -> AnyArm:
-    """Return the arm that a table describes: by its links, or by a robot's `file`, of which the table chooses a chain.
+    """Return the arm that a table describes: by its links, or by a robot's `file` and the choice of a chain in it.
 
     Links in space have a `position`; those in the plane have none.
 
     Args:
         table: Table of an arm.
-        folder: Folder of `file`.
+        folder: Folder to which `file` is relative.
 
     Raises:
         InputError: A key is unknown or missing, or a value is not allowed; the key is named.

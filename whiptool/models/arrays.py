@@ -19,7 +19,7 @@ from whiptool.errors import refuse_call
 
 
 class ArrayLike(ABC):
-    """What can stand for an array of its numbers."""
+    """Base of classes that NumPy can convert to an array."""
 
     @abstractmethod
     def _as_array(self) -> np.ndarray:
@@ -33,12 +33,12 @@ class ArrayLike(ABC):
 
 
 class Vector(ArrayLike):
-    """What can stand for a vector of its numbers, and be counted and gone through."""
+    """Base of classes that can be converted to a vector, have a length and can be iterated over."""
 
     @property
     @abstractmethod
     def vector(self) -> np.ndarray:
-        """Its numbers, a new array of one dimension."""
+        """The object as a new array of one dimension."""
 
     def _as_array(self) -> np.ndarray:
         return self.vector
@@ -60,10 +60,10 @@ def _row(given: Any) -> tuple[Any, ...]:
 
 
 def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -> Callable[[C], C]:
-    """Let a class be made of its vector, too, number by number or as one sequence: `Target(1.25, 0.2)`.
+    """Class decorator: the class can also be constructed from the numbers of its vector, such as `Target(1.25, 0.2)`.
 
     Args:
-        arguments: Turns those numbers into the arguments that the class has by itself.
+        arguments: Converts these numbers to the arguments of the class.
     """
 
     def decorate(cls: C) -> C:
@@ -87,7 +87,7 @@ def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -
 
 
 class NoArray:
-    """What is too much for one array: NumPy gets an error when it is to make one of it."""
+    """Base of classes that cannot be converted to an array: NumPy gets an error that names an alternative."""
 
     _instead: ClassVar[str]
 

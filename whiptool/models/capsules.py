@@ -16,19 +16,18 @@ Point: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points that are no farther than a radius from a segment; or a cylinder or a box that it holds.
+    """A capsule, i.e. all points within a radius of a segment; or a cylinder or box inside it.
 
     Args:
-        start, end: Start and end of the segment, in the frame of the link that it belongs to [m], (3,) each; a ball,
-            where they are the same.
+        start, end: Start and end of the segment in the frame of its link [m], (3,) each; a sphere if they are equal.
         radius: Radius [m].
-        flat: Whether only the cylinder about the segment is meant, without round ends.
-        width: Width of a box along the segment, half of one of its sides across [m], (3,); the other side reaches as
-            far as the radius lets its edges.
+        flat: Whether the shape is the cylinder without round ends.
+        width: For a box along the segment, the half vector of one of its sides across [m], (3,); the other side is such
+            that the edges are at the radius. None: no box.
 
     Raises:
         InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
-            across the segment or longer than the radius.
+            perpendicular to the segment or is longer than the radius.
     """
 
     start: Point
@@ -54,17 +53,17 @@ class Capsule:
 
     @property
     def length(self) -> float:
-        """Of the segment [m]."""
+        """Length of the segment [m]."""
         return math.dist(self.start, self.end)
 
     @property
     def exact(self) -> bool:
-        """Whether it is a capsule, and not only holds a cylinder or a box."""
+        """Whether the shape is the capsule itself and not a cylinder or box inside it."""
         return not self.flat and self.width is None
 
     @property
     def inner_radius(self) -> float:
-        """Of the largest ball about the middle that is inside [m]."""
+        """Radius of the largest sphere about the middle that is inside the shape [m]."""
         if self.width is not None:
             return min(self.length / 2, float(np.linalg.norm(self.width)), self._height)
         return min(self.length / 2, self.radius) if self.flat else self.radius
@@ -77,7 +76,9 @@ class Capsule:
 
     @property
     def rotation(self) -> np.ndarray:
-        """Axes (3, 3) of the shape in the link's frame: the last along the segment, the first along a box's width."""
+        """Rotation (3, 3) of the shape in the link's frame: its last axis is along the segment, its first along a box's
+        width.
+        """
         length = self.length
         z = np.subtract(self.end, self.start) / length if length else np.array([0.0, 0.0, 1.0])
         x = np.eye(3)[np.abs(z).argmin()] if self.width is None else np.array(self.width)
@@ -86,7 +87,7 @@ class Capsule:
         return np.column_stack([x, np.cross(z, x), z])
 
     def solid(self) -> Any:
-        """Return the shape as coal has it, about its middle and along its `rotation`."""
+        """Return the shape as an object of the library coal, about its middle and in the axes of `rotation`."""
         import coal
 
         if self.width is not None:
@@ -97,11 +98,11 @@ class Capsule:
     def along(
         cls, rotation: np.ndarray, position: np.ndarray, half: float, radius: float, *, flat: bool = False
     ) -> Capsule:
-        """Return the capsule, or cylinder, about the z axis of a frame.
+        """Return the capsule, or cylinder, around the z axis of a frame.
 
         Args:
-            rotation, position: Rotation and position of the frame in the link's, (3, 3) and (3,) [m].
-            half: Length of the segment to either side of the frame's origin [m].
+            rotation, position: Rotation (3, 3) and position (3,) [m] of the frame in the link's frame.
+            half: Half the length of the segment, which is centred at the frame's origin [m].
             radius: Radius [m].
             flat: Whether it is a cylinder.
         """
@@ -111,11 +112,11 @@ class Capsule:
 
     @classmethod
     def around_box(cls, rotation: np.ndarray, position: np.ndarray, halves: np.ndarray) -> Capsule:
-        """Return a box in the capsule that holds it: along its longest side, and as thick as the diagonal across that.
+        """Return a box with the capsule around it, along its longest side.
 
         Args:
-            rotation, position: Rotation and position of the box in the link's frame, (3, 3) and (3,) [m].
-            halves: Half of each side [m], (3,).
+            rotation, position: Rotation (3, 3) and position (3,) [m] of the box in the link's frame.
+            halves: Half lengths of the sides [m], (3,).
         """
         longest = int(np.argmax(halves))
         across = float(np.linalg.norm(np.delete(halves, longest)))

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class ClosestApproach(NamedTuple):
-    """Where paths come closest.
+    """Closest approaches of paths.
 
     Args:
         distance: Distance [m], (...); infinite where a path has no segment, or none whose ends are known.
-        segment: Number of the segment, (...).
-        share: The share of the way along it, 0 to 1, (...).
+        segment: Index of the segment, (...).
+        share: Position within the segment, 0 to 1, (...).
     """
 
     distance: np.ndarray
@@ -28,20 +28,20 @@ class ClosestApproach(NamedTuple):
     share: np.ndarray
 
     def along(self, values: np.ndarray) -> np.ndarray:
-        """Return by how much values (T, ...) of one path change over the segment of its closest approach, (...)."""
+        """Return the change of values (T, ...) of one path over the segment of its closest approach, (...)."""
         return values[self.segment + 1] - values[self.segment]
 
     def between(self, values: np.ndarray) -> np.ndarray:
-        """Return what changes linearly along the segments of one path, (T, ...), at its closest approach, (...)."""
+        """Return values (T, ...) of one path, interpolated linearly at its closest approach, (...)."""
         return values[self.segment] + self.share * self.along(values)
 
 
 def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach:
-    """Return the nearest points of the segments between successive points of paths.
+    """Return the closest approaches of polygonal paths to a position.
 
     Args:
         paths: Paths in d dimensions, (..., T, d) [m]; NaN where there is no point.
-        place: (d,), or one for each path, (..., d) [m].
+        place: Position (d,), or one for each path, (..., d) [m].
     """
     start, step = paths[..., :-1, :] - np.asarray(place)[..., None, :], np.diff(paths, axis=-2)
     squared = (step**2).sum(axis=-1)
@@ -59,14 +59,14 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
 
 
 def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
-    """Return when a smooth curve comes nearest to a place [s].
+    """Return the time at which a smooth curve comes nearest to a position [s].
 
-    The nearest of `samples` equally spaced instants, then the root of the squared distance's slope near it.
+    The nearest of `samples` equally spaced instants is refined to the root of the squared distance's derivative.
 
     Args:
         curve: Positions over time, (d,) [m].
-        place: (d,) [m].
-        samples: Enough that the distance has one minimum between three successive ones.
+        place: Position, (d,) [m].
+        samples: Number of instants, such that the distance has one minimum between three successive ones.
     """
     from scipy.optimize import brentq  # a third of what a command imports
 
@@ -83,11 +83,11 @@ def closest_on_curve(curve: PPoly, place: np.ndarray, *, samples: int) -> float:
 
 
 class Placed(Protocol):
-    """What has a position, such as a `Target`."""
+    """An object with a position, such as a `Target`."""
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Place (x, y) in the strike plane, or (x, y, z) in space [m]."""
+        """Position (x, y) in the strike plane, or (x, y, z) in space [m]."""
         ...
 
 
@@ -95,15 +95,15 @@ Points: TypeAlias = Placed | np.ndarray | Sequence[float]
 
 
 def target_points(target: Points, count: int, dimension: int = 2) -> np.ndarray:
-    """Return the places of targets, (count, dimension) [m].
+    """Return the positions of targets, (count, dimension) [m].
 
     Args:
-        target: A `Target`, or coordinates, for all; or one each, (count, dimension) [m].
-        count: Count of strikes.
+        target: A `Target` or a position for all strikes, or one position for each, (count, dimension) [m].
+        count: Number of strikes.
         dimension: 2 in the plane, 3 in space.
 
     Raises:
-        InputError: It has another shape.
+        InputError: The target has another shape.
     """
     d, where = dimension, "in the plane" if dimension == 2 else "in space"
     rule = f"a Target {where}, shape ({d},), or one each, ({count}, {d})"

@@ -27,11 +27,12 @@ ROUND = ("youngs_modulus", "diameter", "density")  # of a round whip, which give
 
 
 def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
-    """A model from nested mappings, as TOML gives them; `whip.profile` and `whip.N` describe a profile to lump.
+    """Return a model from nested mappings, as in TOML; with `whip.profile` and `whip.N` the nodes are computed from a
+    profile.
 
     Args:
         table: Table of a model.
-        folder: Folder of the arm's file, if the table names one.
+        folder: Folder to which the arm's file is relative, if the table names one.
 
     Raises:
         InputError: A key is unknown or missing, or a value is not allowed; the key is named.
@@ -97,7 +98,7 @@ def read_model(path: Path | str) -> Model:
     """Return a model from a TOML file, or from the table `[model]` of the `config.toml` of a run folder.
 
     Raises:
-        InputError: The file cannot be read, or says something that is not allowed.
+        InputError: The file cannot be read, or a value is not allowed.
     """
     expect(str, PathLike, path=path)
     table = read_toml(path)
@@ -122,12 +123,13 @@ def write_model(model: Model, path: Path | str) -> None:
 
 
 def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
-    """Return a preset by its name, or a model from a file: TOML, or a robot in URDF or MJCF, which gets the presets'
-    rope.
+    """Return a preset by its name, or a model from a file: TOML, or a robot in URDF or MJCF, to which the rope of the
+    robot presets is added.
 
     Args:
         name: Name of the preset, in capital or small letters, or the file's path.
-        tip: For a robot's file, the name of the link, body or site at which the hand is; empty: its only end.
+        tip: For a robot's file, the name of the link, body or site at which the hand is; empty: the only link that
+            carries no other.
 
     Raises:
         InputError: Neither exists, or the file contains something that is not allowed.

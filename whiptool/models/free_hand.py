@@ -20,7 +20,9 @@ _AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def free_hand(turned: np.ndarray) -> SpatialArm:
-    """Return the arm whose joints are the hand's place, and its turns about z, y and x from an orientation (3, 3)."""
+    """Return a virtual arm for a hand: three prismatic joints for its position, and rotations about z, y, x from
+    `turned` (3, 3).
+    """
     slides = [_link(axis, JointLimits((-_FARTHEST, _FARTHEST)), "prismatic") for axis in _AXES]
     first = _link(_AXES[2], JointLimits(), rotation=turned)
     turns = [first, *(_link(axis, JointLimits()) for axis in (_AXES[1], _AXES[0]))]
@@ -28,16 +30,16 @@ def free_hand(turned: np.ndarray) -> SpatialArm:
 
 
 def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
-    """Return an arm for these poses, and its joints [m, rad], (S, 6), without jumps.
+    """Return a virtual arm for a sequence of hand poses, and its joint positions [m, rad], (S, 6), without jumps.
 
-    Its turns are counted from that of the 24 ways to turn a cube which keeps them farthest from where two are one; if
-    none does, the cube is turned as the hand is on average.
+    Rotations are relative to that of the 24 rotations of a cube that keeps them farthest from gimbal lock; if none
+    avoids it, relative to these rotations of the hand's mean orientation.
 
     Args:
-        poses: Place [m] and unit quaternion (x, y, z, w) of the hand in the axes of the base, (S, 7).
+        poses: Position [m] and unit quaternion (x, y, z, w) of the hand in the base's frame, (S, 7).
 
     Raises:
-        InputError: No such way does: the hand turns too far.
+        InputError: The hand rotates so far that gimbal lock cannot be avoided.
     """
     turned = Rotation.from_quat(poses[:, 3:])
     cube = Rotation.create_group("O").as_matrix().round()

@@ -19,12 +19,12 @@ TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, r
 
 
 class HandPath:
-    """A strike of the hand for its arm: the joints' path that holds the hand on its own.
+    """Path of an arm's joints for a strike in hand space: the hand follows its straight path.
 
     Args:
         strike: Strike of the hand.
-        nodes: Joint positions (DEGREE + 1, a) where the hand is at the nodes of its path.
-        way: Path of the hand, from pose to pose.
+        nodes: Joint positions at the interpolation nodes of the hand's path, (DEGREE + 1, a).
+        way: Path of the hand.
     """
 
     def __init__(self, strike: HandStrike, nodes: np.ndarray, way: HandWay) -> None:
@@ -40,22 +40,26 @@ class HandPath:
         return q, by_s * ds, twice * ds**2 + by_s * dds
 
     def hand(self, t: float | np.ndarray) -> tuple[HandPose, np.ndarray]:
-        """Desired place (*t.shape, 3) and rotation (*t.shape, 3, 3) of the hand at times t [s], and its velocity and
-        angular velocity (*t.shape, m); Eq. 1."""
+        """Return the desired pose of the hand at times t [s], and its velocity and angular velocity (*t.shape, m) (Eq.
+        1).
+
+        The pose is a position (*t.shape, 3) [m] and a rotation (*t.shape, 3, 3).
+        """
         s, ds, _ = eased(np.asarray(t, float), self.D)
         place, rotation = self.way.at(np.ravel(s))
         rotation = None if rotation is None else rotation.reshape(*s.shape, 3, 3)
         return HandPose(place.reshape(*s.shape, 3), rotation), ds[..., None] * self.way.motion
 
     def errors(self, t: float | np.ndarray, hand: HandMotion, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the hand's errors at times t [s], of which a law of the hand is one, and their rates, (*t.shape, m).
+        """Return the hand's errors at times t [s], from which a control law computes forces, and their rates,
+        (*t.shape, m).
 
-        Those of its place are differences, that of its orientation is `rotation_left`.
+        Position errors are differences; the orientation error is `rotation_left`.
 
         Args:
-            t: (...,)
-            hand: Pose of the hand at that time.
-            speed: Its velocity and angular velocity then (..., m).
+            t: Times [s], (...,).
+            hand: Pose of the hand at these times.
+            speed: Velocity and angular velocity of the hand at these times, (..., m).
         """
         wanted, motion = self.hand(t)
         left = wanted.place - hand.position
@@ -64,10 +68,10 @@ class HandPath:
 
 
 def hand_poses(kinematics: HandKinematics, q: np.ndarray) -> np.ndarray:
-    """Return where postures (T, a) that follow each other hold the hand, in the base's axes, (T, 7).
+    """Return the poses of the hand in the base's frame for a sequence of joint positions (T, a), (T, 7).
 
-    Place x, y, z [m], then the unit quaternion x, y, z, w, whose sign is the one nearer to the quaternion before. A
-    strike plane stands upright: y is 0.
+    They are position x, y, z [m] and unit quaternion x, y, z, w with a continuous sign. For a planar arm the plane is
+    vertical: y is 0.
     """
     at = kinematics.motion(q)
     quaternions = quaternion_of(at.rotation)

@@ -32,16 +32,16 @@ _AT_BETWEEN = chebyshev.chebvander(2 * _BETWEEN - 1, DEGREE) @ TO_SERIES
 
 
 def hand_layout(a: int, dimension: int, *, orientation: bool, led: bool) -> dict[str, int]:
-    """Return name and size of every block of the numbers that rollouts take of a strike of the hand, in order.
+    """Return name and size of every block of a hand strike's parameters for simulators, in order.
 
-    The hand's places at the start and at the end are `x_i` and `x_f`; its rotation at the start, row by row, is `R_i`,
-    and `turns` is the rotation vector from there to the end's, both in space.
+    `x_i` and `x_f` are the hand's positions at the start and the end; in space `R_i` is its rotation matrix at the
+    start, row by row, and `turns` the rotation vector from there to the end.
 
     Args:
-        a: Joints of the arm.
+        a: Number of joints of the arm.
         dimension: 2 in the plane, 3 in space.
-        orientation: Whether strikes hold the hand's orientation.
-        led: Whether the joints follow the hand's path exactly.
+        orientation: Whether strikes prescribe the hand's orientation.
+        led: Whether the joints follow the hand's path exactly (position control).
     """
     if led:
         return {"q_i": a, "path": a * (DEGREE + 1), "D": 1}
@@ -63,18 +63,20 @@ class _Found(NamedTuple):
 
 
 class HandSpace:
-    """Strikes of an arm's hand: vectors `[x_i, x_f, D]` of 2 m + 1 numbers, places and, on request, orientations.
+    """Strikes in the coordinates of the hand: vectors `[x_i, x_f, D]` (2 m + 1,) of m coordinates at start and end,
+    positions and optionally orientation, and the duration.
 
-    Of all postures that hold the hand somewhere, the arm takes that nearest to its home posture.
+    Of all postures with the same hand pose, the arm takes the one nearest to its home posture.
 
     Args:
         arm: Arm in the plane or in space.
         posture: The home posture [rad or m], (a,); default: see `home_posture`.
-        orientation: Whether strikes hold the hand's orientation, as it is turned from the home posture's.
-        led: Whether the joints follow the hand's path exactly.
+        orientation: Whether strikes prescribe the hand's orientation, relative to that in the home posture.
+        led: Whether the joints follow the hand's path exactly (position control).
 
     Raises:
-        InputError: The posture is of another arm or in degrees, or the arm has no joints for the hand's coordinates.
+        InputError: The posture is of another arm or in degrees, or the arm has too few joints for the hand's
+            coordinates.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class HandSpace:
 
     @property
     def kind(self) -> str:
-        """`hand`, or with its orientation `pose`."""
+        """`hand` for positions only, or `pose` with orientation."""
         return "pose" if self.kinematics.orientation else "hand"
 
     @property
@@ -111,7 +113,9 @@ class HandSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of a strike's numbers: `x_i`, `y_i`, ..., `D`; of turns `turn_x_i`, in the plane `turn_i`."""
+        """Names of a strike's coordinates: `x_i`, `y_i`, ..., `D`; for rotations `turn_x_i`, ..., in the plane
+        `turn_i`.
+        """
         d = self.arm.dimension
         turns = ["turn"] if d == 2 else [f"turn_{axis}" for axis in "xyz"]
         coordinates = ["x", "y", "z"][:d] + (turns if self.kinematics.orientation else [])
@@ -119,18 +123,18 @@ class HandSpace:
 
     @property
     def width(self) -> int:
-        """Numbers of a strike vector."""
+        """Length of a strike vector, 2 m + 1."""
         return 2 * self.size + 1
 
     @property
     def layout(self) -> dict[str, int]:
-        """Name and size of every block of `numbers`."""
+        """Name and size of every block of the result of `numbers`."""
         orientation = self.kinematics.orientation
         return hand_layout(self.arm.n, self.arm.dimension, orientation=orientation, led=self.led)
 
     @property
     def bounds(self) -> StrikeBounds:
-        """Bounds in which strikes are searched, about the home posture."""
+        """Bounds in which strikes are searched, around the home posture."""
         return self._bounds
 
     @cached_property
@@ -157,17 +161,17 @@ class HandSpace:
         return HandStrike.from_vector(vector)
 
     def path(self, vector: np.ndarray) -> HandPath:
-        """Return the path of the arm's joints in a strike (2 m + 1,).
+        """Return the path of the arm's joints for a strike (2 m + 1,).
 
         Raises:
-            InputError: The hand does not reach where it is to be, or not on a straight way within the joints' limits.
+            InputError: The hand cannot reach its start or end, or not on a straight path within the joints' limits.
         """
         found = self._solved(vector[None])
         self._refuse(found, vector[None])
         return HandPath(self.strike(vector), found.nodes[0], HandWay(self.kinematics, self._ends(vector)))
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
-        """Return what rollouts take of strikes (B, 2 m + 1), as `layout` has it.
+        """Return the parameters of strikes (B, 2 m + 1) for simulators, in the order of `layout`.
 
         Raises:
             InputError: As in `path`.
@@ -182,7 +186,7 @@ class HandSpace:
         return np.hstack([*blocks, vectors[:, -1:]])
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `numbers` by the strikes' own, (B, numbers, 2 m + 1)."""
+        """Return the derivatives of `numbers` by the coordinates of the strikes, (B, numbers, 2 m + 1)."""
         found, (B, width), (m, d) = self._solved(vectors), vectors.shape, (self.size, self.arm.dimension)
         by_vector = np.zeros((B, DEGREE + 1, self.arm.n, width))
         by_vector[..., : 2 * m] = found.slopes @ found.way.slopes(NODES)
@@ -201,12 +205,16 @@ class HandSpace:
         return np.concatenate([*blocks, identity[:, -1:]], axis=1)
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, 2 m + 1) are from what the arm can do, (B,); 0: it can."""
+        """Return how far strikes (B, 2 m + 1) are from feasible ones, (B,), a sum of distances [m] and angles [rad]; 0:
+        feasible.
+        """
         found = self._solved(vectors)
         return found.reach + found.on_way + found.limits
 
     def check_turns(self, name: str, vectors: Any) -> None:
-        """Refuse strikes (2 m + 1,) or (B, 2 m + 1) that turn the hand by more than two turns, as degrees would."""
+        """Refuse strikes (2 m + 1,) or (B, 2 m + 1) that rotate the hand by more than two turns, as values in degrees
+        would.
+        """
         rows = np.reshape(vectors, (-1, self.width))[:, :-1]
         refuse_far(name, rows, [x.startswith("turn") for x in self.names[:-1]], self.names)
 
@@ -281,17 +289,17 @@ StrikeSpace: TypeAlias = JointSpace | HandSpace
 
 
 def numbers_of(space: StrikeSpace) -> str:
-    """Return in words which numbers a strike of a space has, such as `5 numbers, q_si q_ei q_sf q_ef D`."""
+    """Return a description of a strike's coordinates, such as `5 numbers, q_si q_ei q_sf q_ef D`."""
     return f"{space.width} numbers, {' '.join(space.names)}"
 
 
 @lru_cache(maxsize=32)
 def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
-    """Return the posture near which an arm holds its hand unless another is given [rad or m], (a,).
+    """Return the default home posture of an arm in hand space [rad or m], (a,).
 
-    Of the postures whose joints are one or two steps of 45 degrees (of a fifth of the range, where that is less) away
-    from the middle of the arm's usual bounds, it is the one in which the hand's least speed per unit of the joints',
-    times how far forward it is, is largest; of several that nearest to the middle.
+    Candidates have joints at 0, 1 or 2 steps of 45 degrees (or a fifth of the range, if less) from the middle of the
+    arm's default bounds. The best has the largest product of the Jacobian's smallest singular value and the hand's
+    forward distance; of several, the one nearest to the middle.
     """
     box = default_bounds(arm)
     low, high = (np.reshape(side[:-1], (2, arm.n)) for side in (box.lower, box.upper))  # of q_i and q_f

@@ -18,14 +18,14 @@ _VECTOR = "the hand's coordinates x_i, as many x_f, and D"
 @made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
 @dataclass(frozen=True)
 class HandStrike(Vector):
-    """Zero-torque trajectory of the hand, in m coordinates, see `HandKinematics`; as an array or a list, its `vector`.
+    """Reference trajectory of the hand in m coordinates, see `HandKinematics`; it converts to an array, its `vector`.
 
-    `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
+    `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is the same as `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
 
     Args:
-        x_i: Coordinates of the hand at the start: its place [m] and, where the strike holds its orientation, how it is
-            turned from the home posture's [rad]; length m.
-        x_f: Coordinates of the hand at the end, likewise.
+        x_i: Coordinates of the hand at the start, (m,): its position [m] and, if the strike prescribes it, its rotation
+            relative to the home posture [rad].
+        x_f: Coordinates of the hand at the end, (m,).
         D: Duration of the movement [s].
 
     Raises:

@@ -9,17 +9,16 @@ from whiptool.models.rotations import rotation_of, rotation_vector, skew, turnin
 
 
 class HandWay:
-    """Ways of the hand between coordinates; they turn by the rotation that is left, the shortest in space.
+    """Straight paths of the hand between two poses, with the shortest rotation in space.
 
     Args:
         kinematics: Kinematics of the hand.
-        ends: Its coordinates at the start and at the end, (..., 2, m).
+        ends: Coordinates of the hand at the start and the end, (..., 2, m).
 
     Attributes:
-        start: Its pose there: place (..., 3) and rotation (..., 3, 3).
-        moves: From the start's place to the end's (..., 3) [m].
-        turns: From the start's orientation to the end's, a rotation vector (..., 3) [rad]; zero where orientation does
-            not count.
+        start: Pose at the start: position (..., 3) [m] and rotation (..., 3, 3).
+        moves: Displacement from start to end [m], (..., 3).
+        turns: Rotation vector from start to end [rad], (..., 3); zero without orientation.
     """
 
     def __init__(self, kinematics: HandKinematics, ends: np.ndarray) -> None:
@@ -35,11 +34,11 @@ class HandWay:
 
     @property
     def motion(self) -> np.ndarray:
-        """The hand's velocity and angular velocity per unit of the share of the way that is behind, (..., m)."""
+        """Derivative of the hand's coordinates (velocity, angular velocity) by the fraction of the path, (..., m)."""
         return np.concatenate([self.moves, self.turns], axis=-1) @ self.kinematics.rows.T
 
     def at(self, share: np.ndarray) -> HandPose:
-        """Return the poses at shares (K,) of the way: place (..., K, 3) and rotation (..., K, 3, 3)."""
+        """Return the poses at fractions (K,) of the path: position (..., K, 3) [m] and rotation (..., K, 3, 3)."""
         place = self.start.place[..., None, :] + share[:, None] * self.moves[..., None, :]
         if self.start.rotation is None:
             return HandPose(place, None)
@@ -47,8 +46,11 @@ class HandWay:
         return HandPose(place, turned @ self.start.rotation[..., None, :, :])
 
     def slopes(self, share: np.ndarray) -> np.ndarray:
-        """Return the hand's displacement and turn at shares (K,) of the way per unit of the coordinates of its start
-        and end, (..., K, m, 2 m)."""
+        """Return the derivatives of the hand's displacement and rotation at fractions (K,) of the path by its end
+        coordinates.
+
+        The shape is (..., K, m, 2 m), with the coordinates of the start first.
+        """
         d, m = self.kinematics.dimension, self.kinematics.size
         slopes = np.zeros((*self._ends.shape[:-2], len(share), m, 2 * m))
         slopes[..., :d, :d], slopes[..., :d, m : m + d] = (s[:, None, None] * np.eye(d) for s in (1 - share, share))
@@ -61,8 +63,11 @@ class HandWay:
         return slopes
 
     def turn_slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return how the hand turns at the start, and how `turns` change, per unit of the orientation's coordinates of
-        start and end, (..., 3, 2 r) each."""
+        """Return the derivatives of the start's rotation and of `turns` by the orientation's coordinates of start and
+        end.
+
+        The shape is (..., 3, 2 r) each, with r orientation coordinates.
+        """
         d, r = self.kinematics.dimension, self.kinematics.size - self.kinematics.dimension
         spins = self.kinematics.rows[d:, 3:].T @ self.kinematics.spins(self._ends)[..., d:, d:]  # (..., 2, 3, r)
         at_start, at_end = spins[..., 0, :, :], spins[..., 1, :, :]
@@ -72,8 +77,10 @@ class HandWay:
         return of_start, np.linalg.solve(turning(self.turns), left)
 
     def start_slopes(self) -> np.ndarray:
-        """Return the derivatives of the start's rotation by the orientation's coordinates of start and end, (..., 3, 3,
-        2 r)."""
+        """Return the derivatives of the start's rotation matrix by the orientation's coordinates of start and end.
+
+        The shape is (..., 3, 3, 2 r), with r orientation coordinates.
+        """
         assert self.start.rotation is not None
         of_start, _ = self.turn_slopes()
         return np.moveaxis(skew(np.swapaxes(of_start, -1, -2)) @ self.start.rotation[..., None, :, :], -3, -1)

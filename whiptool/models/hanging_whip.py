@@ -13,15 +13,15 @@ _BENDS = 4.0  # of the length over which a hanging whip bends downward from any 
 
 
 class HangingWhip:
-    """How far the whip reaches below what it has to keep from the floor, where it hangs before a strike.
+    """Constraint on the distance of the hanging whip from the floor before a strike.
 
-    A heavy whip bends downward within a few times `sqrt(EI / (m g))`, its greatest bending stiffness over its weight;
-    that much of its length is not counted, so that every feasible strike is kept.
+    A heavy whip bends downward within a few times the length `sqrt(EI / (m g))`, with EI its largest bending stiffness
+    and m g its weight. This length is subtracted, so that no feasible strike is excluded.
 
     Args:
         model: Model with an arm in space.
-        floor: Its height [m].
-        least: Distance to be kept [m].
+        floor: Height of the floor [m].
+        least: Smallest allowed distance [m].
     """
 
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
@@ -29,10 +29,11 @@ class HangingWhip:
         self._turns = model.arm.turns
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far the whip reaches too low [m], (1,), <= 0 where it does not, and the derivatives (1, 2 a + 1).
+        """Return by how much the whip hangs too low [m], (1,), at most 0 if it does not, and the derivatives (1, 2 a +
+        1).
 
         Args:
-            strike: Vector, (2 a + 1,).
+            strike: Strike vector, (2 a + 1,).
         """
         a = self._arm.n
         origins, rotations = arm_poses(self._arm, strike[None, :a])

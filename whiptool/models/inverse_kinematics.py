@@ -26,8 +26,13 @@ _DAMPING = 1e-12  # of the multipliers: keeps the equations solvable where the h
 
 
 class HandMotion(NamedTuple):
-    """Where postures hold the hand: position (..., 3) [m], rotation (..., 3, 3), and the hand's motion per unit of the
-    joints' speeds (..., 6, a), its velocity first and then its angular velocity, in the base's axes."""
+    """Forward kinematics of the hand in the base's frame.
+
+    Args:
+        position: Position of the hand [m], (..., 3).
+        rotation: Rotation of the hand, (..., 3, 3).
+        jacobian: Velocity and angular velocity of the hand per unit of the joints' speeds, (..., 6, a).
+    """
 
     position: np.ndarray
     rotation: np.ndarray
@@ -35,15 +40,20 @@ class HandMotion(NamedTuple):
 
 
 class HandPose(NamedTuple):
-    """Where the hand is to be: place (..., 3) [m] and rotation (..., 3, 3), None where it may be any."""
+    """Desired pose of the hand: position `place` (..., 3) [m] and rotation (..., 3, 3), or None if it is free."""
 
     place: np.ndarray
     rotation: np.ndarray | None
 
 
 class Postures(NamedTuple):
-    """Postures that were looked for: joint positions (..., a), their derivatives by the hand's motion, its velocity and
-    angular velocity (..., a, m), and how far it is from there [m or rad] (...,); infinite where none was found."""
+    """Result of inverse kinematics.
+
+    Args:
+        q: Joint positions [rad or m], (..., a).
+        slopes: Derivatives of q by displacement and rotation of the hand, (..., a, m).
+        missed: Remaining distance of the hand from the pose [m or rad], (...,); infinite if no solution was found.
+    """
 
     q: np.ndarray
     slopes: np.ndarray
@@ -68,18 +78,18 @@ class _Link(NamedTuple):
 
 
 class HandKinematics:
-    """Where an arm of a joints has its hand, in m coordinates, and the inverse.
+    """Forward and inverse kinematics of the hand, in m coordinates, for an arm with a joints.
 
-    The coordinates are the hand's place, in the plane x and y; with orientation also by how much it is turned from
-    the given posture's, in the plane an angle, in space a rotation vector in the base's axes.
+    The coordinates are the hand's position (x and y in the plane) and, with orientation, its rotation relative to that
+    in the given posture: an angle in the plane, a rotation vector in the base's axes in space.
 
     Args:
         arm: Arm in the plane or in space.
         posture: The given posture [rad or m], (a,).
-        orientation: Whether the coordinates hold the hand's orientation.
+        orientation: Whether the coordinates include the hand's orientation.
 
     Attributes:
-        rows: Rows of the hand's velocity and angular velocity in space (6,), those of its coordinates, (m, 6).
+        rows: Matrix (m, 6) that selects the coordinates' rates from the hand's velocity and angular velocity in space.
         upright: The hand's rotation in the given posture, (3, 3).
     """
 
@@ -100,7 +110,7 @@ class HandKinematics:
         return len(self.rows)
 
     def motion(self, q: np.ndarray) -> HandMotion:
-        """Return where postures (..., a) hold the hand."""
+        """Return the forward kinematics of the hand for joint positions (..., a)."""
         axes, places = np.empty((2, *q.shape, 3))
         place, rotation = np.zeros((*q.shape[:-1], 3)), np.broadcast_to(np.eye(3), (*q.shape[:-1], 3, 3))
         sin, cos = np.sin(q)[..., None, None], np.cos(q)[..., None, None]
@@ -132,7 +142,7 @@ class HandKinematics:
         return self.rows @ self.motion(q).jacobian
 
     def left(self, at: HandMotion, pose: HandPose) -> np.ndarray:
-        """Return how far the hand is from poses (..., m): the displacement and the rotation vector that are left."""
+        """Return the displacement and rotation vector from the hand to poses, (..., m)."""
         left = pose.place - at.position
         if pose.rotation is not None:
             turn = rotation_vector(pose.rotation @ np.swapaxes(at.rotation, -1, -2))
@@ -142,7 +152,7 @@ class HandKinematics:
         return left @ self.rows.T
 
     def poses(self, x: np.ndarray) -> HandPose:
-        """Return where coordinates (..., m) have the hand; any rotation without orientation."""
+        """Return the poses of coordinates (..., m); without orientation the rotation is None."""
         d = self.dimension
         places = upright(x[..., :d])
         if not self.orientation:
@@ -153,7 +163,7 @@ class HandKinematics:
         return HandPose(places, rotation_of(turned) @ self.upright)
 
     def solve(self, x: np.ndarray) -> Postures:
-        """Return the postures that hold the hand at coordinates (..., m)."""
+        """Return the joint positions at which the hand is at coordinates (..., m), nearest to the given posture."""
         start = self.coordinates(self.posture)
         q, multipliers = np.broadcast_to(self.posture, (*x.shape[:-1], len(self.posture))).copy(), np.zeros(x.shape)
         for share in np.arange(1, STEPS) / STEPS:
@@ -163,7 +173,7 @@ class HandKinematics:
         return self.settle(self.poses(x), q, multipliers)
 
     def settle(self, pose: HandPose, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
-        """Return the postures near q (..., a) that hold the hand at poses."""
+        """Return the joint positions near q (..., a) at which the hand is at the given poses."""
         held = self._multipliers(q) if multipliers is None else multipliers
         slopes, missed = np.empty((*q.shape, self.size)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
@@ -174,8 +184,9 @@ class HandKinematics:
         return Postures(q, slopes, missed)
 
     def spins(self, x: np.ndarray) -> np.ndarray:
-        """Return the hand's velocity and angular velocity per unit of its coordinates' speeds, at x (..., m), (..., m,
-        m)."""
+        """Return the matrix from the coordinates' rates to the hand's velocity and angular velocity at x (..., m),
+        (..., m, m).
+        """
         found = np.broadcast_to(np.eye(self.size), (*x.shape, self.size)).copy()
         if self.size == 6:
             found[..., 3:, 3:] = turning(x[..., 3:])

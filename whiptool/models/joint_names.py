@@ -11,10 +11,10 @@ _ALLOWED = re.compile(r"(?!whip|target|tip|grip|world|com|end)[A-Za-z]\w*")
 
 
 def checked_joints(given: object, count: int) -> tuple[str, ...]:
-    """Return the names of `count` joints as given; of none: shoulder and elbow, else joint1, joint2, ...
+    """Return the given names of `count` joints; if none are given, shoulder and elbow, or joint1, joint2, ...
 
     Raises:
-        InputError: They are not `count` different names, or one is taken.
+        InputError: They are not `count` different names, or one is reserved.
     """
     rule = f"{count} different names, one per link, of letters and digits; whip..., tip, target are taken"
     if not isinstance(given, (list, tuple)):
@@ -27,15 +27,15 @@ def checked_joints(given: object, count: int) -> tuple[str, ...]:
 
 
 def joint_name(given: str) -> str:
-    """Return a name that `checked_joints` allows, for one from elsewhere: letters, digits and underscores."""
+    """Convert a name to one that `checked_joints` allows: letters, digits and underscores."""
     name = re.sub(r"\W", "_", given, flags=re.ASCII)
     return name if _ALLOWED.fullmatch(name) else f"joint_{name}"
 
 
 def subscripts(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow.
+    """Return the subscript of each joint in the names of a strike's coordinates, such as `s` and `e` in q_si, q_ei.
 
-    They are the names' initials where these differ, 1, 2, ... for joint1, joint2, ..., and else the whole names.
+    They are the joints' initials if these differ; 1, 2, ... for joint1, joint2, ...; otherwise the whole names.
     """
     counted = tuple(str(i + 1) for i in range(len(joints)))
     if joints == tuple(f"joint{i}" for i in counted):

@@ -18,7 +18,7 @@ FARTHEST_TURN = 4 * np.pi  # [rad] from 0; no arm turns farther
 
 
 class StrikePath(Protocol):
-    """A strike as its arm's joints make it: a `Strike` is its own, a `HandPath` one of the hand's."""
+    """Motion of the arm's joints in a strike: a `Strike`, or the `HandPath` of a strike in hand space."""
 
     @property
     def q_i(self) -> tuple[float, ...]:
@@ -36,10 +36,10 @@ class StrikePath(Protocol):
 
 
 class JointSpace:
-    """Strikes of an arm's joints: vectors `[q_i, q_f, D]` of 2 a + 1 numbers, which rollouts take as they are.
+    """Strikes in joint space: vectors `[q_i, q_f, D]` (2 a + 1,), which simulators take unchanged.
 
     Args:
-        arm: Arm of a joints.
+        arm: Arm with a joints.
     """
 
     def __init__(self, arm: AnyArm) -> None:
@@ -47,17 +47,17 @@ class JointSpace:
 
     @property
     def kind(self) -> str:
-        """`joint`."""
+        """`joint`, the kind of this space."""
         return "joint"
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of a strike's numbers; see `strike_names`."""
+        """Names of a strike's coordinates; see `strike_names`."""
         return strike_names(self.arm)
 
     @property
     def width(self) -> int:
-        """Numbers of a strike vector."""
+        """Length of a strike vector, 2 a + 1."""
         return 2 * self.arm.n + 1
 
     @property
@@ -67,10 +67,10 @@ class JointSpace:
 
     @property
     def bounds(self) -> StrikeBounds:
-        """Bounds in which strikes are searched; see `default_bounds`.
+        """Default bounds for searches; see `default_bounds`.
 
         Raises:
-            InputError: The arm has none.
+            InputError: The arm has no default bounds.
         """
         return default_bounds(self.arm)
 
@@ -79,34 +79,35 @@ class JointSpace:
         return Strike.from_vector(vector)
 
     def path(self, vector: np.ndarray) -> Strike:
-        """Return the strike of a vector (2 a + 1,), which is its joints' own path."""
+        """Return the strike of a vector (2 a + 1,), which is also the path of the joints."""
         return Strike.from_vector(vector)
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the strikes' own numbers."""
+        """Return the strike vectors (B, 2 a + 1) unchanged."""
         return vectors
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `numbers` by themselves, (B, 2 a + 1, 2 a + 1)."""
+        """Return identity matrices, the derivatives of `numbers`, (B, 2 a + 1, 2 a + 1)."""
         return np.broadcast_to(np.eye(self.width), (len(vectors), self.width, self.width))
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return zeros (B,): every strike of the joints can be made."""
+        """Return zeros (B,): all strikes in joint space are feasible."""
         return np.zeros(len(vectors))
 
     def check_turns(self, name: str, vectors: Any) -> None:
-        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) that turn a joint farther than any arm does; see `check_turns`."""
+        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) with a joint angle more than two turns from 0; see
+        `check_turns`."""
         check_turns(name, np.asarray(vectors)[..., :-1], self.arm)
 
 
 def check_turns(name: str, positions: Any, arm: AnyArm) -> None:
-    """Refuse positions that turn a joint farther than any arm does, as angles in degrees would.
+    """Refuse joint angles that are implausibly large, as angles in degrees would be.
 
     Args:
         name: Name of the values for the user.
-        positions: Positions of the arm's joints in their order, once or several times in a row, (k a,) or (B, k a); of
-            joints that slide they are lengths, and not looked at.
-        arm: Arm of a joints.
+        positions: Positions of the arm's joints, k sets in a row, (k a,) or (B, k a); those of prismatic joints are not
+            checked.
+        arm: Arm with a joints.
 
     Raises:
         InputError: An angle is more than two turns from 0.
@@ -116,16 +117,16 @@ def check_turns(name: str, positions: Any, arm: AnyArm) -> None:
 
 
 def refuse_far(name: str, rows: np.ndarray, turning: Sequence[bool], of: Sequence[str]) -> None:
-    """Refuse an angle that is more than two turns from 0, as degrees would be.
+    """Refuse angles more than two turns from 0, as values in degrees would be.
 
     Args:
         name: Name of the values for the user.
-        rows: Numbers, (B, k) [rad where they are angles].
+        rows: Values, (B, k); angles in rad.
         turning: Which of the k values are angles, (k,).
         of: Name of each of the k values.
 
     Raises:
-        InputError: There is one.
+        InputError: There is such an angle.
     """
     far = np.argwhere((np.abs(rows) > FARTHEST_TURN) & np.array(turning))
     if len(far):
@@ -135,7 +136,7 @@ def refuse_far(name: str, rows: np.ndarray, turning: Sequence[bool], of: Sequenc
 
 
 def joint_layout(a: int) -> dict[str, int]:
-    """Return name and size of every block of a strike vector of a joints."""
+    """Return name and size of every block of a strike vector for an arm with a joints."""
     return {"q_i": a, "q_f": a, "D": 1}
 
 
@@ -144,11 +145,11 @@ def checked_vectors(strikes: Any, width: int, whose: str) -> np.ndarray:
 
     Args:
         strikes: One strike or many, or vectors of shape (B, width) or (width,).
-        width: Numbers of a vector.
-        whose: Owner of the strikes, in words.
+        width: Length of a vector.
+        whose: Description of the arm or space to which the strikes belong, for messages.
 
     Raises:
-        InputError: They are of another width, a value is not finite, or a duration D is not positive.
+        InputError: The vectors have another length, a value is not finite, or a duration D is not positive.
     """
     given = array_of("strikes", strikes, f"a Strike, or an array of shape (B, {width}), for {whose}")
     vectors = np.ascontiguousarray(np.atleast_2d(given))

@@ -37,10 +37,10 @@ _ROUNDING = 1e-9  # by which a sample may be beyond a limit
 
 @dataclass(frozen=True, eq=False)
 class JointTrajectory:
-    """Where an arm's n joints are commanded to be at T instants.
+    """Commanded positions, velocities and accelerations of an arm's n joints at T instants.
 
     Args:
-        joints: Names.
+        joints: Names of the joints, (n,).
         t: Times [s], (T,), from 0, increasing.
         q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
         hand: Poses of the hand, see `hand_poses`, (T, 7); None: unknown.
@@ -84,19 +84,20 @@ class JointTrajectory:
         rest: float = REST,
         t_stay: float = 0.0,
     ) -> JointTrajectory:
-        """Return the way from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay.
+        """Return the movement from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay at
+        its end.
 
         Args:
             strike: The strike; for one in hand space the path of its joints.
             joints: Names of its n joints.
-            start: Present posture [rad or m], (n,); default: the strike's start, so that there is no way to it.
+            start: Present posture [rad or m], (n,); default: the strike's start, with no movement to it.
             limits: Limits of each joint; see `lead_in_time`. Default: none.
-            rate: Samples a second [1/s]; parts of the trajectory begin at samples.
-            rest: Between the way and the strike [s], at least.
+            rate: Sampling rate [1/s]; all parts of the trajectory begin at a sample.
+            rest: Least time at rest before the strike [s].
             t_stay: Least time after the strike [s].
 
         Raises:
-            InputError: A value is out of range, or of another number of joints.
+            InputError: A value is out of range, or has another number of joints.
         """
         n = len(strike.q_i)
         if len(joints) != n:
@@ -114,7 +115,7 @@ class JointTrajectory:
 
     @property
     def strike_begins(self) -> float:
-        """Time of the last rest before the last movement [s]: when a strike begins."""
+        """Start time of a strike [s]: the last instant at rest before the last movement."""
         moving = np.flatnonzero(self.v.any(axis=1))
         if not len(moving):
             return float(self.t[-1])
@@ -122,13 +123,13 @@ class JointTrajectory:
         return float(self.t[resting[-1]]) if len(resting) else 0.0
 
     def beyond(self, limits: Sequence[JointLimits], *, slides: Sequence[bool] = ()) -> str | None:
-        """Return what is farthest beyond a limit of position, velocity, acceleration or jerk, in words with units.
+        """Return a description of the largest violation of a limit of position, velocity, acceleration or jerk.
 
-        The jerk is that of differences of the accelerations. None: nothing is.
+        The jerk is computed from differences of the accelerations. None: all limits are kept.
 
         Args:
             limits: Limits of each joint, (n,); empty without limits.
-            slides: Which joints slide, (n,); empty: none.
+            slides: Which joints are prismatic, (n,); empty: none.
         """
         slides = slides or [False] * len(self.joints)
         limits = limits or [JointLimits()] * len(self.joints)
@@ -157,8 +158,11 @@ class JointTrajectory:
         return said
 
     def save_csv(self, path: Path | str) -> None:
-        """Write a CSV file at full precision: `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`,
-        and, where they are known, the hand's poses, `hand_x` to `hand_qw`."""
+        """Write a CSV file at full precision.
+
+        Its columns are `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`, and, if known, the hand's
+        poses, `hand_x` to `hand_qw`.
+        """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         poses = np.empty((len(self.t), 0)) if self.hand is None else self.hand
@@ -169,7 +173,7 @@ class JointTrajectory:
 
     @classmethod
     def load_csv(cls, path: Path | str) -> JointTrajectory:
-        """Read what `save_csv` wrote.
+        """Read a trajectory that `save_csv` wrote.
 
         Raises:
             InputError: There is no such file, it has another format, or a number is missing.
@@ -200,7 +204,7 @@ class JointTrajectory:
     def save_hand(self, path: Path | str) -> None:
         """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.
 
-        They are not part of the goal of `save_goal`: there such a trajectory is one of floating joints.
+        They are not part of the goal of `save_goal`, in which such a trajectory would mean floating joints.
         """
         assert self.hand is not None
         points = []
@@ -212,9 +216,9 @@ class JointTrajectory:
 
 
 def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimits] = ()) -> float:
-    """Return how long the way between two postures takes [s].
+    """Return the duration of the movement from one posture to another [s].
 
-    It is a minimum-jerk path, no faster than 1 rad/s, 2 rad/s2 and a fifth of the joints' limits.
+    The movement is a minimum-jerk path within 1 rad/s, 2 rad/s^2 and a fifth of the joints' limits.
 
     Args:
         start, end: Postures [rad or m], (n,).

@@ -13,11 +13,11 @@ from whiptool.models.whip import KINDS
 
 
 class MovingFrame(NamedTuple):
-    """A frame and its motion, for many states at once; everything in the base's axes.
+    """A frame and its motion, for many states at once, in the base's axes.
 
     Args:
         origin: Origin [m], (..., 3).
-        rotation: (..., 3, 3).
+        rotation: Rotation of the frame, (..., 3, 3).
         velocity: Velocity of the origin [m/s], (..., 3).
         spin: Angular velocity [rad/s], (..., 3).
     """
@@ -28,21 +28,21 @@ class MovingFrame(NamedTuple):
     spin: np.ndarray
 
     def carried(self, position: Sequence[float] | np.ndarray) -> MovingFrame:
-        """The frame moved to a place that is fixed in it (3,) [m]."""
+        """Return the frame moved to a point that is fixed in it, (3,) [m]."""
         arm = self.rotation @ np.asarray(position, float)
         return self._replace(origin=self.origin + arm, velocity=self.velocity + np.cross(self.spin, arm))
 
     def turned(self, rotation: Sequence[Sequence[float]]) -> MovingFrame:
-        """The frame turned by a rotation that is fixed in it (3, 3)."""
+        """Return the frame rotated by a rotation that is fixed in it, (3, 3)."""
         return self._replace(rotation=self.rotation @ np.asarray(rotation, float))
 
     def hinged(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> MovingFrame:
-        """The frame behind a hinge about an axis (3,) at angle q [rad] and speed v [rad/s], (...)."""
+        """Return the frame after a hinge about an axis (3,) at angles q [rad] and speeds v [rad/s], (...)."""
         spin = self.spin + (self.rotation @ np.asarray(axis, float)) * v[..., None]
         return self._replace(rotation=self.rotation @ rotation_about(axis, q), spin=spin)
 
     def slid(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> MovingFrame:
-        """The frame on a slide along an axis (3,) at position q [m] and speed v [m/s], (...)."""
+        """Return the frame after a prismatic joint along an axis (3,) at positions q [m] and speeds v [m/s], (...)."""
         along = self.rotation @ np.asarray(axis, float)
         moved = along * q[..., None]
         velocity = self.velocity + np.cross(self.spin, moved) + along * v[..., None]
@@ -63,12 +63,12 @@ def _cross_matrix(axis: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> list[MovingFrame]:
-    """Return the frame of every link, behind its joint, and last the hand's.
+    """Return the frame of every link, after its joint, and last the hand's.
 
     Args:
-        arm: Arm of a joints.
+        arm: Arm with a joints.
         q: Joint positions [rad or m], (..., a).
-        v: Their speeds, (..., a); default: at rest.
+        v: Joint speeds [rad/s or m/s], (..., a); default: at rest.
     """
     q = np.asarray(q, float)
     v = np.zeros_like(q) if v is None else np.asarray(v, float)
@@ -84,10 +84,10 @@ def arm_frames(arm: SpatialArm, q: np.ndarray, v: np.ndarray | None = None) -> l
 
 
 def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places of every link's frame and, last, the hand's, as `arm_frames` does, and nothing of their motion.
+    """Return the poses of every link's frame and, last, of the hand's, as `arm_frames` but without velocities.
 
     Args:
-        arm: Arm of a joints.
+        arm: Arm with a joints.
         q: Joint positions [rad or m], (T, a).
 
     Returns:
@@ -112,9 +112,9 @@ def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Positions of shoulder, joints and tip [m], shape (..., n + 1, 2), for joint positions q of shape (..., n).
+    """Return the positions of shoulder, joints and tip [m], (..., n + 1, 2), for joint positions q (..., n).
 
-    In space those of the a joints of the arm, the hand and the N nodes, (..., a + 1 + N, 3).
+    In space they are those of the arm's a joints, the hand and the N nodes, (..., a + 1 + N, 3).
     """
     return chain_motion(model, q)[0]
 
@@ -125,14 +125,14 @@ def upright(places: np.ndarray) -> np.ndarray:
 
 
 def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the arm's joints, the hand and the whip's nodes are, and how fast.
+    """Return positions and velocities of the arm's joints, the hand and the whip's nodes.
 
     Args:
         model: Model with an arm of a joints, and a whip of N nodes, in d dimensions.
         q: Joint positions: behind the arm's, those of universal nodes x1, y1, x2, y2, ..., (..., a + 2 N), or the
             directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N); in the plane those
             of hinges, (..., a + N).
-        v: How fast they change, like q; default: at rest.
+        v: Rates of q, in the same shape; default: at rest.
 
     Returns:
         Positions [m] and velocities [m/s], (..., a + 1 + N, d): those of the joints, the hand, the nodes; last the tip.
@@ -160,12 +160,12 @@ def _hinges(lengths: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarr
 def whip_motion(
     model: Model, hand: MovingFrame, q: np.ndarray, v: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions [m] and velocities [m/s] of the nodes of a whip in space behind its hand, (..., N, 3) each.
+    """Return positions [m] and velocities [m/s] of the nodes of a whip in space, (..., N, 3) each.
 
     Args:
         model: Model with the whip.
         hand: The hand's frame.
-        q, v: Positions and speeds of the whip's joints, as in `chain_motion` behind the arm's; v's default: at rest.
+        q, v: Positions and rates of the whip's joints, as in `chain_motion` without the arm's; v's default: at rest.
     """
     v, lengths, hinges = np.zeros_like(q) if v is None else v, model.whip.per_node("l"), model.whip.kind.hinges
     if not hinges:
@@ -175,12 +175,12 @@ def whip_motion(
 
 
 def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the positions of the nodes of a whip in space behind its hand [m], (T, N, 3).
+    """Return the positions of the nodes of a whip in space [m], (T, N, 3).
 
     Args:
         model: Model with the whip.
         origin, rotation: Origin and rotation of the hand's frame, (T, 3) and (T, 3, 3).
-        q: Positions of the whip's joints, as in `chain_motion` behind the arm's.
+        q: Positions of the whip's joints, as in `chain_motion` without the arm's.
     """
     if not model.whip.kind.hinges:
         steps = q.reshape(len(q), -1, 3) * model.whip.per_node("l")[:, None]
@@ -217,11 +217,11 @@ def _rods(hand: MovingFrame, lengths: np.ndarray, q: np.ndarray, v: np.ndarray) 
 
 
 def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
-    """Return the positions of joints and universal nodes (..., a + 2 N) where rods (..., a + 3 N) point as they do.
+    """Convert rod coordinates (..., a + 3 N) to those of universal joints with the same directions, (..., a + 2 N).
 
     Args:
-        arm: Arm of a joints.
-        q: The arm's joint positions, then the directions of N rods in the base's axes; of any length.
+        arm: Arm with a joints.
+        q: The arm's joint positions, then the directions of N rods in the base's axes, not necessarily unit vectors.
     """
     a, frame = arm.n, arm_frames(arm, q[..., : arm.n])[-1]
     angles, rest = [q[..., :a]], np.zeros(q.shape[:-1])
@@ -236,11 +236,11 @@ def universal_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
 
 
 def hanging_angles(arm: SpatialArm, q: np.ndarray) -> np.ndarray:
-    """Return the angles (..., 2) [rad] of the first universal node at which the whip hangs straight down in the world.
+    """Return the angles (..., 2) [rad] of the first universal joint with which the whip hangs straight down.
 
     Args:
-        arm: Arm of a joints.
-        q: Its joint positions, (..., a).
+        arm: Arm with a joints.
+        q: Joint positions of the arm [rad or m], (..., a).
     """
     down = -arm_frames(arm, q)[-1].rotation[..., 2, :]  # the world's -z in the hand's frame
     # behind both hinges the whip points along (sin y, sin x cos y, -cos x cos y)

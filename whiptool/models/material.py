@@ -8,19 +8,20 @@ from whiptool.models.whip import WhipParameters
 
 
 def of_material(whip: WhipParameters, *, youngs_modulus: float, diameter: float, density: float) -> WhipParameters:
-    """Return a round whip of one material, as long as another, with as many nodes of the same kind.
+    """Return a round whip of one material with the length, number and kind of nodes of another whip.
 
-    Its damping has the other's ratio to its stiffness, that between the first two nodes. It hangs from a free hinge
-    where the other does, and has neither drag nor friction.
+    The ratio of damping to stiffness is that of the other whip at its first joint between nodes. The hinge at the hand
+    is free if the other's is. The new whip has neither drag nor friction.
 
     Args:
-        whip: The other one.
+        whip: The other whip.
         youngs_modulus: Young's modulus [Pa].
         diameter: Diameter [m].
         density: Density [kg/m^3].
 
     Raises:
-        InputError: A number is out of range, or the other whip has no stiffness that its damping could be compared to.
+        InputError: A number is out of range, or the other whip has no stiffness, so that the damping ratio is
+            undefined.
     """
     stiffness, damping = whip.per_node("k"), whip.per_node("b")
     if whip.N < 2 or stiffness[1] <= 0:

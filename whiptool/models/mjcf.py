@@ -31,19 +31,18 @@ _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of an MJCF file, its base frame that of the world.
 
-    Bodies without joints, or on locked ones, count with the link that carries them. Meshes need not be there where
-    bodies that move have an `<inertial>`; a body that has none and whose meshes are not there is `weightless`. Spheres,
-    capsules, cylinders and boxes that may collide are the arm's capsules. Dry friction and springs of joints,
-    `gravcomp` and the air have no part in the model, as the arm's `notes` say, nor have loops beyond the tip.
+    Bodies without joints, or on locked ones, are part of the link that carries them. Mesh files may be missing if all
+    moving bodies have an `<inertial>`; a body without both is listed in `weightless`. Spheres, capsules, cylinders and
+    boxes that may collide become the arm's capsules. Dry friction and springs of joints, `gravcomp`, air drag and loops
+    beyond the tip are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.
-        choice: Chain of the robot; default: all of a robot that does not branch.
+        choice: Chain of the robot; default: the whole robot, which must not branch.
 
     Raises:
-        InputError: The file cannot be read, its gravity is not that of a model, it closes a loop of the arm or
-            couples its joints, by tendons too, has joints of an unknown kind in the chain, or does not have what was
-            chosen.
+        InputError: The file cannot be read; gravity is not along -z; the arm has a closed loop, coupled joints (also by
+            tendons) or joints of an unknown kind; or a chosen name does not exist.
     """
     try:
         return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()

@@ -15,16 +15,18 @@ _STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionlos
 def refuse_tendons(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> None:
-    """Refuse tendons that pull at joints of the arm or hold them; one that only measures or is beyond the tip may stay.
+    """Refuse tendons that exert forces on joints of the arm; tendons that only measure or are beyond the tip are
+    ignored.
 
     Args:
-        model: MuJoCo's.
-        movers: Joints of the arm.
+        model: MuJoCo model.
+        movers: Indices of the arm's joints.
         names: Names of all joints.
-        joints_to: Returns the joints between the world and a body.
+        joints_to: Returns the indices of the joints between the world and a body.
 
     Raises:
-        InputError: A tendon over a joint of the arm is limited, in an equality, elastic, damped, rubs or has inertia.
+        InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
+            friction or inertia.
     """
     import mujoco
 
@@ -47,7 +49,7 @@ def refuse_tendons(
 
 
 def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Say which joints beyond the arm an equality ties to joints of the arm."""
+    """Return a note that lists the joints beyond the arm which an equality couples to joints of the arm."""
     import mujoco
 
     tied = [
@@ -62,7 +64,9 @@ def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) 
 def pulled_by_tendons(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> list[str]:
-    """Say which joints of the arm have actuators that pull at tendons, whose limits are of no single joint."""
+    """Return a note that lists the arm's joints with actuators on tendons, whose limits cannot be assigned to one
+    joint.
+    """
     import mujoco
 
     tendons = model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]
@@ -88,13 +92,13 @@ def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[i
 
 
 def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodies: Mapping[int, str]) -> list[str]:
-    """Say which forces of a file have no part in the arm's model, a line for each kind.
+    """Return notes on the forces in a file that the arm's model ignores, one line for each kind.
 
     Args:
-        model: MuJoCo's.
-        movers: Joints of the arm.
+        model: MuJoCo model.
+        movers: Indices of the arm's joints.
         names: Names of all joints.
-        bodies: Names of the bodies that the arm moves, by their numbers.
+        bodies: Names of the bodies that the arm moves, by index.
     """
 
     def of(has: Callable[[int], Any]) -> str:
@@ -116,13 +120,13 @@ def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodie
 
 
 def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:
-    """Say where a joint's torque has not the same limit in both directions.
+    """Return a note if a joint's torque limits differ between the two directions.
 
     Args:
         name: Name of the joint.
-        span: Lowest and highest torque in the file.
-        taken: Largest magnitude in the model.
-        unit: Unit of all of these.
+        span: Lowest and highest torque in the file, in `unit`.
+        taken: Limit that the model uses, in `unit`.
+        unit: Unit of the torques or forces.
     """
     low, high = span
     if np.isclose(-low, high):

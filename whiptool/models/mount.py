@@ -25,7 +25,8 @@ MOUNT_RULE = f"{', '.join(MOUNTS)}, or three numbers: roll pitch yaw [rad]"
 
 
 def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
-    """Return the rotation of a base (3, 3): `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad], as in URDF.
+    """Return the rotation (3, 3) of a base that is given as `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad] as
+    in URDF.
 
     Raises:
         InputError: It has another form, or an angle is more than two turns.
@@ -42,14 +43,14 @@ def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
 
 
 def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
-    """Return an arm whose base is turned about the origin.
+    """Return the arm with its base rotated about the origin.
 
     Args:
         arm: Arm whose base's z axis points up.
         given: See `mount_rotation`.
 
     Raises:
-        InputError: It is not a rotation.
+        InputError: `given` is not a rotation.
     """
     R = mount_rotation(given)
     first = arm.links[0]
@@ -65,7 +66,8 @@ _LEVEL = 1e-9  # of an axis: by how much it may be off the vertical or the horiz
 
 
 def level_links(arm: SpatialArm) -> int:
-    """Return how many of an arm's first links stay at their height, as joints turn them about the vertical alone."""
+    """Return how many of an arm's first links never change their height: their joints rotate about the vertical
+    only."""
     at_zero = arm_frames(arm, np.zeros(arm.n))
     for i, (link, frame) in enumerate(zip(arm.links, at_zero, strict=False)):
         upward = abs(float(frame.rotation[2] @ link.axis))
@@ -75,17 +77,18 @@ def level_links(arm: SpatialArm) -> int:
 
 
 def turns_as_a_whole(arm: AnyArm) -> bool:
-    """Whether an arm's first joint turns all of it about the vertical through the base."""
+    """Whether an arm's first joint rotates the whole arm about the vertical through the base."""
     first = arm.in_space().links[0]
     axis = np.array(first.rotation) @ np.array(first.axis)
     return first.kind == "revolute" and first.position[:2] == (0.0, 0.0) and bool(axis[2] == 1.0)
 
 
 def default_floor(arm: AnyArm) -> float | None:
-    """Return the height of the floor on which a robot stands, 0: that of its base; None: it does not stand on one.
+    """Return the height of the floor on which a robot stands [m]: 0, that of its base, or None if it does not stand on
+    one.
 
-    It does where the first joint that moves anything up or down is above the base, and not where that joint is at the
-    base, as a person's shoulder is, next to it (on a wall) or below it (on a ceiling).
+    A robot stands on the floor if the first joint that changes a height is above the base; not if that joint is at the
+    base (a person's shoulder), next to it (on a wall) or below it (on a ceiling).
     """
     arm = arm.in_space()
     if (first := level_links(arm)) == arm.n:

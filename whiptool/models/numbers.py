@@ -17,7 +17,10 @@ ASK_UNIT = "lengths are in metres; are these millimetres?"
 
 
 def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
-    """`value` as a float from `low` (above it, if `strict`) to `high`; above 0 it is no less than `SMALLEST`."""
+    """Return `value` as a finite float from `low` to `high`, or refuse it.
+
+    With `strict` it has to be above `low`; positive numbers have to be at least `SMALLEST`.
+    """
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
     rule += "" if high == LARGEST else f" and <= {high:g}"
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -36,7 +39,9 @@ def number(name: str, value: object, *, low: float = -math.inf, high: float = LA
 
 
 def metres(name: str, value: object, *, longest: float = LONGEST, low: float = 0.0, strict: bool = True) -> float:
-    """`value` as a length [m] from `low` (above it, if `strict`) to `longest`; what is longer is likely in mm."""
+    """Return `value` as a length [m] from `low` (above it if `strict`) to `longest`; a longer one is probably in mm and
+    refused.
+    """
     x = number(name, value, low=low, strict=strict)
     if x > longest:
         raise InputError(name, value, f"a length of at most {longest:g} m", ASK_UNIT)
@@ -44,7 +49,7 @@ def metres(name: str, value: object, *, longest: float = LONGEST, low: float = 0
 
 
 def whole(name: str, value: object, *, low: int = 1, high: int | None = None) -> int:
-    """`value` as an int from `low` to `high`."""
+    """Return `value` as an int from `low` to `high`, or refuse it."""
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
         x = int(value)
         if x >= low and (high is None or x <= high):
@@ -54,7 +59,7 @@ def whole(name: str, value: object, *, low: int = 1, high: int | None = None) ->
 
 
 def numbers(name: str, value: object, count: int | None = None) -> tuple[float, ...]:
-    """`value` as `count` finite floats, or as any number of them but none."""
+    """Return `value` as `count` finite floats, or as one or more if `count` is None, or refuse it."""
     rule = "finite numbers" if count is None else f"{count} finite numbers"
     row = value if isinstance(value, (list, tuple)) else array_of(name, value, rule).tolist()
     nested = not isinstance(row, (list, tuple)) or any(isinstance(x, (list, tuple, np.ndarray)) for x in row)
@@ -64,8 +69,10 @@ def numbers(name: str, value: object, count: int | None = None) -> tuple[float, 
 
 
 def array_of(name: str, value: object, rule: str) -> np.ndarray:
-    """`value` as an array of finite floats; text, truth values, complex numbers and rows of unequal lengths are
-    refused."""
+    """Return `value` as an array of finite floats, or refuse it.
+
+    Text, booleans, complex numbers and rows of unequal lengths are refused; `rule` says what is allowed.
+    """
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError):
@@ -78,7 +85,7 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
 
 
 def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tuple[float, ...], float]:
-    """A strike's vector as where it begins, where it ends, and how long it takes; `rule` is what it holds, in words."""
+    """Split a strike vector into start, end and duration; `rule` describes the vector in error messages."""
     values = array_of("strike vector", vector, "a vector of finite numbers").tolist()
     if np.ndim(values) != 1 or len(values) < 3 or len(values) % 2 == 0:
         raise InputError("strike", values, rule)
@@ -87,7 +94,7 @@ def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tup
 
 
 def texts(name: str, value: object) -> tuple[str, ...]:
-    """`value` as texts, any number of them."""
+    """Return `value` as a tuple of strings, or refuse it."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InputError(name, value, "a list of texts")
     found = tuple(value)

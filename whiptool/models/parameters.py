@@ -23,7 +23,7 @@ LONGEST_NAME = 200  # [characters]
 
 @dataclass(frozen=True)
 class Model(NoArray, instead="its parameters()"):
-    """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is a label only.
+    """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is only a label.
 
     Raises:
         InputError: The whip's joints do not match the arm's dimension, or gravity is negative.
@@ -65,14 +65,15 @@ class Model(NoArray, instead="its parameters()"):
 
     @property
     def coordinates(self) -> int:
-        """Number of coordinates that a trajectory holds: as many as joints, but three for the direction of a rod."""
+        """Number of coordinates in a trajectory: one for each joint, but three for the direction of a rod."""
         return self.arm.n + self.whip.N * self.whip.kind.coordinates
 
     @property
     def coordinate_names(self) -> tuple[tuple[str, str], ...]:
         """Name and unit of each of `coordinates`: the arm's joints by their names, then `whip[0]` and so on.
 
-        Of universal joints they are `whip[0][0]` and `whip[0][1]`, of rods `whip[0].x` to `whip[0].z`, without unit.
+        For universal joints the whip's are `whip[0][0]`, `whip[0][1]`, ...; for rods `whip[0].x`, `whip[0].y`,
+        `whip[0].z`, ..., without unit.
         """
         kind = self.whip.kind
         of_arm = [(joint, "m" if joint in self.arm.slides else "rad") for joint in self.arm.joints]
@@ -80,15 +81,15 @@ class Model(NoArray, instead="its parameters()"):
 
     @property
     def reach(self) -> float:
-        """Farthest distance from the shoulder that the tip can have [m]; in space, no less than it."""
+        """Largest possible distance of the tip from the shoulder [m]; in space an upper bound of it."""
         return self.arm.length + self.whip.length
 
     def farthest_miss(self, place: Sequence[float]) -> float:
-        """Return the largest possible distance of the tip from a place (2,) or (3,), [m], which serves as a penalty."""
+        """Return the largest possible distance of the tip from a position (2,) or (3,) [m]; it serves as a penalty."""
         return self.reach + math.hypot(*numbers("place", place))
 
     def parameters(self) -> dict[str, float]:
-        """Every number of the model under its name: `whip.k` or `whip.k[3]`, `arm.mass[0]`, `gravity`."""
+        """Return all parameters of the model by name: `whip.k` or `whip.k[3]`, `arm.mass[0]`, `gravity`."""
         named: dict[str, float] = {}
         for f in dataclasses.fields(self.whip):
             value = getattr(self.whip, f.name)
@@ -103,13 +104,14 @@ class Model(NoArray, instead="its parameters()"):
         return named
 
     def with_parameters(self, changes: Mapping[str, float]) -> Model:
-        """A copy with some of `parameters()` changed.
+        """Return a copy with some of `parameters()` changed.
 
-        Of a whip with values per node, `whip.k` is their mean, and changes all of them in proportion. Of one that is
-        lumped from a profile, `profile.length` and the like, see `WhipProfile.numbers`, lump it again.
+        For a whip with values per node, `whip.k` is their mean, and a change scales all of them. For one that was
+        computed from a profile, `profile.length` and so on (see `WhipProfile.numbers`) change the profile, and the
+        nodes are computed again.
 
         Raises:
-            InputError: A name is not one of `parameters()` or these, or a value is not allowed.
+            InputError: A name is not one of these, or a value is not allowed.
         """
         expect(Mapping, changes=changes)
         of_profile = {name.removeprefix("profile."): x for name, x in changes.items() if name.startswith("profile.")}
@@ -145,7 +147,7 @@ class Model(NoArray, instead="its parameters()"):
 
         Args:
             length: Length of the stretched whip [m].
-            nodes: Their number.
+            nodes: Number of nodes.
             taper: Thickness of the tip over that of the handle; see `whiptool.models.resized.resized`.
 
         Raises:
@@ -154,16 +156,17 @@ class Model(NoArray, instead="its parameters()"):
         return dataclasses.replace(self, whip=resized(self.whip, length=length, nodes=nodes, taper=taper))
 
     def with_arm(self, *, lengths: Sequence[float]) -> Model:
-        """Return a copy whose arm has links of other lengths.
+        """Return a copy with other lengths of the arm's links.
 
-        Each keeps its mass; its centre of mass and its inertia follow the length, as those of a stretched body.
+        The masses are kept; centre of mass and inertia change as those of a stretched body.
 
         Args:
-            lengths: From each joint to the next, and from the last to the hand [m], as `arm.lengths` has them.
+            lengths: Distances from each joint to the next, and from the last to the hand [m], (n,), as in
+                `arm.lengths`.
 
         Raises:
-            InputError: There are not as many as links, a number is out of range, or the arm's collision shapes, which
-                would no longer fit, are known.
+            InputError: There are not as many lengths as links, a number is out of range, or the arm has collision
+                shapes, which would no longer fit.
         """
         return dataclasses.replace(self, arm=self.arm.with_lengths(lengths))
 

@@ -53,7 +53,7 @@ class ArmParameters(JointedArm):
 
     Args:
         links: The links in order.
-        joints: Their joints' names; default: shoulder and elbow, else joint1, joint2, ...
+        joints: Names of the joints; default: shoulder and elbow for two joints, else joint1, joint2, ...
     """
 
     links: tuple[ArmLink, ...]
@@ -77,12 +77,12 @@ class ArmParameters(JointedArm):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the joints are called elsewhere: the same."""
+        """Names of the joints outside whiptool; for a planar arm the same as `joints`."""
         return self.joints
 
     @property
     def weightless(self) -> tuple[str, ...]:
-        """Names of the joints whose links' inertia is not known: none."""
+        """Names of the joints whose links have an unknown inertia: none."""
         return ()
 
     def per_link(self, name: str) -> np.ndarray:
@@ -127,7 +127,7 @@ class ArmParameters(JointedArm):
         return self.with_parameters(changes)
 
     def parameters(self) -> dict[str, float]:
-        """Every number under its name: `mass[0]`, `length[0]`, ..."""
+        """Return all parameters by name: `mass[0]`, `length[0]`, ..."""
         return {f"{name}[{i}]": getattr(link, name) for i, link in enumerate(self.links) for name in self.QUANTITIES}
 
     def with_parameters(self, changes: Mapping[str, float]) -> ArmParameters:
@@ -142,5 +142,5 @@ AnyArm: TypeAlias = ArmParameters | SpatialArm
 
 
 def in_space(arm: AnyArm) -> SpatialArm:
-    """Return an arm in space: a planar one with its axes parallel to (0, -1, 0), x staying x and y becoming z."""
+    """Return a planar arm as one in space with joint axes along (0, -1, 0); x stays x, and the plane's y becomes z."""
     return arm.in_space()

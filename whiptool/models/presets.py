@@ -47,7 +47,7 @@ PRESETS: Registry[Model] = Registry(
 
 
 def presets() -> list[str]:
-    """Return the names of the published models and those of installed packages: `preset(name)` is one."""
+    """Return the names of the published models, including those of installed packages; see `preset`."""
     PRESETS.add_installed()
     return list(PRESETS)
 

@@ -28,22 +28,23 @@ _QUADRATURE = np.polynomial.legendre.leggauss(8)  # exact to degree 15 on each h
 class WhipProfile(NoArray, instead="its numbers"):
     """Continuous whip: an inextensible beam whose properties vary along it, from handle (s = 0) to tip (s = length).
 
-    Each tapered quantity runs geometrically, `q(s) = q taper^(s / length)`: `q` is its value at the handle, `taper`
-    the ratio of tip to handle. What a taper leaves out are waves, factors `exp(sum_i w_i cos(i pi s / length))`.
+    Tapered quantities vary geometrically, `q(s) = q taper^(s / length)`: `q` is the value at the handle, `taper` the
+    ratio of tip to handle. Deviations from a taper are described by factors `exp(sum_i w_i cos(i pi s / length))`,
+    called waves.
 
     Args:
         length: Length [m].
         linear_density: Mass per length at the handle [kg/m].
         bending_stiffness: EI at the handle [N m^2].
         bending_damping: Moment per rate of curvature at the handle [N m^2 s] (Kelvin-Voigt).
-        density_taper, stiffness_taper, damping_taper: Tip over handle.
+        density_taper, stiffness_taper, damping_taper: Ratio of the value at the tip to that at the handle.
         rest_curvature: Curvature of the slack whip [1/m].
         drag: Quadratic drag per length [N s^2/m^3].
         tip_mass: Mass at the tip, such as a cracker or a marker [kg].
-        bead_mass: Bead mass of a bead or knot somewhere along the whip [kg].
+        bead_mass: Mass of a bead or knot on the whip [kg].
         bead_place: Position of the bead, as a fraction of the length from the handle.
-        density_waves: w_1, w_2, w_3 of the mass per length.
-        stiffness_waves: Those of bending stiffness and damping alike: a thicker place has more of both.
+        density_waves: Coefficients w_1, w_2, w_3 of the mass per length.
+        stiffness_waves: Coefficients w_1, w_2, w_3 of both bending stiffness and damping.
 
     Raises:
         InputError: A value is not finite or out of range, or there are not three waves.
@@ -82,10 +83,10 @@ class WhipProfile(NoArray, instead="its numbers"):
         """Return the profile of a round whip of one material.
 
         Args:
-            youngs_modulus: E [Pa]; of a rope far below that of its fibres.
+            youngs_modulus: Young's modulus E [Pa]; for a rope far below that of its fibres.
             diameter: Diameter at the handle [m], at most 0.2 m.
             density: Mass per volume [kg/m^3].
-            others: The further arguments of a profile: length, bending_damping, tapers, ...
+            others: Further arguments of the profile: length, bending_damping, tapers, ...
 
         Raises:
             InputError: A value is not finite or out of range.
@@ -98,7 +99,7 @@ class WhipProfile(NoArray, instead="its numbers"):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Every number by its name: those of the waves are `density_waves[0]` and so on."""
+        """All parameters by name; those of the waves are `density_waves[0]` and so on."""
         found: dict[str, float] = {}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -124,7 +125,9 @@ class WhipProfile(NoArray, instead="its numbers"):
         return WhipProfile(**numbers, density_waves=density, stiffness_waves=stiffness)
 
     def at(self, quantity: str, place: np.ndarray) -> np.ndarray:
-        """Return `linear_density`, `bending_stiffness` or `bending_damping` at places in parts of the length."""
+        """Return `linear_density`, `bending_stiffness` or `bending_damping` at positions given as fractions of the
+        length.
+        """
         if quantity not in list(_GRADED):
             raise InputError("quantity", quantity, ", ".join(_GRADED))
         return graded(self.numbers, quantity, array_of("place", place, "finite numbers"))
@@ -132,22 +135,22 @@ class WhipProfile(NoArray, instead="its numbers"):
     def lump(
         self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0, clamped: bool = False
     ) -> WhipParameters:
-        """The whip as N nodes, its mass, drag and compliance shared out by hat functions.
+        """Return the whip as N nodes; mass, drag and compliance are distributed to the nodes by hat functions.
 
         Args:
-            N: Nodes.
-            joints: Their joints, see `WhipParameters`.
+            N: Number of nodes.
+            joints: Kind of the joints, see `WhipParameters`.
             node_inertia: Moment of inertia of each node [kg m^2].
-            clamped: The whip is clamped in the hand, as a rod, a racket or a handle is, and bends there as it does
-                further on; otherwise joint 1 is a free hinge.
+            clamped: Whether the whip is clamped in the hand and bends there as elsewhere; otherwise joint 1 is a free
+                hinge.
 
         Raises:
-            InputError: A number is out of range, or a whip in space is to be curved at rest.
+            InputError: A number is out of range, or a whip in space has a rest curvature.
 
-        A hat is 1 at its node and falls to 0 at the neighbours, so total mass and static moment are kept. The half
-        hat at the handle is the whip's `hinge_mass`. Joint j bends by what its hat sees of the curvature,
-        `theta_j = int hat_j kappa ds`; with `M = EI kappa + eta dkappa/dt`, slow bending gives
-        `1/k_j = int hat_j / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free unless it is clamped.
+        A hat function is 1 at its node and falls linearly to 0 at the neighbours, so total mass and static moment are
+        preserved. The half hat at the handle gives `hinge_mass`. The angle of joint j is the curvature weighted by its
+        hat, `theta_j = int hat_j kappa ds`; with `M = EI kappa + eta dkappa/dt`, slow bending gives `1/k_j = int hat_j
+        / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free unless it is clamped.
         """
         N = whole("N", N)
         if self.rest_curvature and KINDS[joints].dimension == 3:
@@ -169,9 +172,9 @@ class WhipProfile(NoArray, instead="its numbers"):
 
 
 def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile | None:
-    """Return the profile, without bead and waves, that a whip is lumped from; None if from no such one.
+    """Return the profile without bead and waves from which a whip was computed; None for a whip without a profile.
 
-    Where hats are whole, neighbours of a geometric taper differ by a factor, which is the taper's N-th root.
+    With a geometric taper, inner neighbouring nodes differ by a factor that is the N-th root of the taper.
     """
     k, b, m, drag = (whip.per_node(name) for name in ("k", "b", "m", "drag"))
     if whip.N < 3 or not k[1:].all() or whip.per_node("rest_angle_x").any():
@@ -201,10 +204,10 @@ def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile |
 
 
 def even_profile(whip: WhipParameters) -> WhipProfile:
-    """Return the uniform profile of a whip that has one number for all nodes.
+    """Return the uniform profile of a whip with equal nodes.
 
     Raises:
-        InputError: It has a value per node.
+        InputError: A quantity has a value per node.
     """
     even: dict[str, float] = {}
     for key in ("l", "m", "k", "b", "rest_angle", "drag"):
@@ -225,13 +228,13 @@ def even_profile(whip: WhipParameters) -> WhipProfile:
 def graded(
     profile: Mapping[str, Any], quantity: str, place: np.ndarray, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> Any:
-    """Return a quantity that varies along the whip, like `place`, for numbers and symbols alike.
+    """Return a quantity that varies along the whip, in the shape of `place`; works for numbers and CasADi symbols.
 
     Args:
-        profile: Each of `WhipProfile.numbers`.
+        profile: All of `WhipProfile.numbers`.
         quantity: `linear_density`, `bending_stiffness` or `bending_damping`.
         place: Position as a fraction of the length.
-        constant: Makes of an array what numbers of the profile are multiplied with.
+        constant: Converts a NumPy array to the type that the profile's values are multiplied with.
     """
     taper, waves = _GRADED[quantity]
     exponent = constant(np.zeros_like(place))
@@ -241,11 +244,11 @@ def graded(
 
 
 def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarray) -> Any:
-    """Return what each of N + 1 points at equal distances carries of a mass between two of them, (N + 1, 1).
+    """Return the fractions of a mass between two of N + 1 equidistant points that each point carries, (N + 1, 1).
 
     Args:
-        place: Place of the mass, in parts of the length.
-        N: Links between the points.
+        place: Position of the mass, as a fraction of the length.
+        N: Number of links between the points.
         constant: See `graded`.
     """
     near = 1 - abs(place * N - constant(np.arange(N + 1.0)[:, None]))
@@ -255,13 +258,13 @@ def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarra
 def lump(
     profile: Mapping[str, Any], N: int, *, clamped: bool = False, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> dict[str, Any]:
-    """Return a profile's N nodes, for numbers and symbols alike; see `WhipProfile.lump`.
+    """Return a profile's N nodes, see `WhipProfile.lump`; works for numbers and CasADi symbols.
 
     Args:
-        profile: Each of `WhipProfile.numbers`.
-        N: Nodes.
-        clamped: The whip's first joint has its share of the bending; otherwise it is a free hinge.
-        constant: Makes of an array what numbers of the profile are multiplied with.
+        profile: All of `WhipProfile.numbers`.
+        N: Number of nodes.
+        clamped: Whether the whip's first joint bends as in a clamp; otherwise it is a free hinge.
+        constant: Converts a NumPy array to the type that the profile's values are multiplied with.
 
     Returns:
         Columns (N, 1) of l, m, k, b, rest_angle, drag; and hinge_mass, (1, 1).

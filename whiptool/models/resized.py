@@ -30,19 +30,19 @@ def resized(
 ) -> WhipParameters:
     """Return a whip of the same material with another length, number of nodes or taper.
 
-    Mass, bending stiffness, damping and drag per length stay as they are. A whip that is lumped from a profile is
-    lumped again from it; of others the numbers of each node follow the length of its link.
+    Mass, bending stiffness, damping and drag per length are kept. The nodes of a whip that was computed from a profile
+    are computed again; those of others are scaled with the length of their links.
 
     Args:
-        whip: As it is.
-        length: Length of the stretched whip [m]; None: as it is.
-        nodes: None: as many.
-        taper: Thickness of the tip over that of the handle, which stays: mass goes with its square, bending stiffness
-            and damping with its fourth power, as of a round whip; None: as it is.
+        whip: The original whip.
+        length: Length of the stretched whip [m]; None: unchanged.
+        nodes: Number of nodes; None: unchanged.
+        taper: Ratio of the thickness at the tip to that at the handle, which is kept; as for a round whip, mass scales
+            with its square, bending stiffness and damping with its fourth power. None: unchanged.
 
     Raises:
-        InputError: A number is out of range, or the whip differs from node to node, other than a profile would, so that
-            only its length can be changed.
+        InputError: A number is out of range, or the nodes differ in a way that no profile describes, so that only the
+            length can be changed.
     """
     N = whip.N if nodes is None else whole("nodes", nodes, high=200)
     L = whip.length if length is None else metres("length", length)
@@ -62,10 +62,10 @@ def resized(
 
 
 def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> WhipParameters:
-    """Return a whip lumped again, from its profile with some of its numbers changed; what no profile has stays.
+    """Return a whip with nodes computed again from its profile with some parameters changed; all else is kept.
 
     Raises:
-        InputError: The whip is not lumped from a profile, or it has no such number, or a value is not allowed.
+        InputError: The whip was not computed from a profile, a name is unknown, or a value is not allowed.
     """
     profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None:

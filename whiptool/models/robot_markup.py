@@ -24,10 +24,10 @@ _PIXELS = ("width", "height", "nrow", "ncol")
 
 
 def read_urdf_text(path: Path | str) -> str:
-    """The text of a URDF file.
+    """Return the text of a URDF file after checking it.
 
     Raises:
-        InputError: It cannot be read, or is nested too deeply, too large, or defines entities.
+        InputError: The file cannot be read, is nested too deeply, is too large, or defines XML entities.
     """
     text = read_text(path, "URDF")
     _check(Path(path), text, [])
@@ -35,10 +35,10 @@ def read_urdf_text(path: Path | str) -> str:
 
 
 def check_mjcf(path: Path | str) -> None:
-    """Refuse an MJCF file that MuJoCo should not see.
+    """Refuse an MJCF file that is not safe to parse.
 
     Raises:
-        InputError: As for `read_urdf_text`, of the file or one that it includes.
+        InputError: As in `read_urdf_text`, for the file or one that it includes.
     """
     _check(Path(path), read_text(path, "MJCF"), [])
 

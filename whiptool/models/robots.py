@@ -22,9 +22,9 @@ STICK = {"length": 0.65, "mass": 0.09}
 
 
 def rope(N: int = 20, *, joints: Literal["rod", "universal"] = "rod") -> WhipParameters:
-    """Return the rope as N rods, which bend alike all around, as a rope does.
+    """Return the rope of the robot presets as N rods, which bend equally in all directions.
 
-    Universal nodes in their place have a cord's moment of inertia about themselves, m r^2 / 2.
+    With universal joints instead, each node has the moment of inertia of a cord about its axis, m r^2 / 2.
     """
     stiffness = _YOUNG * math.pi * _RADIUS**4 / 4  # EI of a round section
     density = _DENSITY * math.pi * _RADIUS**2

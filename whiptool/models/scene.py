@@ -46,12 +46,12 @@ class _Body:
 
 @dataclass(frozen=True)
 class NearestPair:
-    """Where two bodies are nearest to each other.
+    """The closest pair of bodies over several states.
 
     Args:
-        clearance: Their distance [m]; negative: how deep one is in the other.
-        instant: Number of the state.
-        names: Names of both.
+        clearance: Distance [m]; negative: penetration depth.
+        instant: Index of the state.
+        names: Names of both bodies.
     """
 
     clearance: float
@@ -61,11 +61,11 @@ class NearestPair:
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a group of pairs is nearest.
+    """The closest pair of a group over several states.
 
     Args:
-        distance: Distance [m], negative where they overlap.
-        instant, pair: Numbers of the state and of the pair.
+        distance: Distance [m]; negative if they overlap.
+        instant, pair: Indices of the state and of the pair.
         points: Nearest points of both bodies [m], (2, 3).
         normal: Unit vector from the first body to the second, (3,).
     """
@@ -79,22 +79,21 @@ class Contact:
 
 @dataclass
 class Scene:
-    """What of a model may touch what.
+    """The pairs of bodies of a model that are checked for contact.
 
-    It is of `close` links, that have one link between them and are always near each other; of `apart` links, that have
-    more, and of arm and floor; and of the `whip`, with arm and floor. Neighbours are not compared, nor the
-    arm's `never_touch`, nor the whip's first segments with the links that hold it, nor the floor with links that stay
-    at their height, whatever a strike is. Arms in the plane have no thickness
-    and nothing to touch but a floor.
+    Kinds of pairs: `close` links, with exactly one link between them; `apart`, links with more between them, and arm
+    and floor; `whip`, the whip with arm and floor. Not checked are neighbouring links, the arm's `never_touch`, the
+    whip's first segments with the links that hold it, and the floor with links that never change their height. Planar
+    arms have no thickness and can only touch a floor.
 
     Args:
-        model: Arm and whip.
-        floor: Its height [m]; None: no floor.
-        of: Number of the node, or several.
+        model: Model of arm and whip.
+        floor: Height of the floor [m]; None: no floor.
+        of: Kind of pairs to check, or several.
 
     Attributes:
-        bodies: All, those of the whip last.
-        pairs: Numbers of the bodies that are compared; the floor's is one more than the last.
+        bodies: All bodies, those of the whip last.
+        pairs: Indices of the two bodies of each pair; the floor's index follows the last body's.
         kinds: Kind of each pair.
     """
 
@@ -166,7 +165,9 @@ class Scene:
         return "close" if between == 1 else "apart"
 
     def segments(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return both ends of every body [m], (T, bodies, 3) each, of states q (T, n), or of an arm alone (T, a)."""
+        """Return start and end of every body's segment [m], (T, bodies, 3) each, for states q (T, n), or (T, a) for an
+        arm alone.
+        """
         places = self._places(q, points=2)
         return places[:, :, 0], places[:, :, 1]
 
@@ -194,33 +195,33 @@ class Scene:
         return np.concatenate(found, axis=1)
 
     def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
-        """Return the numbers of the links of a pair of bodies; negative: the base, the floor or the whip."""
+        """Return the indices of the links of a pair of bodies; negative values mean the base, the floor or the whip."""
         i, j = pair
         return self.bodies[i].link, _FLOOR if j == len(self.bodies) else self.bodies[j].link
 
     def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
-        """Return the names of a pair of bodies, for people."""
+        """Return the names of a pair of bodies, for messages."""
         i, j = pair
         return self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
 
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
-        """Return where two bodies come nearest over successive states q, (T, n); None: nothing is compared.
+        """Return the closest pair of bodies over successive states; None if no pairs are checked.
 
         Args:
-            q: Joint positions, (T, n), of an arm alone (T, a).
-            enough: Clearance from which it does not matter how large it is [m]: then that of some state is returned.
+            q: Joint positions, (T, n), or (T, a) for an arm alone.
+            enough: Distance above which the exact value is not needed [m]; then that of any state is returned.
         """
         return self.nearest_of_groups(q, np.zeros(len(self.pairs), int), [enough])[0]
 
     def nearest_of_groups(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[NearestPair | None]:
-        """Return the same of each group of pairs; None: no pair is in it.
+        """Return the closest pair of each group of pairs; None for an empty group.
 
-        States are looked at in parts, so that memory does not grow with their number.
+        States are processed in parts, so that memory does not grow with their number.
 
         Args:
-            q: States, (T, n).
-            groups: Number of each pair's group, (pairs,).
-            enough: A distance for each group, see `nearest`.
+            q: Joint positions, (T, n).
+            groups: Index of each pair's group, (pairs,).
+            enough: For each group the distance above which the exact value is not needed [m].
         """
         best: list[NearestPair | None] = [None] * len(enough)
         for first in range(0, len(q), _AT_ONCE):
@@ -233,14 +234,15 @@ class Scene:
         return best
 
     def contacts(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[Contact | None]:
-        """Return where the pairs of each group come nearest; None: no pair is in it.
+        """Return the closest contact of each group of pairs; None for an empty group.
 
-        Distances are computed where balls around bodies are near, first balls that hold a body over several states.
+        Exact distances are only computed if bounding spheres are near, first of bodies over several states, then of
+        single ones.
 
         Args:
-            q: Successive states, (T, n).
-            groups: Number of each pair's group, (pairs,).
-            enough: Distance for each group above which larger values do not matter [m].
+            q: Joint positions of successive states, (T, n).
+            groups: Index of each pair's group, (pairs,).
+            enough: For each group the distance above which the exact value is not needed [m].
         """
         starts, ends = self.segments(q)
         instants, pairs = self._candidates((starts + ends) / 2, groups, np.array(enough))
@@ -312,10 +314,10 @@ class Scene:
         return lower <= limit[groups[pairs]]
 
     def distances(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return how near all pairs come at states q, (T, n).
+        """Return the distances of all pairs in states q (T, n).
 
         Returns:
-            Distances (T, pairs) [m], negative where they overlap; the nearest points of both (T, pairs, 2, 3) [m]; unit
+            Distances [m], (T, pairs), negative for overlap; nearest points of both bodies [m], (T, pairs, 2, 3); unit
             vectors from the first body to the second, (T, pairs, 3).
         """
         places, shape = self._places(q), (len(q), len(self.pairs))

@@ -14,7 +14,7 @@ def nearest_points(
 
     Args:
         start, end: Start and end of the first segment of each pair [m], (..., 3).
-        other_start, other_end: Other start and other end of the second one, (..., 3).
+        other_start, other_end: Start and end of the second segment [m], (..., 3).
     """
     along, other_along, between = end - start, other_end - other_start, start - other_start
     a, e, b = _dot(along, along), _dot(other_along, other_along), _dot(along, other_along)

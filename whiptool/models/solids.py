@@ -11,7 +11,7 @@ from whiptool.models.capsules import Capsule
 
 
 class Solids:
-    """The shapes of bodies as coal has them, and a floor behind the last.
+    """Shapes of bodies as objects of the library coal, followed by a floor.
 
     Args:
         shapes: Shapes of the bodies.
@@ -25,11 +25,12 @@ class Solids:
     def distance(
         self, bodies: tuple[int, int], poses: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return how near two bodies are [m], their nearest points (2, 3), and the unit vector between them, (3,).
+        """Return the distance of two bodies [m], their nearest points (2, 3) [m], and the unit vector between them,
+        (3,).
 
         Args:
-            bodies: Their numbers, that of the floor last.
-            poses: Poses of each of both the axes (3, 3) and the middle (3,) [m]; the floor's are not looked at.
+            bodies: Indices of the bodies; the floor's index follows the last body's.
+            poses: For each of the two bodies its axes (3, 3) and its centre (3,) [m]; those of the floor are ignored.
         """
         posed = [coal.Transform3s(np.asarray(R, float), np.asarray(p, float)) for R, p in poses]
         if bodies[1] == len(self._shapes) - 1:

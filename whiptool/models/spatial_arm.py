@@ -34,13 +34,13 @@ _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it wa
 
 @dataclass(frozen=True)
 class JointLimits:
-    """What a joint can do: rad or m, s, N m or N; infinite where there is no limit.
+    """Limits of a joint in rad or m, s, N m or N; infinite if there is no limit.
 
     Args:
-        position: Lowest and highest.
+        position: Lowest and highest position.
         velocity, acceleration, jerk: Largest magnitudes.
-        torque: Largest magnitude, of a force where the joint is prismatic.
-        torque_rate: Largest magnitude of its change [N m/s or N/s].
+        torque: Largest magnitude; of the force for a prismatic joint.
+        torque_rate: Largest magnitude of the torque's rate of change [N m/s or N/s].
 
     Raises:
         InputError: A value is NaN or not positive, or the lowest position is not below the highest.
@@ -68,10 +68,11 @@ class JointLimits:
             object.__setattr__(self, name, value)
 
     def keeping_free(self, share: float) -> JointLimits:
-        """Return the limits reduced by a share that is kept free; for a range the share is that of both ends together.
+        """Return the limits reduced by a fraction that must remain unused; a position range is shortened by it, half at
+        each end.
 
         Raises:
-            InputError: The share is not in [0, 1).
+            InputError: The fraction is not in [0, 1).
         """
         left = 1.0 - kept_free(share)
         low, high = self.position
@@ -81,12 +82,12 @@ class JointLimits:
 
 
 def limit_unit(name: str, *, slides: bool) -> str:
-    """Return the unit of one of the `JointLimits` of a joint that turns, or slides."""
+    """Return the unit of a field of `JointLimits` for a revolute joint, or for a prismatic one if `slides`."""
     return _UNITS[name][slides]
 
 
 def kept_free(share: object) -> float:
-    """Return the share of limits that is kept free.
+    """Return the fraction of limits that must remain unused, after checking it.
 
     Raises:
         InputError: It is not in [0, 1).
@@ -104,25 +105,25 @@ def _or_infinite(name: str, value: object) -> float:
 
 @dataclass(frozen=True)
 class SpatialLink:
-    """A joint and the rigid body that it moves; the link's frame is its joint's, and moves with it.
+    """A joint and the rigid body that it moves; the link's frame is attached to the body at the joint.
 
-    A massless link, as between hinges at one point, is allowed where what it carries has mass.
+    A massless link, as between hinges at one point, is allowed if what it carries has mass.
 
     Args:
         mass: Mass [kg].
         com: Centre of mass in the link's frame [m], (3,).
         inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, in the link's axes [kg m^2].
         axis: Unit vector of the joint in the link's frame, (3,).
-        position: Position of the joint in the frame of the link before, for the first in the base's [m], (3,).
-        rotation: Rotation of the link's frame in that of the link before where the joint's position is 0, (3, 3).
-        kind: Whether the joint turns about its axis or slides along it.
+        position: Position of the joint in the previous link's frame, or the base's for the first [m], (3,).
+        rotation: Rotation of the link's frame in the previous link's with the joint at 0, (3, 3).
+        kind: Whether the joint rotates about its axis (`revolute`) or slides along it (`prismatic`).
         friction: Viscous friction of the joint [N m s/rad or N s/m].
         armature: Inertia of the rotor, as the joint feels it [kg m^2 or kg].
         limits: Limits of the joint.
         capsules: Collision shapes of the body; none: it is not checked.
 
     Raises:
-        InputError: A value is not finite, or no body has such an inertia, axis or rotation.
+        InputError: A value is not finite, or the inertia, axis or rotation is physically impossible.
     """
 
     mass: float
@@ -187,10 +188,11 @@ def _checked_axis(given: object) -> Vector:
 
 
 def checked_rotation(name: str, given: object) -> Matrix:
-    """Return a rotation as three rows, what is within 1e-12 of 0 and +-1 rounded to it.
+    """Return a rotation matrix as three rows, with entries within 1e-12 of 0 and +-1 rounded to these.
 
     Raises:
-        InputError: It is not a rotation by more than 1e-6; within that the nearest rotation is taken.
+        InputError: The matrix deviates from a rotation by more than 1e-6; with smaller deviations the nearest rotation
+            is returned.
     """
     rule = "a rotation: three rows of three numbers, orthogonal, of determinant 1"
     if not isinstance(given, (list, tuple, np.ndarray)) or len(given) != 3:
@@ -229,7 +231,9 @@ class JointedArm(NoArray, instead="its per_link(name)"):
 
     @property
     def subscripts(self) -> tuple[str, ...]:
-        """Subscript of each joint in the strike's names: `s`, `e` for shoulder and elbow; see `joint_names`."""
+        """Subscript of each joint in the names of a strike's coordinates: `s`, `e` for shoulder and elbow; see
+        `joint_names`.
+        """
         return subscripts(self.joints)
 
 
@@ -239,17 +243,17 @@ class SpatialArm(JointedArm):
 
     Args:
         links: The links in order.
-        joints: Their joints' names; default: joint1, joint2, ...
+        joints: Names of the joints; default: joint1, joint2, ...
         hand_position: Position of the whip's first joint in the last link's frame [m], (3,).
-        hand_rotation: The hand's frame in the last link's, (3, 3): the whip lies along its -z where its joints are
-            at 0.
-        base: Capsules of what does not move, in the base's frame.
-        never_touch: Pairs of links, by their joints' names, `base` for what does not move, whose capsules are not
-            compared: their shapes never meet, or always do.
-        weightless: Joints whose links' inertia is not known. Such an arm follows its path exactly, under position
-            control; its torques are not known.
-        names: What the joints are called elsewhere, as by the robot's controller, to which strikes are exported; empty:
-            the same.
+        hand_rotation: Rotation of the hand's frame in the last link's, (3, 3); the whip points along its -z if the
+            whip's joints are at 0.
+        base: Capsules of the fixed parts, in the base's frame.
+        never_touch: Pairs of links, given by their joints' names (`base` for fixed parts), that are not checked for
+            contact.
+        weightless: Names of the joints whose links have an unknown inertia. Such an arm can only be
+            position-controlled, and its torques are not available.
+        names: Names of the joints outside whiptool, such as in the robot's controller, for exported strikes; empty: the
+            same.
         notes: Assumptions made when the arm was read from a file, in sentences.
 
     Raises:
@@ -293,7 +297,7 @@ class SpatialArm(JointedArm):
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the joints that slide."""
+        """Names of the prismatic joints."""
         return tuple(joint for joint, link in zip(self.joints, self.links, strict=True) if link.kind == "prismatic")
 
     @property
@@ -312,12 +316,12 @@ class SpatialArm(JointedArm):
         }
 
     def per_link(self, name: str) -> np.ndarray:
-        """Quantity `name` of every link, shape (n,) or, for one of more numbers, (n, ...)."""
+        """Quantity `name` of every link, (n,), or (n, ...) if it has several components."""
         return np.array([getattr(link, name) for link in self.links], float)  # (n, ...)
 
     @property
     def length(self) -> float:
-        """Farthest that the hand can be from the base [m]: of all joints stretched, an upper bound."""
+        """Upper bound of the hand's distance from the base [m]: the sum of all link lengths and strokes."""
         strokes = [max(map(abs, link.limits.position)) for link in self.links if link.kind == "prismatic"]
         steps = [*(link.position for link in self.links), self.hand_position]
         return sum(math.hypot(*step) for step in steps) + sum(strokes)
@@ -333,12 +337,12 @@ class SpatialArm(JointedArm):
         return np.array([*(link.position for link in self.links[1:]), self.hand_position])
 
     def with_lengths(self, lengths: Sequence[float]) -> SpatialArm:
-        """Return a copy with other distances between its joints (n,) [m], their directions as they are.
+        """Return a copy with other distances between its joints (n,) [m], in the same directions.
 
         See `Model.with_arm`.
 
         Raises:
-            InputError: A number is out of range, two joints at one point are to be apart, or a link has capsules.
+            InputError: A number is out of range, two joints at the same point get a distance, or a link has capsules.
         """
         given = np.array([metres("lengths", x, strict=False) for x in numbers("lengths", lengths, self.n)])
         now = self.lengths
@@ -358,9 +362,9 @@ class SpatialArm(JointedArm):
         return self.with_parameters({name: float(x) for name, x in changes.items()})
 
     def parameters(self) -> dict[str, float]:
-        """Every number that can be changed alone: `mass[0]`, `com[0].x`, `inertia[0].xx`, `hand_position.z`.
+        """Return all parameters by name: `mass[0]`, `com[0].x`, `inertia[0].xx`, `hand_position.z`.
 
-        Axes and rotations are not among them: their numbers are not free.
+        Axes and rotations are not included, because their entries are not independent.
         """
         named = {}
         for i, link in enumerate(self.links):
@@ -397,7 +401,7 @@ class SpatialArm(JointedArm):
 
 
 def without_inertia(arm: SpatialArm, joints: Sequence[str]) -> SpatialArm:
-    """Return an arm whose links at some joints have an unknown inertia: no joint's torque is limited any more."""
+    """Return the arm with unknown inertia of the links at some joints; all torque limits are removed."""
     if not joints:
         return arm
     unlimited = {"torque": math.inf, "torque_rate": math.inf}

@@ -14,13 +14,13 @@ RADIUS = 8e-3  # [m], of a stick that is 16 mm thick
 
 
 def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = RADIUS) -> SpatialArm:
-    """Return the arm with a thin uniform stick along the -z of its hand, whose far end is the hand from now on.
+    """Return the arm with a thin uniform stick along the hand's -z; the stick's far end becomes the hand.
 
     Args:
-        arm: Its hand holds the stick.
+        arm: Arm that holds the stick.
         length: Length of the stick [m].
         mass: Mass [kg].
-        radius: Radius of the capsule that it is where the arm has any [m]; its inertia is that of a thin one.
+        radius: Radius of the stick's capsule, if the arm has capsules [m]; the inertia is that of a thin rod.
 
     Raises:
         InputError: A number is negative or not finite.

@@ -25,16 +25,16 @@ T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not print
 
 
 def strike_names(arm: AnyArm) -> tuple[str, ...]:
-    """Return the names of the strike's parameters, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
+    """Return the names of a strike's coordinates, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
 
-    Joints whose names begin with the same letter have their whole names in them: `q_shoulder_i`.
+    If joint names begin with the same letter, the whole names are used: `q_shoulder_i`.
     """
     stems = [f"q_{s}" if len(s) == 1 or s.isdecimal() else f"q_{s}_" for s in arm.subscripts]
     return (*(stem + "i" for stem in stems), *(stem + "f" for stem in stems), "D")
 
 
 def sliding_names(arm: AnyArm) -> tuple[str, ...]:
-    """Return those of the strike's names whose numbers are positions of joints that slide [m]."""
+    """Return the names of a strike's coordinates that are positions of prismatic joints [m]."""
     names = zip(strike_names(arm), (*arm.joints, *arm.joints), strict=False)  # all but D
     return tuple(name for name, joint in names if joint in arm.slides)
 
@@ -50,13 +50,13 @@ _VECTOR = "joint positions q_i, as many q_f, and D [s]: 5 numbers for 2 joints, 
 @made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
 @dataclass(frozen=True)
 class Strike(Vector):
-    """Zero-torque trajectory of the arm's n joints; as an array or a list, its `vector`.
+    """Reference trajectory (zero-torque trajectory) of the arm's n joints; it converts to an array, its `vector`.
 
-    `Strike(-1.36, 0.47, 1.73, 1.41, 0.95)` is `Strike((-1.36, 0.47), (1.73, 1.41), 0.95)`.
+    `Strike(-1.36, 0.47, 1.73, 1.41, 0.95)` is the same as `Strike((-1.36, 0.47), (1.73, 1.41), 0.95)`.
 
     Args:
-        q_i: Joint positions at the start [rad, m where a joint slides], length n.
-        q_f: Joint positions at the end, likewise.
+        q_i: Joint positions at the start [rad; m for a prismatic joint], (n,).
+        q_f: Joint positions at the end, (n,).
         D: Duration of the movement [s].
 
     Raises:
@@ -89,7 +89,7 @@ class Strike(Vector):
 
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> Strike:
-        """From `[q_i, q_f, D]`, shape (2 n + 1,).
+        """Return the strike of a vector `[q_i, q_f, D]`, shape (2 n + 1,).
 
         Raises:
             InputError: The length is even, or a value is not allowed.
@@ -108,7 +108,7 @@ class Strike(Vector):
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Desired positions, velocities and accelerations at times t [s], each of shape (*t.shape, n); Eq. 1.
 
-        Before 0 the arm is to stay at `q_i`, after D at `q_f`.
+        Before time 0 the position is `q_i`, after D it is `q_f`.
         """
         if isinstance(t, float):
             s = min(max(t / self.D, 0.0), 1.0)
@@ -123,7 +123,8 @@ class Strike(Vector):
 
 @dataclass(frozen=True)
 class StrikeBounds(ArrayLike):
-    """Box in which strikes are searched; `lower` and `upper` in the order of `Strike.vector`; as an array, their rows.
+    """Box in which strikes are searched; `lower` and `upper` are in the order of `Strike.vector`. It converts to an
+    array (2, 2 n + 1).
 
     Raises:
         InputError: Lengths differ, a value is not finite, lower is not below upper, or D may be <= 0.
@@ -156,7 +157,7 @@ class StrikeBounds(ArrayLike):
         """Return uniformly random strike vectors, (size, 2 n + 1).
 
         Args:
-            rng: Random generator; or the number of strikes, which `seed` then draws.
+            rng: Random generator; or the number of strikes, which are then drawn with `seed`.
             size: Number of strikes.
             seed: Seed if only the number of strikes is given.
         """
@@ -169,7 +170,7 @@ class StrikeBounds(ArrayLike):
 
 
 def eased(t: np.ndarray, D: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the share of a minimum-jerk path (Eq. 1) that is behind at times t [s], and its first two derivatives."""
+    """Return the fraction of a minimum-jerk path (Eq. 1) at times t [s], and its first two time derivatives."""
     s = np.clip(t / D, 0.0, 1.0)
     share = s**3 * (10 - 15 * s + 6 * s**2)
     return share, 30 * s**2 * (1 - s) ** 2 / D, 60 * s * (1 - s) * (1 - 2 * s) / D**2
@@ -180,7 +181,7 @@ _D = (0.4, 1.5)  # [s]; none is printed
 
 
 def is_person(arm: AnyArm) -> bool:
-    """Whether an arm has the joints of the person's arm of Nah et al. 2023."""
+    """Whether an arm has the joints of the human arm of Nah et al. 2023."""
     return arm.joints == _PERSON
 
 

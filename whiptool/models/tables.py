@@ -17,7 +17,8 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_DEEPEST}}}")  # toml
 
 
 def build_from(cls: type, table: object, place: str, **ready):
-    """`cls(**table)`, unknown or missing keys and broken rules named with their place."""
+    """Return `cls(**table, **ready)`; unknown or missing keys and values that are not allowed are named with
+    `place`."""
     if not isinstance(table, Mapping):
         raise InputError(place.rstrip("."), table, "a table")
     names = {f.name: f for f in dataclasses.fields(cls)}
@@ -35,7 +36,7 @@ def build_from(cls: type, table: object, place: str, **ready):
 
 
 def read_toml(path: Path | str) -> dict:
-    """A TOML file as nested mappings.
+    """Return the content of a TOML file as nested mappings.
 
     Raises:
         InputError: The file cannot be read, or is not TOML.

@@ -15,13 +15,15 @@ _WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="rod")  # any: it is
 
 
 def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
-    """Return an arm whose pairs of links that touch at rest are not compared, which its `notes` state.
+    """Return an arm in which pairs of links that touch in the zero posture are not checked for contact; `notes` lists
+    them.
 
-    At rest all joints are at 0, or as near to it as their ranges are. What touches in every posture touches there.
+    In the zero posture all joints are at 0, or as near to it as their ranges allow. Links that touch in every posture
+    touch in it.
 
     Args:
-        arm: As a file has it.
-        choice: Whose `never_touch`, where it is given, lists the pairs that are not compared.
+        arm: Arm as read from a file.
+        choice: If its `never_touch` is given, these pairs are used instead.
 
     Raises:
         InputError: The choice names a joint that the arm does not have.

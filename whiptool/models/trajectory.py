@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Approach(NoArray, instead="its distance, tip or velocity"):
-    """Closest approach of the tip to its target, for B strikes of an arm of a joints.
+    """Closest approach of the tip to its target, for B strikes of an arm with a joints.
 
     Args:
         distance: Distance of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
@@ -38,10 +38,10 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
         effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],
             (B, a); None: not known.
-        lost: Why a rig has no closest approach of a strike, `refused` or `unseen`, and empty where it has one, (B,) of
-            text; None: the strikes were simulated.
-        integration_error: Estimated error of the distance by the integrator's steps [m], (B,); infinite where the
-            tolerance was not met, as of a strike that diverged. None: not estimated.
+        lost: For a rig, why a strike has no closest approach: `refused` or `unseen`, else empty, (B,) strings; None:
+            the strikes were simulated.
+        integration_error: Estimated integration error of the distance [m], (B,); infinite if the tolerance was not met
+            or the strike diverged. None: not estimated.
     """
 
     distance: np.ndarray
@@ -66,18 +66,18 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
 
     @classmethod
     def none(cls, joints: int, dimension: int) -> Approach:
-        """Return the approaches of no strikes."""
+        """Return the approaches of zero strikes."""
         number, place, of_joints = np.empty(0), np.empty((0, dimension)), np.empty((0, joints))
         return cls(number, number, place, place, of_joints, of_joints, np.empty(0, bool))
 
     def of_paths(self, i: int, paths: np.ndarray, target: np.ndarray, h: float) -> Approach:
-        """Return strike i's approach, of the path that comes nearest instead of the tip's (B = 1).
+        """Return strike i's approach (B = 1) with the nearest of several paths in place of the tip's.
 
         Args:
-            i: Number of the strike.
-            paths: Some paths at its steps, (paths, T, d) [m]; NaN from where it diverged.
-            target: (d,) [m].
-            h: Step [s].
+            i: Index of the strike.
+            paths: Paths sampled at the strike's steps, (paths, T, d) [m]; NaN after divergence.
+            target: Position of the target, (d,) [m].
+            h: Time step [s].
         """
         nearest = closest_on_segments(paths, target)
         k = int(nearest.distance.argmin())
@@ -95,17 +95,17 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
 
     @property
     def known(self) -> np.ndarray:
-        """Whether a strike has a distance whose integration error is within the tolerance, (B,)."""
+        """Whether a strike has a distance whose integration error meets the tolerance, (B,)."""
         return ~self.diverged & np.isfinite(self.farthest)
 
     @property
     def farthest(self) -> np.ndarray:
-        """Distance that the tip has at most, by the estimated error of integration [m], (B,); see `Goals.hit`."""
+        """Upper bound of the distance: distance plus estimated integration error [m], (B,); see `Goals.hit`."""
         return self.distance if self.integration_error is None else self.distance + self.integration_error
 
     @property
     def speed(self) -> np.ndarray:
-        """Of the tip at the closest approach [m/s], (B,)."""
+        """Speed of the tip at the closest approach [m/s], (B,)."""
         return np.linalg.norm(self.velocity, axis=-1)
 
 
@@ -121,7 +121,7 @@ SPELLED = {  # names of a trajectory's symbols, in words
 
 @dataclass(frozen=True)
 class Trajectory(NoArray, instead="its t, q, tau or tip"):
-    """One strike over T instants, for an arm of a joints and a chain of n.
+    """One strike at T instants, for an arm with a joints and a chain with n coordinates.
 
     Args:
         t: Times [s], (T,).
@@ -130,11 +130,11 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
             path.
         tau: Arm torques [N m], (T, a).
         K, B: Stiffness [N m/rad] and damping [N m s/rad] of the controller, (T, a, a).
-        tip, tip_velocity: [m], [m/s], (T, 2), in space (T, 3).
+        tip, tip_velocity: Position [m] and velocity [m/s] of the tip, (T, 2), in space (T, 3).
         diverged: Whether the simulation diverged, so that the trajectory ends early.
         names: Name and unit of each of the n coordinates, see `Model.coordinate_names`; empty: not known.
 
-    The symbols have names in words, too: `times`, `positions`, `velocities`, `torques` and the like, see `SPELLED`.
+    The symbols also have long names: `times`, `positions`, `velocities`, `torques` and so on, see `SPELLED`.
     """
 
     t: np.ndarray
@@ -166,7 +166,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     @property
     def duration(self) -> float:
-        """Of all instants [s]: of the movement, and of what is watched after it."""
+        """Duration [s]: of the movement and of the time after it."""
         return float(self.t[-1] - self.t[0])
 
     @property
@@ -180,7 +180,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         return self.q_d - self.q[:, : self.q_d.shape[1]]
 
     def approach(self, target: Points) -> Approach:
-        """The closest approach (B = 1): the nearest point of the segments between successive tip positions."""
+        """Return the closest approach (B = 1): the nearest point of the segments between successive tip positions."""
         nearest = closest_on_segments(self.tip, target_points(target, 1, self.tip.shape[1])[0])
         if np.isinf(nearest.distance):  # diverged in the first step
             of_tip = 0.0, *np.full((2, self.tip.shape[1]), np.nan)
@@ -206,7 +206,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         return float(self.approach(target).distance[0])
 
     def since(self, begin: float) -> Trajectory:
-        """Return the part from a time on [s]; its times are measured from there."""
+        """Return the part from a time `begin` [s] on, with times relative to it."""
         begin = number("begin", begin)
         part = {name: getattr(self, name)[self.t >= begin] for name, axes in _SHAPES.items() if axes}
         part["t"] = part["t"] - begin
@@ -219,10 +219,10 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         write_npz(path, arrays)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return every number over time by its name, each (T,).
+        """Return all quantities over time by name, (T,) each.
 
-        They are `t`, `q.shoulder`, ..., `q.whip[0]`, ..., `K.shoulder.elbow`, `tip.x`; `q[0]` and `K[0][1]` where the
-        joints' names are not known.
+        The names are `t`, `q.shoulder`, ..., `q.whip[0]`, ..., `K.shoulder.elbow`, `tip.x`; if the joints' names are
+        not known, `q[0]` and `K[0][1]`.
         """
         return {name: self.t if name == "t" else values for name, _, values in self._columns()}
 

@@ -34,19 +34,20 @@ _TYPES = (*_MOVABLE, "fixed")
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of a URDF file, its base frame that of the root link.
 
-    Bodies on fixed or locked joints count with the link that carries them. Spheres, capsules, cylinders and boxes that
-    are `<collision>` shapes are the arm's capsules; meshes are not looked at. A moving link without mass is a mere
-    frame, as between two hinges at one point, if it has no shape; a body that has one gets the mass of its shapes or
-    meshes as if of water, and where their files are not there it is `weightless`. Dry friction of joints has no part in
-    the model. What was assumed is in the arm's `notes`.
+    Bodies on fixed or locked joints are part of the link that carries them. `<collision>` spheres, capsules, cylinders
+    and boxes become the arm's capsules; meshes are ignored. A moving link without mass and shape is treated as a frame,
+    as between two hinges at one point. One with a shape gets the mass that its shapes or meshes would have if made of
+    water; if mesh files are missing, it is listed in `weightless`. Dry friction of joints is ignored. The arm's `notes`
+    list these assumptions.
 
     Args:
-        path: Path of the file; xacro has to be expanded.
-        choice: Chain of the robot; default: all of a robot that does not branch, or the one to its only tool frame.
+        path: Path of the file; xacro files have to be expanded first.
+        choice: Chain of the robot; default: the whole robot if it does not branch, else the chain to its only tool
+            frame.
 
     Raises:
-        InputError: The file cannot be read, is not a tree of links, has joints of an unknown type, joints in the chain
-            that mimic others or have no range, or does not have what was chosen.
+        InputError: The file cannot be read or is not a tree of links; it has joints of an unknown type; joints in the
+            chain mimic others or have no range; or a chosen name does not exist.
     """
     choice = choice or ArmChoice()
     text = read_urdf_text(path)

@@ -18,14 +18,14 @@ def assumed(
     weighed: Collection[str],
     without_mass: Sequence[str],
 ) -> tuple[str, ...]:
-    """Return a line for each kind of thing.
+    """Return notes on what was assumed or ignored in a URDF file, one line for each kind.
 
     Args:
-        robot: The file.
+        robot: Root element of the file.
         movers: Names of the arm's joints.
-        moved: Names of the links that are the arm, its base included.
-        weighed: Names of the links that it moves and that weigh what their shapes do.
-        without_mass: Names of the joints whose links have an inertia and no mass.
+        moved: Names of the arm's links, its base included.
+        weighed: Names of its moving links whose mass was computed from their shapes.
+        without_mass: Names of the joints whose links have an inertia but no mass.
     """
 
     def of(has: Callable[[ET.Element], bool]) -> str:

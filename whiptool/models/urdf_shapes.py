@@ -17,10 +17,10 @@ SIMPLE = ("box", "cylinder", "capsule", "sphere")
 
 
 def simple_shapes(model: Any, robot: ET.Element) -> Any:
-    """Return the simple collision shapes of a robot, as Pinocchio's geometry of a model.
+    """Return the simple (non-mesh) collision shapes of a robot as a Pinocchio geometry model.
 
     Raises:
-        InputError: Pinocchio does not read them.
+        InputError: Pinocchio cannot read them.
     """
     kept = _copied(robot)
     for link in kept.findall("link"):
@@ -31,7 +31,7 @@ def simple_shapes(model: Any, robot: ET.Element) -> Any:
 
 
 def capsule_of(shape: Any) -> Capsule:
-    """Return a simple shape in its joint's frame, in the capsule that holds it."""
+    """Return a simple shape (capsule, cylinder, sphere or box) in its joint's frame as a `Capsule`."""
     import coal
 
     R, p, kind = shape.placement.rotation, shape.placement.translation, shape.geometry
@@ -42,7 +42,7 @@ def capsule_of(shape: Any) -> Capsule:
 
 
 def shaped_links(robot: ET.Element) -> set[str]:
-    """Return the names of the links that have a shape: those are bodies, and no mere frames."""
+    """Return the names of the links that have a visual or collision shape; links without one are only frames."""
     links = robot.findall("link")
     return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
 
@@ -53,7 +53,7 @@ def with_meshes(robot: ET.Element) -> set[str]:
 
 
 def massless_links(robot: ET.Element) -> set[str]:
-    """Return the names of the links without an `<inertial>`, or with one without mass."""
+    """Return the names of the links without an `<inertial>`, or with zero mass in it."""
     masses = {link.get("name", ""): link.find("inertial/mass") for link in robot.findall("link")}
     return {name for name, mass in masses.items() if mass is None or not _positive(mass.get("value", ""))}
 
@@ -66,16 +66,16 @@ def _positive(text: str) -> bool:
 
 
 def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) -> set[str]:
-    """Give moving bodies of a Pinocchio model that have no mass that of their shapes; return the names of their links.
+    """Add the mass of their shapes to moving bodies of a Pinocchio model without mass; return the names of their links.
 
-    What is fixed to a link that has mass may be a mere frame, and gets none. A link's collision shapes count, or else
-    its visual ones; meshes where their files are there.
+    Links that are fixed to a link with mass may be frames only, and get none. The mass is that of the collision shapes
+    or, without these, of the visual ones; of meshes if their files exist.
 
     Args:
-        model: Changed in place.
-        robot: Robot from which it was read.
-        folder: Folder of the file, from which meshes are looked for.
-        main: Names of the links that joints move, except what is fixed to them.
+        model: Pinocchio model, which is changed in place.
+        robot: Root element of the URDF file.
+        folder: Folder of the file, to which the paths of meshes are relative.
+        main: Names of the links directly on moving joints, without those fixed to them.
     """
     import pinocchio as pin
 

@@ -55,9 +55,9 @@ KINDS: dict[str, JointKind] = {
 class WhipParameters(NoArray, instead="its per_node(name)"):
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
-    Each quantity is one number or one value per node. Joint 1 is the hinge that joins the whip to the hand. It is
-    free (Sect. 2.1): a single number of `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle is that of
-    joints 2..N only; a value per node is given for all joints, the hinge first.
+    Each quantity is one number or one value per node. Joint 1 is the hinge between hand and whip. It is free (Sect.
+    2.1): a single number for `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle only applies to joints 2..N;
+    values per node are given for all joints, the hinge first.
 
     Args:
         N: Number of nodes.
@@ -65,27 +65,26 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         m: Node mass at the far end of each link [kg].
         k: Joint stiffness [N m/rad].
         b: Joint damping [N m s/rad].
-        rest_angle: Joint angle at which the spring is slack [rad]; of universal joints that of the second hinge, which
-            is the plane's.
+        rest_angle: Joint angle at which the spring torque is zero [rad]; for universal joints that of the second hinge,
+            which bends in the plane.
         dry_friction: Friction torque of a joint at high speed [N m].
-        friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s]: the torque is
+        friction_velocity: Joint speed below which dry friction is smoothed [rad/s]: the torque is
             `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
         drag: Quadratic air drag of each node [N s^2/m^2]: the force is `-drag |v| v`.
-        hinge_mass: Mass at the hinge [kg], the part of the first link that a discretised profile assigns to the hand.
-        drag_ratio: Drag along a node's link over drag across it: the force is `-drag |v| (v_across + drag_ratio
-            v_along)`. 1: drag is the same in all directions; a smooth thin cord is far below.
-        cubic_stiffness: How a joint stiffens as it bends [N m/rad^3]: the spring's torque is
-            `-k d - cubic_stiffness d^3`, d being the angle less `rest_angle`.
-        joints: How a node bends: about one hinge in the plane; in space about two (`universal`: first about the
-            node's x axis, then about its -y axis, each with the node's k, b, ...), or as a `rod`, whose direction
-            turns freely and whose bending is the same all around.
-        node_inertia: Moment of inertia of each node about its own centre, the same about all axes, as of a small
-            sphere [kg m^2]; rods have none. Without it, a universal node that hangs at a right angle to the first of
-            its hinges has no inertia about it.
-        rest_angle_x: Angle of a universal joint's first hinge at which its spring is slack [rad]: `rest_angle` across.
+        hinge_mass: Mass at the hinge [kg]: the part of the first link's mass that a profile assigns to the hand.
+        drag_ratio: Ratio of the drag along a node's link to that across it: the force is `-drag |v| (v_across +
+            drag_ratio v_along)`. 1: equal drag in all directions; for a smooth thin cord the ratio is far below 1.
+        cubic_stiffness: Cubic stiffness of a joint [N m/rad^3]: the spring's torque is `-k d - cubic_stiffness d^3`
+            with d the angle minus `rest_angle`.
+        joints: Kind of the joints: `hinge` in the plane; in space `universal` (two hinges, first about the node's x
+            axis, then about its -y axis, each with the node's k, b, ...) or `rod` (any direction, with equal bending
+            stiffness in all directions).
+        node_inertia: Moment of inertia of each node about its centre, equal about all axes [kg m^2]; rods have none.
+            Without it, a universal joint at gimbal lock has no inertia about its first hinge.
+        rest_angle_x: Angle of a universal joint's first hinge at which its spring torque is zero [rad].
 
     Raises:
-        InputError: A value is not finite, out of range, or its length is not N, or the whip's joints have no such
+        InputError: A value is not finite or out of range, its length is not N, or the kind of joints does not have the
             quantity.
     """
 
@@ -160,7 +159,8 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         return KINDS[self.joints]
 
     def per_node(self, name: str) -> np.ndarray:
-        """Quantity `name` as an array of shape (N,), the hinge's entry being 0 where a single number was given."""
+        """Quantity `name` as an array (N,); the hinge's entry is 0 if a single number was given for a joint's
+        quantity."""
         if name not in list(self._LOW):
             raise InputError("name", name, ", ".join(self._LOW))
         value = getattr(self, name)
@@ -170,7 +170,9 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         return array  # (N,)
 
     def per_joint(self, name: str) -> np.ndarray:
-        """Quantity `name` of every joint: of a node in space twice, shape (N,) or (2 N,)."""
+        """Quantity `name` of every joint axis, (N,) in the plane or (2 N,) in space, where both axes of a node are
+        equal.
+        """
         return np.repeat(self.per_node(name), self.kind.joints)
 
     @property
@@ -179,14 +181,14 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         return bool(self.per_node("k")[0])
 
     def common(self, name: str) -> float:
-        """Mean of quantity `name` over the nodes, of joints over all but the first, as one number stands for them."""
+        """Mean of quantity `name` over the nodes; for a joint's quantity over all joints but the first."""
         return float(self.per_node(name)[1 if name in self._JOINT else 0 :].mean())
 
     def in_proportion(self, name: str, mean: float) -> tuple[float, ...]:
-        """Return values of quantity `name` whose mean, see `common`, is another one.
+        """Return the values of quantity `name`, (N,), scaled so that their mean (see `common`) is `mean`.
 
         Raises:
-            InputError: They are all zero.
+            InputError: All values are zero.
         """
         now = self.common(name)
         if now == 0:
@@ -200,7 +202,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     @property
     def rest_angles(self) -> np.ndarray:
-        """Angle of every joint at which its spring is slack [rad], shape (N,), or (2 N,) of nodes in space."""
+        """Angle of every joint at which its spring torque is zero [rad], (N,), or (2 N,) in space."""
         along = self.per_node("rest_angle")
         return along if self.kind.joints == 1 else np.stack([self.per_node("rest_angle_x"), along], axis=1).ravel()
 
@@ -211,5 +213,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     @property
     def mass(self) -> float:
-        """Mass that hangs from the hand [kg]; Eq. 3 lets its weight act there."""
+        """Total mass that hangs from the hand [kg]; gravity compensation (Eq. 3) takes its weight as acting at the
+        hand.
+        """
         return float(self.per_node("m").sum()) + self.hinge_mass

@@ -19,7 +19,7 @@ _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding 
 
 
 class Cap(NamedTuple):
-    """A criterion that has to be at least as good as a value."""
+    """A bound on a criterion: hits have to be at least as good as `value`."""
 
     criterion: Criterion
     value: float
@@ -27,7 +27,9 @@ class Cap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HitPoint:
-    """Measures (k,) and constraints (c,) at a strike, at most 0 where kept, and their slopes in the unit box."""
+    """Measures (k,) and constraints (c,) at a strike, and their derivatives in the unit box; constraints are kept if <=
+    0.
+    """
 
     measures: np.ndarray
     measure_slopes: np.ndarray
@@ -36,12 +38,12 @@ class HitPoint:
 
 
 class HitProblem:
-    """Measures and constraints of strikes in the unit box; one trial for each new strike.
+    """Measures and constraints of strikes, whose coordinates are scaled to the unit box; each new strike is a trial.
 
     Args:
-        objective: Counts the trials.
+        objective: Objective, which counts the trials.
         criterion: Criterion whose largest measure is minimised.
-        caps: Further constraints besides the hit.
+        caps: Constraints in addition to the hit.
     """
 
     def __init__(self, objective: Objective, criterion: Criterion, caps: Sequence[Cap]) -> None:
@@ -67,9 +69,8 @@ class HitProblem:
         return self._point
 
     def begin(self, start: np.ndarray) -> tuple[np.ndarray, HitPoint] | None:
-        """Return the first strike (m,) in the unit box and its point, whose measure becomes the unit of measures.
-
-        None: it is lost.
+        """Return the first point at u (m,) in the unit box; its largest measure becomes the unit in which measures are
+        scaled.
         """
         u = np.clip((start - self.lower) / self.scale, 0, 1)
         try:
@@ -135,7 +136,7 @@ class HitProblem:
 
 
 class _NoStart(Exception):
-    """The first strike is lost."""
+    """The first strike diverged or was refused."""
 
 
 def descend(
@@ -148,15 +149,15 @@ def descend(
 ) -> None:
     """Follow exact derivatives from one strike to the best hit near it.
 
-    Every strike is a trial, so that the objective holds what was found. Where a criterion has several measures, an
-    additional variable bounds them all and is minimised (the epigraph form): their maximum has a kink where two meet.
+    Every strike is a trial, so the objective keeps the result. If a criterion has several measures, an additional
+    variable that bounds them all is minimised (epigraph form), because their maximum is not differentiable.
 
     Args:
         objective: Objective with the target.
         start: Strike vector, (m,); it need not be a hit.
         criterion: Criterion to minimise.
-        caps: Further constraints besides the hit.
-        steps: Gradient evaluations at most.
+        caps: Constraints in addition to the hit.
+        steps: Largest number of gradient evaluations.
 
     Raises:
         SearchStopped: The objective ended the search.

@@ -20,15 +20,15 @@ SIGMA = 0.3  # first step size of CMA-ES, in units of the box
 
 @dataclass(frozen=True, kw_only=True)
 class GASettings:
-    """Sizes and rates, none of which the paper prints; usual values.
+    """Sizes and rates of the genetic algorithm; the paper does not state them, so these are common values.
 
     Args:
-        population: Individuals of a generation.
-        tournament: Individuals among which the fittest is selected.
+        population: Number of individuals in a generation.
+        tournament: Number of individuals among which the fittest is selected.
         crossover: Probability that two parents are crossed (simulated binary crossover).
-        crossover_eta, mutation_eta: Distribution indices; larger: children nearer to their parents.
+        crossover_eta, mutation_eta: Distribution indices; with larger ones children are nearer to their parents.
         mutation: Probability that a gene mutates (polynomial mutation).
-        d_max: D_max of Eq. 20 [m]; None: reach plus the target's distance, farther than any miss.
+        d_max: D_max of Eq. 20 [m]; None: reach plus the target's distance, an upper bound of any miss.
     """
 
     population: int = 20
@@ -53,7 +53,7 @@ class GASettings:
 
 
 def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
-    """Eq. 20: 1 for a hit of the target itself, 0 at the farthest miss."""
+    """Return the fitness (Eq. 20) of distances [m], any shape: 1 at the target itself, 0 at the farthest miss."""
     return (d_max - np.asarray(distance)) / d_max  # Eq. 20
 
 

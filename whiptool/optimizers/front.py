@@ -18,11 +18,11 @@ RESOLUTION = 1e-3  # part of a criterion's range over the front that counts as n
 
 @dataclass(frozen=True, eq=False)
 class ParetoFront:
-    """Hits that no other hit dominates, from the best by the first criterion to the best by the second.
+    """Pareto front of hits, from the best by the first criterion to the best by the second.
 
     Args:
-        criteria: Two.
-        trials: P of them.
+        criteria: The two criteria.
+        trials: The P trials on the front.
     """
 
     criteria: tuple[Criterion, Criterion]
@@ -30,10 +30,9 @@ class ParetoFront:
 
     @classmethod
     def of(cls, criteria: tuple[Criterion, Criterion], trials: Sequence[Trial]) -> ParetoFront:
-        """Return the front of what a search tried; of equal hits it holds the first.
+        """Return the front of a search's trials; of equal hits it contains the first.
 
-        A hit that is better by one criterion by less than `RESOLUTION` of its range is left out: a micron is not worth
-        three times the effort.
+        A hit that improves one criterion by less than `RESOLUTION` times its range is left out.
         """
         hits = [trial for trial in trials if trial.outcome.hit and np.isfinite(trial.outcome.values).all()]
         costs = oriented(criteria, [trial.outcome.values for trial in hits])
@@ -51,12 +50,12 @@ class ParetoFront:
 
     @property
     def strikes(self) -> np.ndarray:
-        """The strikes, (P, m)."""
+        """Strike vectors of the front, (P, m)."""
         return np.array([trial.strike for trial in self.trials])
 
     @property
     def costs(self) -> np.ndarray:
-        """The criteria so that less is better, in parts of their range over the front, (P, 2)."""
+        """The criteria, with signs such that less is better, divided by their range over the front, (P, 2)."""
         costs = oriented(self.criteria, self.values)
         span = np.ptp(costs, axis=0) if len(costs) else np.ones(2)
         return costs / np.where(span > 0, span, 1.0)
@@ -65,7 +64,7 @@ class ParetoFront:
         """Return the front as plain data for JSON.
 
         Args:
-            names: Names of the numbers of a strike.
+            names: Names of a strike's coordinates, (m,).
         """
         criteria = [{"name": x.name, "unit": x.unit, "maximised": x.largest} for x in self.criteria]
         hits = [
@@ -84,7 +83,7 @@ class ParetoFront:
         """Return the front as CSV: number of the trial, both criteria, and the strike.
 
         Args:
-            names: Names of the numbers of a strike.
+            names: Names of a strike's coordinates, (m,).
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -95,13 +94,13 @@ class ParetoFront:
 
 
 def dominated_by(criteria: Sequence[Criterion], front: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return by how much each of other hits dominates a front, in parts of its range, (Q,).
+    """Return by how much each of Q other hits dominates a front, relative to the front's range, (Q,).
 
-    It is the additive epsilon indicator (Zitzler et al. 2003): what the front would have to be moved by, in both
-    criteria, to be no worse than that hit; 0 or less: the hit dominates nothing of it.
+    This is the additive epsilon indicator (Zitzler et al. 2003): the shift of the front in both criteria that would
+    make it at least as good as that hit. If it is at most 0, the hit dominates no point of the front.
 
     Args:
-        criteria: Two.
+        criteria: The two criteria.
         front: Values of the hits on the front, (P, 2).
         values: Values of the other hits, (Q, 2).
     """
@@ -121,6 +120,6 @@ def _gaining(order: Sequence[int] | np.ndarray, costs: np.ndarray, step: float) 
 
 
 def oriented(criteria: Sequence[Criterion], values: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
-    """Return values (B, k) of k criteria so that less is better."""
+    """Return the values (B, k) of k criteria with signs such that less is better."""
     signs = [-1.0 if criterion.largest else 1.0 for criterion in criteria]
     return np.asarray(values, float).reshape(-1, len(signs)) * signs

@@ -21,10 +21,10 @@ COLLISIONS = 5  # strikes that would collide after which a refinement is given u
 def gradient_search(objective: Objective, *, seed: int) -> None:
     """Rounds of random strikes and refinement until the objective stops it.
 
-    Random strikes keep those limits that can be kept beforehand, and those are refined in which nothing touches what it
-    must not. Half the squared cost is minimised by SLSQP inside the bounds: it is smooth where the miss distance itself
-    has a kink, at zero. Every rollout is a trial, those of the refinement included; a trial with its gradient is one.
-    Where hits are judged by a criterion, that is minimised instead, a hit being a constraint.
+    Random strikes keep the limits that can be checked without simulation, and only collision-free ones are refined.
+    SLSQP minimises half the squared cost inside the bounds, because the miss distance itself is not differentiable at
+    zero. Every simulation is a trial, also in the refinement; one with its gradient counts once. If the objective has a
+    criterion, it is minimised instead, with the hit as a constraint.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -42,7 +42,7 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
-    """Follow the gradient from one strike; whether the cost came below `tolerance` [m]."""
+    """Minimise the cost from one strike (m,) along the gradient; return whether it came below `tolerance` [m]."""
     lower, upper = objective.bounds.box
     scale = upper - lower
     optimizer = slsqp(objective, steps=STEPS)

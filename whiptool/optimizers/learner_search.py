@@ -13,7 +13,9 @@ UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an u
 
 
 def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
-    """Return the rewards of costs [m], any shape, and of hits: Eq. 17, times the merit of a hit that has one."""
+    """Return the rewards of costs [m] and hits, any shape: Eq. 17, multiplied by the negative cost for hits that have a
+    merit.
+    """
     from whiptool.rl.task import reward
 
     return reward(np.maximum(costs, 0), hits) * np.where(costs < 0, -costs, 1.0)

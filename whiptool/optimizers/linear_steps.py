@@ -16,12 +16,12 @@ INSIDE = 0.3  # part of the squared hit radius by which linear programs stay ins
 
 
 def step_down(objective: Objective, start: np.ndarray, criterion: Criterion, *, steps: int) -> None:
-    """Follow exact derivatives from one strike to a good hit near it, no step longer than the last ones proved good.
+    """Follow exact derivatives from one strike to a good hit near it, with steps limited by a trust region.
 
-    Each step minimises the linearised criterion plus what is left of the linearised hit within a box around the strike
-    (Fletcher and Sainz de la Maza 1989); a step that makes that sum no smaller is taken back. Where strikes change as
-    wildly as those of arms with many joints do, it reaches a hit where `descend` jumps from valley to valley; near the
-    best hit `descend` is the more exact.
+    Each step minimises the sum of the linearised criterion and a penalty for the violated hit constraints within a box
+    around the strike (Fletcher and Sainz de la Maza 1989); a step that does not reduce the sum is undone. For arms with
+    many joints, whose outcomes are strongly nonlinear, it finds hits where `descend` jumps between local minima; near
+    the best hit `descend` is more exact.
 
     Args:
         objective: Objective with the target; every strike is a trial.

@@ -16,10 +16,10 @@ REFINED = 8  # candidates of the map that are refined
 
 
 def map_for(objective: Objective) -> StrikeMap:
-    """Return the map that comes with the package for what an objective strikes with.
+    """Return the map that comes with the package for the model of an objective.
 
     Raises:
-        InputError: The model has no map, or strikes are not described by its joints.
+        InputError: The model has no map, or strikes are not in joint space.
     """
     from whiptool.strike_map.map_files import map_of
 
@@ -29,7 +29,8 @@ def map_for(objective: Objective) -> StrikeMap:
 
 
 def map_search(objective: Objective, *, seed: int) -> None:
-    """Strike what the map that comes with the package has for the target, and refine it; then `gradient_search`.
+    """Try and refine the strikes that the package's map gives for the target; if they fail, continue with
+    `gradient_search`.
 
     Raises:
         InputError: See `map_for`.

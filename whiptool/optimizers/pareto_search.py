@@ -26,13 +26,14 @@ FRESH = 16  # random strikes of which one is a new start
 
 
 def pareto_search(objective: Objective, *, seed: int) -> None:
-    """Find the front of an objective's two criteria until the objective stops it.
+    """Find the Pareto front of an objective's two criteria until the objective stops it.
 
-    First the best hits by each criterion alone, and of those that are as good the best by the other (the payoff table
-    of Mavrotas 2009): by the first criterion by an iterated local search (Lourenço, Martin and Stützle 2003) from
-    random strikes that are near the target and good by it, and by the other from there. Then, again and again, the
-    widest gap of the front: one criterion is held at the gap's middle and the other minimised, from either end of the
-    gap and from a new random strike in turn. A gap that was tried counts half as wide.
+    First the two ends of the front are found, i.e. for each criterion its best hits and among equals the best by the
+    other (payoff table of Mavrotas 2009): for the first criterion by an iterated local search (Lourenço, Martin and
+    Stützle 2003) from good random strikes near the target, for the second starting from that result. Then the widest
+    gap of the front is filled repeatedly: one criterion is bounded at the gap's middle and the other minimised,
+    starting in turn from either end of the gap and from a new random strike. The width of a gap that was tried is
+    halved.
 
     Raises:
         SearchStopped: The objective ended the search.

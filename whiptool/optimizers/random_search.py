@@ -12,7 +12,7 @@ def random_search(objective: Objective, *, seed: int) -> None:
     """Try random strikes until the objective stops the search.
 
     Raises:
-        InputError: The objective would never stop it.
+        InputError: The objective has no limit on trials or time.
         SearchStopped: The objective ended the search.
     """
     if objective.max_trials is None and objective.max_time is None:

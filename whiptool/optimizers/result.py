@@ -36,14 +36,14 @@ MESSAGES = {
 
 @dataclass(frozen=True)
 class Result(NoArray, instead="its strike or outcome"):
-    """What a search found.
+    """Result of a search.
 
     Args:
-        method: Its name on the command line.
-        status, message: Why it ended.
-        strike, outcome: The best strike and what it came to; None if there was no trial.
+        method: Name of the method on the command line.
+        status, message: Why the search ended.
+        strike, outcome: The best strike and its outcome; None if there was no trial.
         trace: All trials in order.
-        n_diverged: How many of them diverged.
+        n_diverged: Number of trials that diverged.
         wall_time: Wall time [s].
     """
 
@@ -69,7 +69,7 @@ class Result(NoArray, instead="its strike or outcome"):
             raise no_attribute(self, name, cures)
 
     def uninterrupted(self) -> Result:
-        """Return itself, for work of which the search is a part and that Ctrl-C is to end.
+        """Return the result itself, or raise KeyboardInterrupt if the search was interrupted by Ctrl-C.
 
         Raises:
             KeyboardInterrupt: The search was interrupted.
@@ -90,7 +90,7 @@ class Result(NoArray, instead="its strike or outcome"):
 
     @property
     def first_hit(self) -> int | None:
-        """Number of the first trial that hit, from 1; a batch may hold trials after it."""
+        """Number of the first trial that hit, from 1; None if none did."""
         return next((trial.number for trial in self.trace if trial.outcome.hit), None)
 
     @property

@@ -23,11 +23,12 @@ _AT_ONCE = 512
 
 @dataclass(frozen=True, eq=False)
 class StrikeLibrary:
-    """Strikes and the paths of their tips.
+    """Past strikes and the paths of their tips.
 
     Args:
         strikes: Strike vectors, (n, 2 a + 1).
-        paths: Tip at equal times, (n, S, d) [m], d the model's dimension, single precision, NaN after a strike's end.
+        paths: Tip positions at equal intervals, (n, S, d) [m], with d the model's dimension, in single precision; NaN
+            after a strike's end.
     """
 
     strikes: np.ndarray
@@ -37,7 +38,7 @@ class StrikeLibrary:
     def random(
         cls, rollout: CompiledRollout, bounds: StrikeBounds, count: int, *, seed: int, t_stay: float = T_STAY
     ) -> StrikeLibrary:
-        """The library that `count` uniformly random strikes leave."""
+        """Return a library of `count` uniformly random strikes."""
         strikes = bounds.sample(np.random.default_rng(seed), count)
         samples = int((bounds.upper[-1] + t_stay) * RATE) + 1
         paths = np.full((count, samples, rollout.model.dimension), np.nan, np.float32)
@@ -47,14 +48,14 @@ class StrikeLibrary:
         return cls(strikes, paths)
 
     def nearest(self, target: np.ndarray | tuple[float, ...], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """The strikes that passed nearest to a target, nearest first.
+        """Return the strikes whose tips passed nearest to a target, the nearest first.
 
         Args:
-            target: (x, y) [m], in space (x, y, z).
-            count: How many.
+            target: Position of the target (x, y) or (x, y, z) [m].
+            count: Number of strikes.
 
         Returns:
-            Strike vectors (count, 2 a + 1), and the distances at which they passed [m], (count,).
+            Strike vectors, (count, 2 a + 1), and their miss distances [m], (count,).
         """
         distance = np.empty(len(self.strikes))
         for first in range(0, len(distance), _AT_ONCE):
@@ -89,14 +90,14 @@ def _distance(paths: np.ndarray, target: np.ndarray) -> np.ndarray:
 def warm_search(
     objective: Objective, method: str, library: StrikeLibrary, *, seed: int = 0, width: float = 0.1
 ) -> Result:
-    """Strike what the library has nearest to the target; after a miss, search around it.
+    """Try the library's strike that is nearest to the target; after a miss, search around it.
 
     Args:
         objective: Objective with the target; its bounds are reduced.
         method: As in `search`.
         library: Library of past strikes.
         seed: Seed of the method.
-        width: Width of the box around the library's strike, in widths of the objective's box.
+        width: Width of the box around the library's strike, as a fraction of the objective's box.
 
     Raises:
         InputError: The method is unknown, or does not fit the objective.
@@ -112,7 +113,8 @@ def warm_search(
 
 
 def library_search(objective: Objective, library: StrikeLibrary) -> Result:
-    """Strike what the library has, nearest to the target first, until the objective stops it or the library ends."""
+    """Try the library's strikes, nearest to the target first, until the objective stops the search or all were
+    tried."""
     from whiptool.optimizers import run_search
 
     def strikes(objective: Objective, *, seed: int) -> None:

@@ -26,19 +26,19 @@ _NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the mid
 
 
 class TrialLog:
-    """The trials of a run as CSV, one line written and flushed per trial, numbers at full precision.
+    """Log of a run's trials as CSV; each trial is written and flushed as one line, with numbers at full precision.
 
     Args:
-        path: The file; made with its header if it is not there.
-        arm: Names the columns.
-        names: Names of a strike's numbers; default: those of the arm's joints.
-        measured: Miss distances were measured, and have a column of standard errors, NaN where unknown.
-        arriving: The target asks for a direction or a speed: there are columns of how the tip arrived, NaN where a
-            strike was lost, and of the cost.
-        limited: The objective has limits, or takes strikes of the hand: there is a column of what refused a strike,
-            empty where nothing did.
-        criteria: Names of what hits are judged by: there is a column of each, NaN where a strike was lost, and one of
-            the merit, NaN where it is not a hit.
+        path: The file; it is created with a header if it does not exist.
+        arm: Arm whose joints name the columns.
+        names: Names of a strike's coordinates; default: those in joint space.
+        measured: Whether miss distances are measured; adds a column of standard errors, NaN if unknown.
+        arriving: Whether the target asks for a direction or speed; adds columns of the arrival, NaN if the strike
+            diverged or was refused, and of the cost.
+        limited: Whether the objective has limits or strikes in hand space; adds a column with the limit by which a
+            strike was refused, or empty.
+        criteria: Names of the criteria; adds a column for each, NaN if the strike diverged or was refused, and one of
+            the merit, NaN if it does not hit.
     """
 
     def __init__(
@@ -68,10 +68,10 @@ class TrialLog:
         self._header = ["trial", *self._names, *itertools.chain(*self._parts.values())]
 
     def read(self) -> list[Trial]:
-        """All trials up to the first line that is damaged.
+        """Return all trials up to the first damaged line.
 
-        A last line that was cut off is removed from the file. Where more is damaged, the file is first renamed,
-        with one line on stderr.
+        An incomplete last line is removed from the file. If more is damaged, the file is renamed first, which is
+        reported on stderr.
 
         Raises:
             InputError: The file is not of this arm, or its first line is damaged.
@@ -110,7 +110,7 @@ class TrialLog:
         )
 
     def append(self, trial: Trial) -> None:
-        """Add one trial; it is in the file when this returns."""
+        """Add one trial; it is written to the file when this returns."""
         parts = [_cells(part, getattr(trial.outcome, part), len(names)) for part, names in self._parts.items()]
         row = [trial.number, *map(repr, trial.strike), *itertools.chain(*parts)]
         new = not self.path.exists() or self.path.stat().st_size == 0

@@ -98,7 +98,7 @@ class Camera:
 
     @property
     def principal_point(self) -> np.ndarray:
-        """Where the optical axis meets the image [pixels], (2,)."""
+        """Principal point, where the optical axis meets the image [pixels], (2,)."""
         return self.camera_matrix[:2, 2]
 
     @property
@@ -107,7 +107,7 @@ class Camera:
         return -float(self.position[1])
 
     def table(self) -> dict[str, Any]:
-        """Return all its numbers as plain data, by the names of the fields."""
+        """Return all parameters as plain data, by the names of the fields."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: np.asarray(value).tolist() for name, value in values.items()}
 
@@ -147,13 +147,13 @@ class Camera:
         return np.stack([x / z, y / z], axis=-1), z
 
     def sights(self, pixels: np.ndarray) -> np.ndarray:
-        """Return the directions in the world (..., 3), of unit length, in which pixels (..., 2) look; NaN for NaN."""
+        """Return unit vectors in the world (..., 3) along the lines of sight of pixels (..., 2); NaN for NaN."""
         flat = (self.undistorted(pixels) - self.principal_point) / self.focal_lengths
         ahead = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
         return (ahead / np.linalg.norm(ahead, axis=-1, keepdims=True)) @ self.rotation
 
     def undistorted(self, pixels: np.ndarray) -> np.ndarray:
-        """Return pixels (..., 2) as a lens without distortion would have shown them."""
+        """Return pixels (..., 2) corrected for the lens's distortion."""
         return undistort(pixels, self.camera_matrix, self.distortion)
 
     @cached_property
@@ -182,12 +182,12 @@ class Camera:
         return float(np.linalg.norm(ray) / ray[2])
 
     def sees(self, points: np.ndarray) -> np.ndarray:
-        """Return which points of the world (..., 3) [m] are before the camera and within its image, (...)."""
+        """Return which points of the world (..., 3) [m] are in front of the camera and within its image, (...)."""
         u, v = np.moveaxis(self.project(points), -1, 0)
         return (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)  # of NaN: false
 
     def row_delay(self, row: float | np.ndarray) -> np.ndarray:
-        """Return how long after the first row a row starts to collect light [s]."""
+        """Return the time from the start of the first row's exposure to that of a row [s]."""
         return np.asarray(row, float) * self.readout / self.height
 
 
@@ -197,14 +197,14 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 
 def looking_at(position: Sequence[float] | np.ndarray, point: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) from the world's axes to those of a camera that looks upright at a point.
+    """Return the rotation (3, 3) from the world's axes to those of an upright camera that looks at a point.
 
     Args:
         position: Position of the camera [m], (3,).
         point: Point on its optical axis [m], (3,).
 
     Raises:
-        InputError: The point is where the camera is, or straight above or below it.
+        InputError: The point coincides with the camera, or is directly above or below it.
     """
     forward = np.asarray(point, float) - np.asarray(position, float)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -264,7 +264,7 @@ def camera_preset(name: str) -> Camera:
 
 
 def write_cameras(path: str | Path, cameras: Mapping[str, Camera]) -> None:
-    """Write cameras to a TOML file, a table for each by its name, to the last digit."""
+    """Write cameras to a TOML file, by name, at full precision."""
     tables = {name: {key: x for key, x in camera.table().items() if key != "name"} for name, camera in cameras.items()}
     write_whole(Path(path), tomli_w.dumps({TABLE: tables}))
 
@@ -273,8 +273,8 @@ def read_cameras(path: str | Path) -> dict[str, Camera]:
     """Return the cameras of a file, by name.
 
     Raises:
-        InputError: It is not a TOML file, has no table of cameras, or one of them lacks a key, has one too many, or is
-            not a camera.
+        InputError: The file is not TOML or has no table of cameras, or a camera has missing or unknown keys or values
+            that are not allowed.
     """
     try:
         table = read_toml(Path(path))
@@ -293,11 +293,11 @@ def camera_of(place: str, table: object) -> Camera:
     """Return the camera of a table, as `Camera.table` writes it.
 
     Args:
-        place: Place of the table, for error messages.
-        table: By the names of the fields.
+        place: Prefix of names in error messages.
+        table: Values by the names of the fields.
 
     Raises:
-        InputError: It is not a table, lacks a key, has one too many, or is not a camera.
+        InputError: It is not a table, has missing or unknown keys, or a value is not allowed.
     """
     try:
         return build_from(Camera, table, f"{place}.")

@@ -22,16 +22,16 @@ LEAD = 1.0  # [s] before and after: of a log around the frames and the command; 
 
 
 def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Return which stamps to keep, (T,), and a sentence about those that are not.
+    """Return which time stamps to keep, (T,), and sentences about the others.
 
-    A stamp that is NaN, repeats another, goes back, or stands alone costs its own sample.
+    A sample is dropped if its stamp is NaN, repeated, goes back, or is isolated.
 
     Args:
-        stamps: (T,) [s].
-        what: They are of, for the sentence and for errors.
+        stamps: Time stamps, (T,) [s].
+        what: Name of the samples, for messages.
 
     Raises:
-        InputError: Too many are bad, or several in one stretch: which of them are right is not known.
+        InputError: Too many stamps are bad, or several in a row, so that the right ones cannot be determined.
     """
     even = len(stamps) < 2 or (np.diff(stamps) > 0).all()
     keep = np.ones(len(stamps), bool) if even else _increasing(stamps)
@@ -92,15 +92,15 @@ def _drop_lone_ends(stamps: np.ndarray, keep: np.ndarray) -> None:
 
 
 def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
-    """Refuse times that no recording of a strike has, before anything is made of their length.
+    """Refuse times that are implausible for a recording of a strike.
 
     Args:
         name: Name of the times, for errors.
-        t: (T,) [s], strictly increasing.
+        t: Times, (T,) [s], strictly increasing.
         longest: Largest span of the times [s].
 
     Raises:
-        InputError: Their steps or their span cannot be right; the message names the likely cause.
+        InputError: Their steps or their span are implausible; the message names the likely cause.
     """
     step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
     unit = "milliseconds"
@@ -115,7 +115,9 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
 
 
 def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) -> list[str]:
-    """Return a sentence about holes in times (T,) [s]: steps longer than `steps` usual ones and than `least` [s]."""
+    """Return a sentence about gaps in times t (T,) [s], if any: steps above `steps` times the median and above `least`
+    [s].
+    """
     step = np.diff(t)
     usual = float(np.median(step))
     wide = np.flatnonzero(step > max(steps * usual, least))
@@ -129,15 +131,15 @@ def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) ->
 
 
 def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float, float] | None) -> None:
-    """Refuse parts that have no time in common.
+    """Refuse frames, logs and command that do not overlap in time.
 
     Args:
         t: Times of the frames (T,) [s].
-        logs: Times of what was logged in addition, by what it is called where its start is given (`joints`, `hand`).
+        logs: Times (S,) [s] of the logs by name (`joints`, `hand`).
         command: Start and end of the strike, if it is known [s].
 
     Raises:
-        InputError: They have none; the message names what clocks do.
+        InputError: They do not overlap; the message names likely errors of the clocks.
     """
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = "does the clock count since the computer was started, or since 1970? Say when the command began: start"
@@ -153,7 +155,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
 
 
 def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
-    """Return sentences about holes, and about logs that start late or end early; arguments as of `check_spans`."""
+    """Return sentences about gaps, and about logs that start late or end early; arguments as in `check_spans`."""
     said = gaps("frames", t)
     for name, times in logs.items():
         slack = SLACK + float(np.median(np.diff(times)))
@@ -167,5 +169,5 @@ def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
 
 
 def of_use(times: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Which samples of a log lie near the frames or the command's start, (S,)."""
+    """Return which samples of a log lie near the frames or the command's start, (S,)."""
     return (times >= min(t[0], 0.0) - LEAD) & (times <= t[-1] + LEAD)

@@ -26,9 +26,9 @@ def depth_error(
     """Return the standard error of measured depth [m], of the shape of `depth`.
 
     Args:
-        depth: Along the optical axis [m].
-        focal_length: Focal length of the camera that measures it [pixels].
-        baseline: Between the two cameras of the pair [m].
+        depth: Depth along the optical axis [m], any shape.
+        focal_length: Focal length of the camera [pixels].
+        baseline: Distance between the two cameras of the pair [m].
         subpixel: Standard error of the disparity [pixels].
     """
     return np.asarray(depth, float) ** 2 * subpixel / (focal_length * baseline)
@@ -42,10 +42,11 @@ def stereo_depth(
     baseline: float = BASELINE,
     subpixel: float = SUBPIXEL,
 ) -> np.ndarray:
-    """Return what a stereo pair measures of true depths [m]; 0 where its disparity is lost in noise, as of a D435.
+    """Return simulated measurements of depth by a stereo pair [m]; 0 where the disparity is lost in noise, as with a
+    D435.
 
     Args:
-        depth: Along the optical axis [m]; NaN stays NaN.
+        depth: True depth along the optical axis [m], any shape; NaN stays NaN.
         focal_length, baseline, subpixel: As for `depth_error`.
         rng: Random generator of the errors.
     """

@@ -18,7 +18,7 @@ _BETWEEN = 20  # instants that are looked at from frame to frame
 
 @dataclass(frozen=True, eq=False)
 class FilmedApproach:
-    """Where a filmed tip came nearest to a target.
+    """Closest approach of a filmed tip to a target.
 
     Args:
         distance: Distance of the tip from the target [m].
@@ -34,12 +34,12 @@ class FilmedApproach:
 
     @property
     def speed(self) -> float:
-        """Of the tip then [m/s]."""
+        """Speed of the tip at the closest approach [m/s]."""
         return float(np.linalg.norm(self.velocity))
 
 
 def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return times (F,) [s] and places (F, d) [m] of the tip in the frames that show it; F may be 0.
+    """Return times (F,) [s] and positions (F, d) [m] of the tip in the F frames that show it; F may be 0.
 
     Raises:
         InputError: The recording has no marker `tip`.
@@ -50,9 +50,9 @@ def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np
 
 
 def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarray) -> FilmedApproach | None:
-    """Return where the tip of a recording came nearest to a target (d,) [m], as far as frames show it.
+    """Return the closest approach of a recorded tip to a target (d,) [m], or None if too few frames show the tip.
 
-    Where more than two frames in a row are missing, no one knows where the tip was. None: too few frames show it.
+    The path is not interpolated where more than two frames in a row are missing.
 
     Raises:
         InputError: The recording has no marker `tip`.
@@ -64,15 +64,15 @@ def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarr
 def approach_of_path(
     t: np.ndarray, points: np.ndarray, target: Sequence[float] | np.ndarray, *, gap: float = math.inf
 ) -> FilmedApproach | None:
-    """Return where a path through places comes nearest to a target; None if there are fewer than `LEAST` places.
+    """Return the closest approach of a path through given positions to a target; None for fewer than `LEAST` positions.
 
-    Between places it is a monotone cubic interpolant (Fritsch and Carlson 1980).
+    The path is a monotone cubic interpolant (Fritsch and Carlson 1980).
 
     Args:
-        t: Times of the places [s], (F,), increasing.
-        points: Places [m], (F, d).
-        target: Target [m], (d,)
-        gap: Longest time between two places that the path is taken to join [s].
+        t: Times of the positions [s], (F,), increasing.
+        points: Positions [m], (F, d).
+        target: Target [m], (d,).
+        gap: Longest time between two positions over which the path is interpolated [s].
     """
     if len(t) < LEAST:
         return None
@@ -92,7 +92,9 @@ def approach_of_path(
 
 
 def nearest_frame(recording: StrikeRecording, target: Sequence[float], *, end: float = math.inf) -> float | None:
-    """Return the time of the frame until `end` [s] that shows the tip nearest to a target [s]; None: none shows it."""
+    """Return the time [s] of the frame, up to `end` [s], that shows the tip nearest to a target (d,) [m]; None if none
+    shows it.
+    """
     i, d = recording.markers.index("tip"), len(target)
     away = np.linalg.norm(recording.points[:, i, :d] - np.asarray(target), axis=1)
     distance = np.where(recording.seen[:, i] & (recording.t <= end), away, np.inf)

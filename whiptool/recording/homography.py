@@ -14,7 +14,7 @@ _LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four
 
 
 def checked_homography(matrix: np.ndarray) -> np.ndarray:
-    """A homography (3, 3) that maps pixels to metres, as it was given.
+    """Return a homography (3, 3) from pixels to metres after checking it.
 
     Raises:
         InputError: It has another shape, is not finite, or maps the plane to a line.
@@ -31,7 +31,11 @@ def checked_homography(matrix: np.ndarray) -> np.ndarray:
 
 
 def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
-    """Of a camera that looks straight at the plane: `scale` [m/pixel], the shoulder at pixel `origin`, y up.
+    """Return the homography (3, 3) from pixels to metres of a camera that looks perpendicularly at the plane.
+
+    Args:
+        scale: Scale [m/pixel].
+        origin: Pixel (2,) of the shoulder, the origin of the plane; y is up.
 
     Raises:
         InputError: The scale is not above 0.
@@ -43,7 +47,7 @@ def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
 
 
 def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -> np.ndarray:
-    """From n >= 4 points whose places in the plane are known; both arguments of shape (n, 2).
+    """Return the homography (3, 3) from n >= 4 points with known pixels and positions in the plane [m], (n, 2) each.
 
     The direct linear transform of centred and scaled points (Hartley 1997); of more than four points, the map that
     leaves the least squared distances in the image, whose errors they are.
@@ -67,7 +71,9 @@ def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -
 
 
 def to_plane(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Places in the plane [m] of pixels, both (..., 2); NaN stays NaN, and beyond the plane's horizon becomes NaN."""
+    """Return positions in the plane [m] of pixels, (..., 2) each; NaN for NaN and for pixels beyond the plane's
+    horizon.
+    """
     h = np.asarray(pixels, float) @ homography[:, :2].T + homography[:, 2]  # (..., 3)
     front = h[..., 2:] * np.sign(homography[2, 2] or 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -75,7 +81,9 @@ def to_plane(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
 
 
 def metres_per_pixel(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Root mean square of the map's two local stretches [m/pixel], (...), at pixels (..., 2)."""
+    """Return the local scale of the homography at pixels (..., 2) [m/pixel], (...): the root mean square over both
+    directions.
+    """
     pixels = np.asarray(pixels, float)
     w = pixels @ homography[2, :2] + homography[2, 2]
     place = to_plane(homography, pixels)

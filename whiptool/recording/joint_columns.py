@@ -36,13 +36,13 @@ _HAND = {"gripper", "finger", "fingers"}  # of what an arm holds the whip with
 
 @dataclass(frozen=True)
 class Column:
-    """What the name of a column says.
+    """Information in the name of a column.
 
     Args:
-        words: What it is of, in lower case, without words for what is measured and in which unit.
-        kind: `position`, `command`, `other` (a speed, a torque, ...), `time`, or empty where it does not say.
-        unit: `rad`, `deg`, or one of `SECONDS`; empty where it does not say.
-        jointed: Whether it calls itself a joint, as `joint_1` does and `q1` does not.
+        words: Words of the name in lower case, without those for quantity and unit.
+        kind: `position`, `command`, `other` (a speed, a torque, ...), `time`, or empty if not stated.
+        unit: `rad`, `deg`, or one of `SECONDS`; empty if not stated.
+        jointed: Whether the name contains the word joint, as `joint_1` does and `q1` does not.
     """
 
     words: tuple[str, ...]
@@ -52,7 +52,7 @@ class Column:
 
     @classmethod
     def of(cls, name: str) -> Column:
-        """Take a name apart."""
+        """Parse the name of a column."""
         found = [word.lower() for word in _WORD.findall(name)]
         kinds = [kind for word in found for kind, words in _KINDS.items() if word in words]
         kind = next((kind for kind in (TIME, "other", "command", POSITION) if kind in kinds), "")
@@ -64,7 +64,7 @@ class Column:
 
     @property
     def number(self) -> int | None:
-        """The number or letter that is all that it says: 0 of `actual_q_0`, 1 of `b`; None where it says more."""
+        """The number or letter, as an index, if the name has nothing else: 0 for `actual_q_0`, 1 for `b`; else None."""
         if len(self.words) != 1:
             return None
         word = self.words[0]
@@ -72,12 +72,14 @@ class Column:
 
     @property
     def holds(self) -> bool:
-        """Whether it is of a gripper, which is not a joint of the arm."""
+        """Whether it belongs to a gripper, which is not a joint of the arm."""
         return bool(_HAND & set(self.words))
 
 
 def in_numbers(names: Sequence[str]) -> list[int] | None:
-    """Return the order of columns that are only numbered, such as `q2, q1`; None where one is not, or is missing."""
+    """Return the order of columns whose names are only numbered, such as `q2, q1`; None if one is not, or a number is
+    missing.
+    """
     numbers = [number for name in names if (number := Column.of(name).number) is not None]
     if len(numbers) < len(names) or sorted(numbers) not in (list(range(len(names))), list(range(1, len(names) + 1))):
         return None
@@ -85,15 +87,15 @@ def in_numbers(names: Sequence[str]) -> list[int] | None:
 
 
 def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = False) -> list[int]:
-    """Return which of a log's columns each joint of an arm is.
+    """Return the index of the log's column for each joint of an arm.
 
     Args:
         names: Names of the columns.
-        joints: Joints of the arm.
+        joints: Names of the arm's joints.
         listed: Whether the user listed the columns in the arm's order; names of other joints are then allowed.
 
     Raises:
-        InputError: A joint has no column, or several; its `given` are the columns.
+        InputError: A joint has no column, or several; the error's `given` lists the columns.
     """
     columns, wanted = [Column.of(name) for name in names], [Column.of(joint).words for joint in joints]
     exact = [[i for i, c in enumerate(columns) if c.words == words] for words in wanted]

@@ -30,7 +30,7 @@ class Exchange:
 
     Args:
         t: Time of the first frame with the new labels [s].
-        markers: Labels as that frame has them.
+        markers: Labels in that frame.
         before: Former labels of these markers, in the same order.
     """
 
@@ -45,11 +45,11 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Swallowed:
-    """Two labels on one marker.
+    """Two labels that were on the same marker for some time.
 
     Args:
         start, end: First and last time [s].
-        markers: The two.
+        markers: The two labels.
     """
 
     start: float
@@ -62,12 +62,12 @@ class Swallowed:
 
 @dataclass(frozen=True)
 class Labels:
-    """What was found of a recording's labels.
+    """Faults of a recording's marker labels.
 
     Args:
         exchanges: Exchanges in order of time.
-        swallowed: Merged markers in order of time.
-        order: Whose column each marker's points stand in at every frame, (T, M): `points[f, order[f, m]]` is marker m.
+        swallowed: Double labels in order of time.
+        order: Column that contains each marker at every frame, (T, M): `points[f, order[f, m]]` is marker m.
     """
 
     exchanges: tuple[Exchange, ...]
@@ -76,7 +76,7 @@ class Labels:
 
     @property
     def kept(self) -> bool:
-        """Whether all labels stay with their markers."""
+        """Whether all labels stayed with their markers."""
         return not self.exchanges and not self.swallowed
 
     def __str__(self) -> str:
@@ -84,11 +84,10 @@ class Labels:
 
 
 def check_labels(recording: StrikeRecording) -> Labels:
-    """Return where labels were exchanged, and where one marker swallowed another.
+    """Find where labels were exchanged, and where two labels were on the same marker.
 
-    What markers do between frames sets the limit: an exchange of two that are nearer to each other than their paths
-    bend between frames cannot be found from their motion and is not claimed. In a camera's image markers do lie on
-    each other, where one is behind the other.
+    An exchange of markers that are closer to each other than the deviation of their paths from smooth motion between
+    frames cannot be detected. In a camera's image markers may coincide, one behind the other, which is not a fault.
     """
     order, exchanges = _followed(recording)
     swallowed = [] if recording.view is not None else _swallowed(recording, order)
@@ -96,7 +95,7 @@ def check_labels(recording: StrikeRecording) -> Labels:
 
 
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:
-    """Return the recording with exchanged labels put back, and without the points that swallowed or were swallowed."""
+    """Return the recording with exchanged labels corrected and without points of double labels."""
     columns_too = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
     columns: dict[str, Any] = {x: np.take_along_axis(getattr(recording, x), labels.order, axis=1) for x in columns_too}
     points = np.take_along_axis(recording.points, labels.order[..., None], axis=1)

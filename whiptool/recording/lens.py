@@ -12,7 +12,7 @@ COEFFICIENTS = (0, 4, 5, 8)  # how many there are: k1, k2, p1, p2[, k3[, k4, k5,
 
 
 def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
-    """Return normalised image coordinates (..., 2) as a lens distorts them."""
+    """Return normalised image coordinates (..., 2) after a lens's distortion (OpenCV's coefficients)."""
     if not distortion:
         return flat
     x, y = np.moveaxis(flat, -1, 0)
@@ -26,7 +26,9 @@ def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
 
 
 def distortion_slopes(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
-    """Return the derivatives of `distort` by the undistorted coordinates, (..., 2, 2): of row i by column j."""
+    """Return the derivatives of `distort` by the undistorted coordinates, (..., 2, 2); entry [i, j] is of output i by
+    input j.
+    """
     if not distortion:
         return np.broadcast_to(np.eye(2), (*flat.shape, 2))
     x, y = np.moveaxis(flat, -1, 0)
@@ -50,7 +52,7 @@ def _radial(r2: np.ndarray, distortion: tuple[float, ...]) -> tuple[np.ndarray, 
 def undistort(
     pixels: np.ndarray, camera_matrix: np.ndarray | None = None, distortion: Sequence[float] = ()
 ) -> np.ndarray:
-    """Return pixels (..., 2) as a lens without distortion would have shown them."""
+    """Return pixels (..., 2) corrected for a lens's distortion."""
     pixels = np.asarray(pixels, float)
     if not len(distortion) or camera_matrix is None or not pixels.size:
         return pixels

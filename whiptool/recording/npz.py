@@ -51,7 +51,7 @@ def write_npz(recording: Any, path: Path | str) -> None:
 def read_npz(path: Path | str, build: type) -> Any:
     """Read a recording; `t`, `points` and `markers` must be there, the other keys may be.
 
-    A file that does not say where it came from comes from itself.
+    If the file does not state its source, the source is the file itself.
 
     Raises:
         InputError: It is damaged, holds pickled objects, a key is unknown or missing, or a value is not allowed.

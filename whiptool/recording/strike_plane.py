@@ -21,15 +21,15 @@ _STEEPEST = np.deg2rad(30)  # of a plane against the vertical, in which a whip's
 class StrikePlane:
     """A plane through points in space.
 
-    The recordings' y axis is taken to point up, against gravity: a camera or a motion capture system that was set up
-    otherwise has to say so (key `axes` of a sidecar). The plane's x axis is horizontal and points forward, its y axis
-    points up within the plane; gravity along it is smaller by the cosine of `tilt`, which the model leaves aside.
+    The recordings' y axis is assumed to point up; if it does not, the key `axes` of the sidecar has to state the axes.
+    The plane's x axis is horizontal and points forward, its y axis points up within the plane. Gravity in the plane is
+    smaller by the cosine of `tilt`, which the model neglects.
 
     Args:
-        axes: Its x axis, y axis and normal in the recordings' axes, rows, (3, 3).
+        axes: Rows are the plane's x axis, y axis and normal in the recordings' axes, (3, 3).
         offset: Offset of the plane from the shoulder along the normal [m].
         tilt: Tilt of the plane against the vertical [rad].
-        rms, largest: Distances of the points from it [m].
+        rms, largest: Root mean square and largest distance of the points from the plane [m].
     """
 
     axes: np.ndarray
@@ -46,9 +46,10 @@ class StrikePlane:
         )
 
     def project(self, recording: StrikeRecording) -> StrikeRecording:
-        """A recording in space as one in the plane, the shoulder's foot on the plane as its origin; others as they are.
+        """Project a recording in space on the plane, with the projection of the shoulder as origin; planar ones are
+        unchanged.
 
-        Errors across the plane are left out; those along it stay as stated.
+        The stated standard errors are kept.
         """
         if recording.points.shape[2] == 2:
             return recording
@@ -59,7 +60,7 @@ class StrikePlane:
 
 
 def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
-    """The plane nearest to all points of the recordings in space, by total least squares; None if all are planar.
+    """Fit a plane to all points of the recordings in space by total least squares; None if all recordings are planar.
 
     Raises:
         InputError: The points lie on a line, or in a plane that is nearly horizontal or faces forward.
@@ -103,13 +104,13 @@ def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
 
 
 def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -> None:
-    """Refuse recordings in space whose own planes differ from the common one.
+    """Refuse recordings in space whose own plane differs from the common one.
 
-    Projected on it, their motion would be foreshortened: by 18 % at 35 degrees. A recording whose points are nearly on
-    a line in the common plane has no plane that could be compared.
+    Their projected motion would be too short: by 18 % at 35 degrees. Recordings whose points are nearly on a line have
+    no strike plane and are accepted.
 
     Raises:
-        InputError: One lies in another plane.
+        InputError: A recording lies in another plane.
     """
     for recording in recordings:
         if recording.points.shape[2] == 2:

@@ -251,7 +251,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def stood(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """The same as a rollout takes it."""
+        """The measured deviation `sag` as a function of q_i (B, a), as simulators take it; None if not measured."""
         sag = self.sag
         return None if sag is None else lambda q_i: np.broadcast_to(sag, q_i.shape)
 
@@ -269,14 +269,14 @@ class StrikeRecording(NoArray, instead="its t and points"):
         }
 
     def for_model(self, model: Model) -> StrikeRecording:
-        """The same recording as a model takes it.
+        """Return the recording converted for a model.
 
-        Its joint log is that of the arm's joints, in their order; places in space have the axis up that the model's
-        dimension has (y in the plane, z in space), if their file says which it is.
+        The joint log is reduced to the arm's joints, in their order; positions in space are rotated to the model's
+        upward axis (y in the plane, z in space), if the file states its own.
 
         Raises:
-            InputError: The log is of other joints, places are in a plane and the model is in space, or the strike's
-                angles are larger than any arm's, as degrees are.
+            InputError: The log has other joints, the positions are in a plane and the model is in space, or the
+                strike's angles are implausibly large, as in degrees.
         """
         self.check_coordinates(model.dimension)
         if self.strike is not None and len(self.strike.q_i) == model.arm.n:
@@ -284,10 +284,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
 
     def check_coordinates(self, d: int) -> None:
-        """Refuse places of fewer coordinates than `d`; a camera's pixels are two in space, too.
+        """Refuse positions with fewer coordinates than `d`; pixels of a camera are accepted.
 
         Raises:
-            InputError: They have fewer.
+            InputError: The positions have fewer coordinates.
         """
         if self.angular:
             fix = "angles are those of an arm without a whip: drive free"
@@ -304,10 +304,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, up=up)
 
     def ordered(self, joints: Sequence[str]) -> StrikeRecording:
-        """The same recording with a log of these joints alone, in this order, and of its samples near the frames.
+        """Return the recording with its log reduced to these joints, in this order, and to samples near the frames.
 
         Raises:
-            InputError: The log is of other joints.
+            InputError: The log has other joints.
         """
         if self.joints_t is None or self.joints_q is None:
             return self
@@ -329,7 +329,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         )
 
     def marker(self, name: str) -> np.ndarray:
-        """Positions of one marker [m], with a view [pixels], (T, d), NaN where missing.
+        """Return the positions of one marker [m], with a `view` [pixels], (T, d); NaN where missing.
 
         Raises:
             InputError: No marker has this name.
@@ -339,7 +339,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return self.points[:, self.markers.index(name)]
 
     def without(self, mask: np.ndarray) -> StrikeRecording:
-        """The same recording without the points under a mask of shape (T, M), or without the frames under one of (T,).
+        """Return the recording without the points where a mask (T, M) is true, or without the frames where a mask (T,)
+        is true.
 
         Raises:
             InputError: The mask has another shape, or nothing is left.
@@ -351,13 +352,13 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return dataclasses.replace(self, points=np.where(mask[..., None], np.nan, self.points))
 
     def commanded(self, otherwise: str = "") -> Strike:
-        """The strike that was commanded.
+        """Return the commanded strike.
 
         Args:
-            otherwise: A further hint in the message if it has none.
+            otherwise: A hint to add to the error message.
 
         Raises:
-            InputError: The recording does not say it.
+            InputError: The recording does not state the strike.
         """
         if self.strike is not None:
             return self.strike
@@ -371,7 +372,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """Write an NPZ file, without pickle: see `whiptool.recording.npz`.
 
         Raises:
-            InputError: It cannot be written.
+            InputError: The file cannot be written.
         """
         write_npz(self, path)
 
@@ -383,7 +384,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @classmethod
     def load(cls, path: Path | str) -> StrikeRecording:
-        """Read what `save` wrote.
+        """Read a recording that `save` wrote.
 
         Raises:
             InputError: The file cannot be read, is damaged, or is of a later format.

@@ -15,10 +15,11 @@ from whiptool.models.strike import Strike
 
 @dataclass(frozen=True)
 class Caps:
-    """Largest stiffness and damping of the controller; above either, both matrices are scaled down together.
+    """Largest stiffness and damping of the controller; if either is exceeded, both matrices are scaled down together.
 
-    For constant impedance they are the matrices' norms. OIAC's torque is `eps (|e|^2 + |de|^2) / gamma` (Eqs. 2, 8-10),
-    a scalar g times `e + beta de`: its stiffness is g and its damping `beta g`, wherever its matrices K and B put them.
+    For constant impedance the limits apply to the matrices' norms. OIAC's torque is `eps (|e|^2 + |de|^2) / gamma`
+    (Eqs. 2, 8-10), i.e. a scalar g times `e + beta de`; its effective stiffness is g and its effective damping `beta
+    g`.
 
     Args:
         K: Stiffness [N m/rad].
@@ -34,12 +35,12 @@ class Caps:
 
 
 def default_caps(model: Model, *, period: float, delay: float = 0.0, rotor_inertia: float = 0.0) -> Caps:
-    """Caps that keep a loop sampled every `period` [s], with another `delay` [s], stable on the bare arm.
+    """Return caps that keep the sampled loop of an arm without whip stable.
 
-    A torque held for a period acts half a period late. For an inertia I under `tau = -B v` after a time T, the loop is
-    stable while `B T / I < pi / 2`; `B T / I = 1/2` is taken, with the smallest inertia that the arm has in any
-    posture, the motors' own `rotor_inertia` [kg m^2] included. The stiffness is what this damping damps critically,
-    `B^2 / (4 I)`. The arm itself, friction and the whip only add to that: rehearse the strike to see what is left.
+    A torque that is held for `period` [s] acts half a period late, plus `delay` [s]; T is the sum. For an inertia I
+    under `tau = -B v` delayed by T, the loop is stable if `B T / I < pi / 2`; `B T / I = 1/2` is used, with the
+    smallest inertia of the arm in any posture including the motors' `rotor_inertia` [kg m^2]. The stiffness is `B^2 /
+    (4 I)`, for which the damping is critical.
     """
     arm, rng = Arm(model), np.random.default_rng(0)
     postures = rng.uniform(-np.pi, np.pi, (200, arm.n))
@@ -49,7 +50,7 @@ def default_caps(model: Model, *, period: float, delay: float = 0.0, rotor_inert
 
 
 class CappedLoop(ControlLoop):
-    """The controller's loop with stiffness and damping held under their caps."""
+    """Control loop with stiffness and damping limited by `Caps`."""
 
     def __init__(self, controller: Controller, arm: Arm, strike: Strike, caps: Caps | None) -> None:
         super().__init__(controller, arm, strike)

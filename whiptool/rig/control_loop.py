@@ -31,14 +31,14 @@ from whiptool.rig.stops import SafetyError, StrikeRefused
 
 @dataclass(frozen=True)
 class Run:
-    """What a strike on the rig left.
+    """Result of a strike on the rig.
 
     Args:
-        cycles: Every control cycle.
-        fault: Why it ended early, or that a signal came; None: neither.
+        cycles: Log of all control cycles.
+        fault: Fault or signal that ended it early; None: none.
         torque_off: Whether every servo confirmed that its torque is off.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
-        torque: State of the motors in words: torque is off, or the power has to be cut.
+        torque: State of the motors as text: torque is off, or the power has to be cut.
     """
 
     cycles: Cycles
@@ -50,8 +50,11 @@ class Run:
 
 
 def posture_controller(model: Model, options: LoopOptions) -> Controller:
-    """Constant impedance that holds the arm: `omega^2 I` and `2 zeta omega I`, I the arm hanging with the whip's mass
-    at its hand."""
+    """Return constant impedance that holds the arm: `omega^2 I` and `2 zeta omega I`.
+
+    I is the inertia of the hanging arm with the whip's mass at its hand [kg m^2]; omega and zeta are
+    `options.stiffness` and `options.damping`.
+    """
     arm = Arm(model)
     q = np.zeros(arm.n)
     J = arm.gravity_jacobians(q)[-1]  # of the hand, (2, n)
@@ -65,22 +68,27 @@ def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
 
 
 def move(q_from: np.ndarray, q_to: np.ndarray, speed: float) -> Strike:
-    """A minimum-jerk path whose reference is nowhere faster than `speed` [rad/s]."""
+    """Return a minimum-jerk movement between two postures (n,) [rad] that lasts at least 0.2 s.
+
+    Args:
+        q_from, q_to: Start and end posture [rad], (n,).
+        speed: Largest speed of any joint's reference [rad/s].
+    """
     # the largest speed of the polynomial of Eq. 1 is 15/8 of the mean
     longest = float(np.abs(np.asarray(q_to) - np.asarray(q_from)).max())
     return Strike(tuple(q_from), tuple(q_to), max(0.2, 1.875 * longest / speed))
 
 
 class RigLoop:
-    """Runs strikes.
+    """The control loop that makes strikes with servos.
 
     Args:
         joints: The servos.
-        model: For gravity; its arm has as many joints as there are servos.
-        controller: Controller of the strike; its `control_period` is not used, `torque_limit` is.
-        options: Rates, waits, caps.
-        guards: Guards that end a run.
-        clock: Default: the monotonic one.
+        model: Model for gravity compensation; its arm has as many joints as there are servos.
+        controller: Controller of the strike; its `torque_limit` is used, its `control_period` is not.
+        options: Settings of the loop.
+        guards: Limits whose violation ends a run.
+        clock: Clock of the loop; default: the monotonic clock.
 
     Raises:
         InputError: The model's arm has another number of joints.
@@ -117,24 +125,25 @@ class RigLoop:
         believed: Model | None = None,
         signals: StopSignals | None = None,
     ) -> Run:
-        """Arm, go to the start, settle, strike, return, disarm. A fault or a signal ends it early; it does not raise.
+        """Arm the servos, move to the start, wait, strike, return and disarm. A fault or signal ends it early without
+        an exception.
 
-        After either, neither this loop nor another with the same interlock arms the servos before a person has released
-        it: `safety.interlock.release()`.
+        After a fault or signal no loop with the same interlock arms the servos until a person has released it by
+        `safety.interlock.release()`.
 
         Args:
             strike: The strike to make.
-            path: The record goes to this file as it is made; None: to memory only.
-            about: Kept with the record.
+            path: File to which the cycles are logged as they happen; None: memory only.
+            about: Description to store with the log.
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
-            signals: Notes signals from the arming on; whoever gives it closes it, when the records are written.
-                Default: they are noted until torque is off.
+            signals: Collects signals from arming on; the caller has to close it after writing the records. Default:
+                signals are collected until torque is off.
 
         Raises:
-            StrikeRefused: The rehearsal refuses it.
-            InputError: The strike is of another arm, or a servo is set up otherwise than strikes assume.
+            StrikeRefused: The rehearsal refuses the strike.
+            InputError: The strike is of another arm, or a servo has register values that strikes do not accept.
             Locked: The arm was stopped, and no person has released it.
             NoReply, Refused, Unplugged: A servo does not answer before it is armed.
         """
@@ -192,10 +201,10 @@ class RigLoop:
         log.close()
 
     def check(self, strike: Strike, believed: Model | None = None) -> None:
-        """Rehearse a strike; see `whiptool.rig.rehearsal`.
+        """Simulate a strike beforehand and refuse it if it is not safe; see `whiptool.rig.rehearsal`.
 
         Raises:
-            StrikeRefused: It must not run; the message says why.
+            StrikeRefused: The strike must not be made; the message says why.
         """
         from whiptool.rig.rehearsal import rehearse
 

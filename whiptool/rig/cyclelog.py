@@ -19,7 +19,7 @@ from whiptool.whole_files import append_to
 
 
 class Phase(IntEnum):
-    """What the arm is doing."""
+    """Phase of a run of the arm in a control cycle."""
 
     APPROACH = 0
     SETTLE = 1
@@ -28,7 +28,7 @@ class Phase(IntEnum):
 
 
 class Flag(IntFlag):
-    """What was wrong with a cycle."""
+    """Faults of a control cycle, as bit flags."""
 
     MISSED = 1  # no sample: q, v and the rest are not a number
     OVERRUN = 2  # it ended after the next one's deadline
@@ -59,12 +59,13 @@ _MAGIC = "whiptool cycles 1"
 
 
 class CycleLog:
-    """Writes one row per cycle.
+    """Writes one row per control cycle.
 
     Args:
         joints: Number of joints.
-        path: Goes to this file, row by row and unbuffered: even SIGKILL loses nothing. None: to memory.
-        about: Anything JSON can hold; kept in the file's first line.
+        path: File to write to, row by row and unbuffered, so that even SIGKILL loses nothing. None: rows are kept in
+            memory.
+        about: Description of the run, as data for JSON, for the file's first line.
     """
 
     def __init__(self, joints: int, path: Path | None = None, *, about: dict[str, Any] | None = None) -> None:
@@ -80,7 +81,7 @@ class CycleLog:
             append_to(self._file, self._head)
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write one cycle: the columns of `Cycles` by name; what is left out or None is not a number."""
+        """Write one cycle: a flat row with the columns of `Cycles` in their order."""
         row: list[float] = []
         for name, per_joint in _COLUMNS:
             value = values.get(name)
@@ -94,7 +95,7 @@ class CycleLog:
             append_to(self._file, data)
 
     def cycles(self) -> Cycles:
-        """Return the cycles that were written so far."""
+        """Return the cycles written so far."""
         return _parse(bytes(self._memory), "log")
 
     def close(self) -> None:
@@ -106,16 +107,16 @@ class CycleLog:
 
 @dataclass(frozen=True)
 class Cycles:
-    """The cycles of a run: C cycles, n joints. What a missed cycle did not measure is not a number.
+    """Log of a run: C control cycles, n joints. Values that a missed cycle did not measure are NaN.
 
     Args:
-        t, stamp, late: Scheduled time, clock at the sample, start after the deadline [s], (C,).
+        t, stamp, late: Scheduled time, clock time of the sample, and delay of the cycle's start [s], (C,) each.
         q, v: Measured positions [rad] and velocities [rad/s], (C, n).
-        current, goal_current: Measured and commanded [A], (C, n).
+        current, goal_current: Measured and commanded current [A], (C, n).
         tau: Torque that the controller asked for [N m], (C, n).
         q_d: Desired position [rad], (C, n).
-        voltage, temperature: [V], [deg C], (C, n).
-        flags, phase, state: Of `Flag`, `Phase`, `whiptool.rig.safety.State`, (C,) integers.
+        voltage, temperature: Supply voltage [V] and temperature [deg C] of the servos, (C, n).
+        flags, phase, state: Values of `Flag`, `Phase` and `whiptool.rig.safety.State`, (C,) integers.
         about: Description of the run.
     """
 
@@ -140,10 +141,10 @@ class Cycles:
 
     @classmethod
     def load(cls, path: Path | str) -> Cycles:
-        """Read a file of `CycleLog`, also one whose writer was killed.
+        """Read a file that `CycleLog` wrote, also if the writing process was killed.
 
         Raises:
-            InputError: It is not such a file.
+            InputError: The file is not such a log.
         """
         return _parse(Path(path).read_bytes(), str(path))
 

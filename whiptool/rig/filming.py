@@ -14,18 +14,18 @@ LOST = 0.5  # [s] without a frame: the camera is lost
 
 
 class Filming:
-    """Reads a camera from now on until `end`.
+    """Reads frames from a camera in a thread, from its construction until `end`.
 
-    Frames carry the camera's own clock. They arrive late by a delay that is never below the shortest one: the smallest
-    difference between arrival and capture over all frames is taken as the clocks' offset, so that what remains is
-    the shortest delay of the line, some milliseconds; identification can fit it (`delay`).
+    Frames have the times of the camera's own clock. The smallest difference between arrival and capture over all frames
+    is taken as the offset of the clocks. The remaining error is the shortest transmission delay, some milliseconds,
+    which identification can fit (`delay`).
 
     Args:
-        source: The camera; opened here, closed by `end`.
-        keep_before: Frames of this long before the strike are kept, for the tracker's background [s].
+        source: The camera, which is opened here and closed by `end`.
+        keep_before: Time before the strike from which frames are kept, for the tracker's background [s].
 
     Attributes:
-        lost: Why the camera was lost before the strike began or ended; empty: it was not.
+        lost: Why the camera failed before the strike began or ended; empty: it did not.
     """
 
     def __init__(self, source: FrameSource, *, keep_before: float = 0.5) -> None:
@@ -61,7 +61,7 @@ class Filming:
         """Wait for the first frame.
 
         Raises:
-            WhiptoolError: None came in this time [s].
+            WhiptoolError: No frame came within `timeout` [s].
         """
         self._first.wait(timeout)
         if self._error is not None or not self._frames:
@@ -69,10 +69,11 @@ class Filming:
             raise WhiptoolError(f"the camera gives no frames ({why}); the arm has not moved: check cable and --camera")
 
     def during(self, striking: bool) -> None:
-        """Say whether the strike is on; what is filmed after it is not kept. Quick: the control loop calls it.
+        """Tell whether the strike is in progress; frames after it are not kept. It is called by the control loop and
+        returns quickly.
 
         Raises:
-            SafetyError: The strike begins, and the camera gives no frames any more.
+            SafetyError: The strike begins, and the camera no longer delivers frames.
         """
         begins, ends = striking and not self._striking, self._striking and not striking
         if (begins or ends) and not self._over.is_set():
@@ -88,7 +89,7 @@ class Filming:
     def end(self) -> list[Frame]:
         """Stop filming, and return the frames with their times on the monotonic clock.
 
-        A camera that failed gives those that it took until then; `lost` says why it failed.
+        If the camera failed, the frames up to then are returned, and `lost` states the reason.
         """
         if self._striking:
             self.during(False)

@@ -19,16 +19,16 @@ class Guards:
     """Limits of a run; exceeding one ends it in a fault.
 
     Args:
-        low, high: Joint positions [rad]: one number for all joints, or one each.
-        speed: Speed of a joint [rad/s]; default: a quarter above the motor's no-load speed.
-        current: Measured [A].
-        temperature: Temperature [deg C]; the servo's own limit is 80.
-        voltage: Lowest of the supply [V].
-        tracking: Distance between reference and joint [rad].
-        stale: The servos' clocks may fall this far behind the loop's between two samples [s].
-        frozen: The reference may move this far while a joint's encoder stays on one count [rad].
-        missed: Cycles in a row without a sample.
-        overruns: Cycles in a row that end too late.
+        low, high: Lowest and highest joint positions [rad]: one number for all joints, or one for each.
+        speed: Largest speed of a joint [rad/s]; default: 1.25 times the motor's no-load speed.
+        current: Largest measured current [A].
+        temperature: Highest temperature [deg C]; the servo's own limit is 80.
+        voltage: Lowest supply voltage [V].
+        tracking: Largest tracking error of a joint [rad].
+        stale: Largest lag of the servos' clocks behind the loop's between two samples [s].
+        frozen: Largest movement of the reference while a joint's encoder does not change [rad].
+        missed: Number of consecutive cycles without a sample that is a fault.
+        overruns: Number of consecutive cycles that end too late that is a fault.
     """
 
     low: float | tuple[float, ...] = -3.5
@@ -53,7 +53,7 @@ class Guards:
 
 
 class Watch:
-    """Checks every cycle of a run, and names the first limit that is exceeded."""
+    """Checks every cycle of a run against the guards, and returns the first violation."""
 
     def __init__(self, guards: Guards, joints: int) -> None:
         self.guards = guards
@@ -63,10 +63,10 @@ class Watch:
         self._still_ref = np.zeros(joints)  # .. and where the reference was when it came there
 
     def missed(self, why: str = "") -> SafetyError | None:
-        """Count a cycle in which the servos gave no sample; return the fault, if this is one too many.
+        """Count a cycle without a sample; return the fault if there were too many in a row.
 
         Args:
-            why: Message of the line.
+            why: Error message of the bus.
         """
         self._missed += 1
         if self._missed >= self.guards.missed:
@@ -74,14 +74,14 @@ class Watch:
         return None
 
     def timing(self, overran: bool) -> SafetyError | None:
-        """Note whether a cycle ended too late; return the fault, if this is one too many in a row."""
+        """Record whether a cycle ended too late; return the fault if there were too many in a row."""
         self._overruns = self._overruns + 1 if overran else 0
         if self._overruns >= self.guards.overruns:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
     def sample(self, t: float, s: JointSample, q_d: np.ndarray) -> SafetyError | None:
-        """Check a sample of time t [s], where the reference was q_d [rad], (n,); return the fault, if there is one."""
+        """Check a sample at time t [s] with reference q_d [rad], (n,); return the fault, if any."""
         g = self.guards
         self._missed = 0
         lag = q_d - s.q

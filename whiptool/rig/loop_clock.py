@@ -7,19 +7,20 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Where the loop's time comes from."""
+    """Source of the control loop's time."""
 
     def now(self) -> float:
         """Time [s] from some fixed instant; it never goes back."""
         ...
 
     def sleep_until(self, t: float) -> None:
-        """Return at time t [s], or at once if that is past."""
+        """Wait until time t [s]; return at once if it is past."""
         ...
 
 
 class WallClock:
-    """The monotonic clock. It sleeps up to `spin` before the deadline and spins the rest, for less jitter."""
+    """The system's monotonic clock. It sleeps until `spin` [s] before the deadline, then busy-waits, for less
+    jitter."""
 
     def __init__(self, spin: float = 2e-4) -> None:
         self.spin = spin
@@ -38,7 +39,7 @@ class WallClock:
 
 
 class StepClock:
-    """Time that passes only in `sleep_until`: for the lock-step twin, where the loop's writes make time."""
+    """Time that advances only in `sleep_until`, for the twin in lock step, which is driven by the loop's writes."""
 
     def __init__(self) -> None:
         self._t = 0.0

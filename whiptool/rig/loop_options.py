@@ -14,23 +14,23 @@ SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: bounds that make it end,
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """How a strike is run.
+    """Settings of the control loop of a strike.
 
     Args:
         rate: Cycles per second [Hz].
-        t_stay: The controller stays on after the movement ended [s].
+        t_stay: Time after the movement's end for which the controller stays on [s].
         approach_speed: Largest speed of the reference on the way to the start posture and back [rad/s], 0.01 to 2.
-        settle: Wait at the start posture [s]. The whip's hinge has no damping, so that no waiting ends a swing: what
-            keeps the whip still is an approach that lasts several of its periods (1.6 s for `lemon2024`; see
+        settle: Waiting time at the start posture [s]. As the whip's hinge has no damping, waiting does not stop a
+            swing; the approach should last several periods of the whip (1.6 s for `lemon2024`; see
             `whiptool.dynamics.modes`).
-        go_back: Return to where the arm was armed, before torque goes off.
-        caps: Largest stiffness and damping of the strike's controller; `default_caps` gives some.
-        rehearse: Play every strike through in simulation before the arm is armed, and refuse what is beyond the motors
-            or unstable at this rate.
-        delay: Delay from a sample to its torque [s] in the rehearsal: that of the line and the adapter.
-        margin: Part of the motors' speed-torque line that is kept free.
-        stiffness, damping: Natural frequency [rad/s] and damping ratio of the posture controller that moves the arm
-            before and after the strike; its matrices are the arm's inertia times these.
+        go_back: Whether to return to the posture at arming before torque goes off.
+        caps: Largest stiffness and damping of the strike's controller, see `default_caps`; None: no caps.
+        rehearse: Whether to simulate every strike before the arm is armed, and to refuse it if it exceeds the motors'
+            limits or is unstable at this rate.
+        delay: Delay from a sample to its torque in the rehearsal [s], due to bus and adapter.
+        margin: Fraction of the motors' limits that must remain unused.
+        stiffness, damping: Natural frequency [rad/s] and damping ratio of the controller that moves the arm before and
+            after the strike, see `posture_controller`.
     """
 
     rate: float = 500.0

@@ -28,22 +28,22 @@ def build_recording(
     t_stay: float = T_STAY,
     source: str = "rig",
 ) -> StrikeRecording:
-    """The recording of a strike: joints from the servos, markers from a camera.
+    """Return the recording of a strike: joints from the servos, markers from a camera.
 
     Time 0 is the first cycle of the strike, by the loop's clock.
 
     Args:
         cycles: Cycles of the run, all phases.
-        model: For the lengths of the arm's links.
-        track: What a camera saw, its times on the loop's clock with 0 at the strike's first cycle. None: the only
-            markers are the arm's own joints and the handle, from the encoders.
-        controller: The controller's table.
-        target: Its position [m].
-        t_stay: As in the loop [s].
-        source: Name of its source.
+        model: Model, for the lengths of the arm's links.
+        track: Recording of a camera, with times relative to the strike's first cycle. None: the only markers are the
+            arm's joints and the handle, computed from the encoders.
+        controller: The controller as a table.
+        target: Position of the target [m].
+        t_stay: Time after the movement, as in the loop [s].
+        source: Name of the source.
 
     Raises:
-        InputError: The run never came to its strike.
+        InputError: The run ended before its strike.
     """
     during = cycles.during(Phase.STRIKE)
     seen = np.isfinite(during.q).all(axis=1)

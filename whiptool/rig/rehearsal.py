@@ -31,12 +31,13 @@ STILL = 0.1  # [rad/s], below which an arm holds a posture
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """How a strike went in simulation, sampled as the rig samples it.
+    """Result of simulating a strike with the rig's sampling.
 
     Args:
         trajectory: States and requested torques at every cycle; `K`, `B` are the law's own, before caps.
-        usage: Torque over the motor's speed-torque line, at the worst instant; 1 is on the line.
-        chatter: Root mean square of the torque's second difference over that of the torque, worst joint.
+        usage: Largest usage of the motors' limits; 1 is on the speed-torque line.
+        chatter: Ratio of the root mean square of the torque's second difference to that of the torque, for the worst
+            joint.
         refused: Reason why the strike must not run; None: it may.
     """
 
@@ -57,22 +58,22 @@ def rehearse(
     motor: Motor | None = None,
     believed: Model | None = None,
 ) -> Rehearsal:
-    """Play a strike at the loop's cycles per second on the twin's physics, and judge it.
+    """Simulate a strike at the loop's rate with the twin's physics, and judge it.
 
-    A controller that is stable in continuous time may be unstable when its torques are held for a whole period, since
-    OIAC's gains grow with the square of the error. If so, cap the gains or choose another strike.
+    A controller that is stable in continuous time may be unstable if its torques are held for a period, since OIAC's
+    gains grow with the square of the error. Then limit the gains (`caps`) or choose another strike.
 
     Args:
-        model: Whip, arm, gravity.
+        model: Model of arm and whip.
         controller: The controller of the strike.
         strike: The strike; it starts at rest with the whip hanging.
-        options: Options of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: the usual ones, without a
+        options: Settings of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: `LoopOptions()` without
             delay.
         limits: Limits of the motors.
         guards: Guards of the run; its speed and tracking error must not be reached.
-        motor: The twin's; default: one without friction.
-        believed: The posterior mean of whip and arm, which the strike is played on; default: the model. The loop's
-            gravity compensation is that of the model in any case.
+        motor: Motor of the simulation; default: one without friction.
+        believed: The posterior mean of whip and arm, with which the strike is simulated; default: the model. Gravity
+            compensation always uses the model.
 
     Raises:
         InputError: The strike is of another arm.

@@ -24,7 +24,7 @@ from whiptool.rig.stops import Interlock, SafetyError, torque_in_words
 
 
 class State(IntEnum):
-    """State that the arm's safety is in."""
+    """State of the servos' arming."""
 
     DISARMED = 0  # torque off
     ARMED = 1  # torque on, no current yet
@@ -33,15 +33,15 @@ class State(IntEnum):
 
 
 class Safety:
-    """The only door to the motors: nothing else writes Goal Current or Torque Enable.
+    """Arms, commands and disarms the servos; no other code writes Goal Current or Torque Enable.
 
-    As a context manager it leaves the motors off, whatever ended the block.
+    As a context manager it switches the motors off, however the block ends.
 
     Args:
         joints: The servos.
         current: Current limit while armed [A].
-        watchdog: A servo stops when it hears nothing for this long [s], 0.04 to 0.1.
-        attempts: How often torque off is tried, at most, until every servo confirms it.
+        watchdog: Time without instructions after which a servo stops [s], 0.04 to 0.1.
+        attempts: Largest number of attempts to switch torque off until every servo confirms it.
         interlock: Interlock that is set after a stop; default: a new one.
     """
 
@@ -67,7 +67,7 @@ class Safety:
 
     @property
     def torque(self) -> str:
-        """What became of the motors, in words."""
+        """State of the motors as text."""
         return torque_in_words(self.confirmed, self._silent)
 
     def _tell(self) -> None:
@@ -75,27 +75,27 @@ class Safety:
         self.interlock.torque_off, self.interlock.torque = self.confirmed, self.torque
 
     def check(self) -> None:
-        """Refuse what forbids arming, before anything is written to a servo.
+        """Check that the servos may be armed, before anything is written to them.
 
         Raises:
             Locked: The arm was stopped, and no person has released it.
-            InputError: A servo is set up otherwise than strikes assume.
+            InputError: A servo has register values that strikes do not accept.
             NoReply, Refused, Unplugged: A servo does not answer.
         """
         self.interlock.check()
         check_registers(self.joints.bus)
 
     def arm(self, interruptible: Callable[[], AbstractContextManager[None]] = nullcontext) -> JointSample:
-        """Switch the servos on: torque off, limits, mode, Goal Current 0 *and read back*, watchdog, torque on.
+        """Arm the servos: torque off, limits, mode, Goal Current 0 (which is verified), watchdog, torque on.
 
         Goal Current is read back because a change of mode sets it to the current limit.
 
         Args:
-            interruptible: Context in which a signal to stop raises KeyboardInterrupt at once: torque is switched on
-                in it.
+            interruptible: Context manager for switching torque on, within which a stop signal raises KeyboardInterrupt
+                at once.
 
         Returns:
-            The joints as they are.
+            A sample of the joints.
 
         Raises:
             Locked: The arm was stopped, and no person has released it.
@@ -162,7 +162,7 @@ class Safety:
         """Send joint torques [N m], (n,).
 
         Returns:
-            Goal Currents as sent [counts], (n,), and whether they were cut to the limit.
+            Goal Currents that were sent [counts], (n,), and whether they were clipped to the limit.
 
         Raises:
             SafetyError: The arm is not armed, or the torque is not finite.
@@ -193,7 +193,7 @@ class Safety:
     def fault(self, reason: SafetyError) -> None:
         """Command zero current and switch torque off after a fault; the first reason is kept.
 
-        Nothing is armed any more before a person has released the interlock.
+        The servos cannot be armed again until a person has released the interlock.
         """
         self.state = State.FAULT
         self.reason = self.reason or reason
@@ -203,7 +203,7 @@ class Safety:
         self.interlock.trip(str(self.reason), lasting=lasting, torque=self.torque)
 
     def disarm(self) -> None:
-        """Command zero current and switch torque off at the end of a run; a fault stays a fault."""
+        """Command zero current and switch torque off at the end of a run; a state of fault is kept."""
         if self.state == State.FAULT:
             self._stop()
             return

@@ -41,12 +41,12 @@ CYCLES, RECORDING = "cycles.log", "recording.npz"
 
 @dataclass(frozen=True)
 class Struck:
-    """One strike on a rig.
+    """Result of one strike on a rig.
 
     Args:
         run: Result of the control loop.
-        recording: Joints, and the tip as the camera saw it; None if the run never came to its strike.
-        truth: True motion of a twin's arm and whip, time 0 at the strike's first cycle.
+        recording: Recording of the joints and of the filmed tip; None if the run ended before its strike.
+        truth: True motion of a twin's arm and whip, relative to the strike's first cycle; None for hardware.
     """
 
     run: Run
@@ -79,9 +79,10 @@ class Struck:
         return tip_seen(self.recording, 2)
 
     def judged(self, target: Target) -> Judgement | None:
-        """The miss as estimated from the camera's frames, with its standard error; None if they do not show the tip.
+        """Return the miss distance estimated from the camera's frames, with its standard error; None if they do not
+        show the tip.
 
-        It is judged once for each target: that takes a while, and command, plots and report all ask.
+        The result is cached for each target.
         """
         if target not in self._judged:
             frames = self._frames(target)
@@ -89,7 +90,7 @@ class Struck:
         return self._judged[target]
 
     def unseen(self, target: Target) -> tuple[float, float] | None:
-        """From when to when the tip was not seen around its closest approach [s]; None: it was."""
+        """Return the interval around the closest approach in which the tip was not seen [s]; None if it was seen."""
         frames, judged = self._frames(target), self.judged(target)
         if frames is None or judged is None or judged.nearest is None:
             return None
@@ -103,20 +104,22 @@ class Struck:
 
 
 def nothing_seen(a: int) -> Approach:
-    """The approach of a strike of an arm of a joints that was refused, or ended in a fault, or was not filmed."""
+    """Return the approach (B = 1) of a strike that was refused, ended in a fault or was not filmed, for an arm with a
+    joints.
+    """
     nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
     return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
 
 
 @dataclass(frozen=True)
 class TwinTruth:
-    """How a twin differs from the model; the code that plans and controls strikes does not see it.
+    """The true parameters of a twin, which the code that plans and controls strikes does not know.
 
     Args:
         model: The true arm and whip.
         motor: The true motors.
-        command_delay, sample_delay: Command delay and sample delay of the line [s].
-        clock_offset: The camera's clock is late by this [s].
+        command_delay, sample_delay: Delays of commands and of samples on the bus [s].
+        clock_offset: Time by which the camera's clock is late [s].
         seed: Seed of the camera's noise.
     """
 
@@ -129,15 +132,7 @@ class TwinTruth:
 
 
 class Rig:
-    """What can strike, hardware or a twin: the control loop, the records, and what a stop leaves.
-
-    Args:
-        model: The nominal model of whip and arm.
-        controller: Controller of the strike.
-        target: Position of the target [m], which is visible in images.
-        options: Options of the loop.
-        interlock: Interlock that is set after a stop; default: a new one.
-    """
+    """A rig that can make strikes: hardware, or a simulated twin."""
 
     port = "twin"
 
@@ -154,20 +149,20 @@ class Rig:
         self.options, self.interlock = options or LoopOptions(), interlock or Interlock()
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """Strike once; the records go to a folder as they are made.
+        """Make one strike, and write its records to a folder as they arise.
 
         Args:
             strike: The strike to make.
-            folder: For the records; None: they are not kept.
+            folder: Folder for the records; None: they are not written.
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the rig's model.
 
         Raises:
             StrikeRefused: The strike must not be made; nothing was armed.
-            StrikeStopped: A fault ended it: it does not count as a trial. What it left is in the exception and in the
-                folder.
-            StrikeInterrupted: A signal came, likewise; it is a KeyboardInterrupt.
+            StrikeStopped: A fault ended the strike, which does not count as a trial. Its partial result is in the
+                exception and in the folder.
+            StrikeInterrupted: A signal ended the strike, with the same consequences; it is a KeyboardInterrupt.
             Locked: The arm was stopped before, and no person has released its interlock.
-            InputError: Servos, line or camera are not as they must be.
+            InputError: Servos, bus or camera are not ready or not set up correctly.
         """
         self.interlock.check()
         self._ask(strike)
@@ -219,14 +214,14 @@ class Rig:
 
 
 class TwinRig(Rig):
-    """The emulator behind the real protocol, in lock-step, and a virtual camera.
+    """A simulated rig: emulated servos with the real protocol in lock step, and a virtual camera.
 
     Args:
         model, controller: See `Rig`.
         truth: True model and motors; default: the model, ideal motors.
-        camera: `d435-color`, `d435-infrared`: rendered and tracked; `points`: the tip's position with the error that
-            tracked images have, without the images; `none`.
-        at_once: The twin stands at the strike's start already: no approach, no waiting, no way back.
+        camera: `d435-color` or `d435-infrared`: images are rendered and tracked; `points`: the tip's position with
+            errors like those of tracked images; `none`.
+        at_once: Whether the twin starts at the strike's start posture, without approach, waiting and return.
         shared: `target`, `options`, `interlock`, as `Rig` takes them.
     """
 
@@ -308,12 +303,12 @@ class TwinRig(Rig):
 
 @dataclass(frozen=True)
 class ServoLine:
-    """A serial line with servos.
+    """A serial port with servos.
 
     Args:
         port: Serial device.
         ids: Ids of the servos, shoulder first; default: 1, 2, ..
-        baud: Bits per second.
+        baud: Baud rate [bit/s].
     """
 
     port: str
@@ -329,9 +324,10 @@ class HardwareRig(Rig):
 
     Args:
         model, controller: See `Rig`.
-        line: To the servos.
-        camera: A `whiptool.vision.source.FrameSource` whose frames carry the monotonic clock's times; None: none.
-        confirm: Asked before every strike; False ends the session. None: no question, unless the arm was stopped.
+        line: Serial port of the servos.
+        camera: A `whiptool.vision.source.FrameSource` with times of the monotonic clock; None: no camera.
+        confirm: Called before every strike; if it returns False, the session ends. None: no confirmation, unless the
+            arm was stopped.
         shared: `target`, `options`, `interlock`, as `Rig` takes them.
     """
 
@@ -385,10 +381,10 @@ class HardwareRig(Rig):
 
 
 def carried_out(struck: Struck) -> Struck:
-    """Return what a strike left, if it was carried out.
+    """Return the result of a strike if it was carried out.
 
     Raises:
-        StrikeInterrupted: A signal came.
+        StrikeInterrupted: A signal ended it.
         StrikeStopped: A fault ended it.
     """
     run = struck.run
@@ -414,20 +410,20 @@ def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:
 
 
 class RigRollout(Rollout):
-    """A rig in a simulator's place: what any search or learner can have as its objective, strike by strike.
+    """A rig with the interface of a simulator, for searches and learners that strike one after the other.
 
     Args:
-        make: The rig, hardware or twin, for a strike's number.
-        model: The nominal model; bounds and reach are taken from it.
-        folder: Strike 7 leaves `strike-0007` here; None: nothing is left.
-        done: Strikes that a run made before it was killed.
+        make: Returns the rig, hardware or twin, for a strike's number.
+        model: The nominal model, for bounds and reach.
+        folder: Folder for the records, with `strike-0007` for strike 7; None: none are written.
+        done: Number of strikes that a resumed run had already made.
 
     A strike that the rig refuses, or whose tip was not seen, has no closest approach: `Approach.lost` says which. One
     that a fault or a signal ends does not count as a trial: its exception ends the search.
 
     Attributes:
         struck: Result of each strike; None: it was refused.
-        refused: Why strikes were refused, by their numbers.
+        refused: Reasons why strikes were refused, by number.
     """
 
     engine = "rig"
@@ -440,7 +436,7 @@ class RigRollout(Rollout):
         self.refused: dict[int, str] = {}
 
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
-        """One strike after the other; see `whiptool.rollout.CompiledRollout.approach`."""
+        """Make strikes one after the other; see `whiptool.rollout.CompiledRollout.approach`."""
         found = []
         vectors = self.vectors(strikes)
         for vector, point in zip(vectors, target_points(target, len(vectors)), strict=True):
@@ -471,10 +467,10 @@ class RigRollout(Rollout):
         return dataclasses.replace(near, **known)
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Return the true trajectory of a twin's strike.
+        """Make a strike with a twin, and return its true trajectory.
 
         Raises:
-            WhiptoolError: Hardware does not tell.
+            WhiptoolError: The rig is hardware, whose true trajectory is unknown.
         """
         vector = self.one_vector(strike)
         struck = self.make(self._done + len(self.struck) + 1).strike(Strike.from_vector(vector))

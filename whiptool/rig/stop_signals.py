@@ -13,25 +13,25 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Listener:
-    """Has handlers of signals, in whose place those of `StopSignals` stand for a while."""
+    """Base of objects with signal handlers that `StopSignals` may replace for a while."""
 
     def note(self, number: int) -> None:
-        """Take note of a signal that has already ended what was done."""
+        """Record a signal that was handled by `StopSignals`."""
 
 
 class StopSignals:
-    """Signals as a wish that the loop sees in its next cycle; however many come, torque-off is completed.
+    """Collects signals, which the control loop checks in every cycle, so that torque-off is always completed.
 
-    An exception out of a handler could leave a packet half sent, and torque on. Two things are interrupted all the
-    same: the switching on of torque, and, by a second signal, a callback that is not ours and may hang. Outside of the
-    main thread Python knows no handlers: it does nothing.
+    An exception in a signal handler could leave a packet half sent and torque on. Only two things are interrupted:
+    switching torque on, and, by a second signal, a user's callback, which may hang. Outside the main thread, where
+    Python has no signal handlers, it does nothing.
 
-    When its block has ended, the handlers are as before. A signal that came then does what it would have done, once,
-    unless `answered` says that what was done ends anyway.
+    At the end of its block the previous handlers are restored, and a received signal is sent again, once, unless
+    `answered` is set.
 
     Attributes:
         received: Name of the first signal that came; None: none did.
-        answered: Whether a stop has been reported already; further signals of the block add nothing to it.
+        answered: Whether the stop has already been reported, so that received signals need no further action.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,8 @@ class StopSignals:
 
     @contextmanager
     def interruptible(self, signals: int = 1) -> Iterator[None]:
-        """Raise KeyboardInterrupt within this block once so many signals have come, also if they came before it."""
+        """Raise KeyboardInterrupt within a `with` block as soon as `signals` signals have come, including earlier
+        ones."""
         self._raises_at = signals
         try:
             self._raise_if_due()
@@ -60,7 +61,7 @@ class StopSignals:
             self._raises_at = None
 
     def listen(self) -> StopSignals:
-        """Note signals from now on, until `close`."""
+        """Collect signals from now on, until `close`; returns itself."""
         if threading.current_thread() is threading.main_thread():
             for number in SIGNALS:
                 if number == signal.SIGHUP and signal.getsignal(number) == signal.SIG_IGN:  # nohup
@@ -69,7 +70,7 @@ class StopSignals:
         return self
 
     def close(self) -> None:
-        """Set the handlers as before; a signal that was not handled is sent again."""
+        """Restore the previous handlers; a signal that was not handled is sent again."""
         number = None if self.received is None else signal.Signals[self.received]
         listeners = {getattr(handler, "__self__", None) for handler in self._before.values()}
         if number is not None and self.answered:
@@ -91,6 +92,6 @@ class StopSignals:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Have signals wait until the block has ended; then they do what they would have done."""
+    """Delay signals until the end of a `with` block."""
     with StopSignals():
         yield

@@ -26,29 +26,28 @@ class SafetyError(WhiptoolError):
 
 
 class StrikeRefused(InputError):
-    """A strike that must not be made; nothing was armed, and another strike may be asked for."""
+    """A strike must not be made; nothing was armed, and another strike may be tried."""
 
 
 class NotConfirmed(InputError):
-    """A person did not say that the arm may move; nothing was armed, and the session is over."""
+    """A person did not confirm that the arm may move; nothing was armed, and the session ends."""
 
     def __init__(self, strike: Sequence[float]) -> None:
         super().__init__("strike", strike, "one that was confirmed")
         self.args = ("not confirmed; nothing was armed",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """The same error: no option is at fault."""
+        """Return the error unchanged, as no option is the cause."""
         return self
 
 
 class StrikeStopped(WhiptoolError):
-    """A strike that was interrupted by a fault, or whose film was lost: it does not count as a trial, and the session
-    is over.
+    """A fault interrupted a strike, or its film was lost; it does not count as a trial, and the session ends.
 
     Args:
-        reason: Why.
-        struck: Result of the strike, for the records; None: the port keeps none.
-        torque: State of the motors, in words.
+        reason: Reason of the stop.
+        struck: Partial result of the strike; None without a result.
+        torque: State of the motors, as text.
     """
 
     def __init__(self, reason: str, struck: Any = None, torque: str = "") -> None:
@@ -57,13 +56,12 @@ class StrikeStopped(WhiptoolError):
 
 
 class StrikeInterrupted(KeyboardInterrupt):
-    """A strike during which a signal came (Ctrl-C, SIGTERM or SIGHUP): it does not count as a trial, and the session is
-    over.
+    """A signal (Ctrl-C, SIGTERM or SIGHUP) interrupted a strike; it does not count as a trial, and the session ends.
 
     Args:
         reason: The signal.
-        struck: Result of the strike, for the records.
-        torque: State of the motors, in words.
+        struck: Partial result of the strike.
+        torque: State of the motors, as text.
     """
 
     def __init__(self, reason: str, struck: Any, torque: str) -> None:
@@ -77,11 +75,11 @@ class Locked(WhiptoolError):
 
 
 def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
-    """Say whether torque is off, and what to do if it may not be.
+    """Return a text that says whether torque is off, and what to do if it may not be.
 
     Args:
-        confirmed: Whether every servo said that its torque is off.
-        silent: Ids of the servos that did not.
+        confirmed: Whether every servo confirmed that its torque is off.
+        silent: Ids of the servos that did not confirm.
     """
     if confirmed:
         return "torque is off"
@@ -90,14 +88,14 @@ def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
 
 
 class Interlock:
-    """Keeps the servos from being armed after a stop, until a person has released them.
+    """Prevents arming of the servos after a stop until a person has released it.
 
-    A fault also leaves a mark in files, so that later calls know of it. A signal leaves none: it came from a person.
+    A fault is also recorded in files, so that later calls know of it; a signal is not, as it came from a person.
 
     Attributes:
         stop: Why the arm was stopped; None: it was not, or it was released.
         torque_off: Whether every servo has confirmed that its torque is off; None: nothing was armed.
-        torque: The same in words, as a message tells it.
+        torque: The same as text.
     """
 
     def __init__(self) -> None:
@@ -107,19 +105,19 @@ class Interlock:
         self._marks: list[Path] = []
 
     def watch(self, mark: Path) -> None:
-        """Leave a mark in this file after a fault; a mark that it has is one of an earlier call."""
+        """Record faults in the file `mark`; if it exists, a fault of an earlier call is taken from it."""
         if mark not in self._marks:
             self._marks.append(mark)
         if mark.exists():
             self.stop = self.stop or _read(mark)
 
     def trip(self, reason: str, *, lasting: bool = True, torque: str = "") -> None:
-        """Lock, and leave a mark in the files; it does not raise, since torque goes off after it.
+        """Lock, and record the stop in the files; it never raises, because torque is switched off after it.
 
         Args:
             reason: Why the arm was stopped; the first reason is kept.
-            lasting: Whether later calls are to know of it.
-            torque: State of the motors, in words.
+            lasting: Whether the stop is recorded for later calls.
+            torque: State of the motors, as text.
         """
         self.stop = self.stop or reason
         if not lasting:
@@ -148,9 +146,9 @@ class Interlock:
             )
 
     def release(self) -> None:
-        """Let the servos be armed again: a person has found the cause of the stop, and everybody is away.
+        """Allow arming again: a person has removed the cause of the stop, and no one is near the arm.
 
-        The marks are renamed with a number, so that a record of what happened remains.
+        The files that record the stop are renamed with a number and kept.
         """
         self.stop = None
         for mark in self._marks:

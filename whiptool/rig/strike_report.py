@@ -47,10 +47,10 @@ def sections(
     """Return the report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
-        struck: Result of the strike; after a fault, its existing parts.
-        model: For the names of the arm's joints.
+        struck: Result of the strike, which may be partial after a fault.
+        model: Model, for the names of the arm's joints.
         target: Position and hit radius.
-        pictures: As `draw` returns them.
+        pictures: Figures from `draw`.
         limits: Limits of the motors.
     """
     result: list[Table | Text | Picture] = [_result(struck, target)]
@@ -76,10 +76,9 @@ def save_pictures(folder: str | Path, pictures: dict[str, Figure]) -> list[Path]
 
 
 def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> dict[str, Figure]:
-    """Return the figures `strike`, `servos` and `cycles`, those of them that the run has data for.
+    """Return those of the figures `strike`, `servos` and `cycles` for which the run has data.
 
-    A run that never came to its strike has `cycles` alone. The arguments are those of `sections`; of the model, the
-    lengths of the arm's links are used, too.
+    A run that ended before its strike only has `cycles`. The arguments are those of `sections`.
     """
     cycles = struck.run.cycles
     during = cycles.during(Phase.STRIKE)
@@ -104,7 +103,7 @@ def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = 
 
 
 def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
-    """Draw the tip's path as seen (and as it was, where a twin knows), the target, and the arm at closest approach.
+    """Draw the measured path of the tip (for a twin also the true one), the target, and the arm at closest approach.
 
     Raises:
         AssertionError: There is no recording.
@@ -137,7 +136,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
 
 
 def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
-    """Draw the distance of the tip from the target over time, as seen and, where a twin knows, as it was."""
+    """Draw the measured distance of the tip from the target over time, and for a twin also the true one."""
     recording = struck.recording
     assert recording is not None
     where = np.array(target.position)
@@ -176,7 +175,7 @@ def plot_angle(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
 
 
 def plot_current(ax: Axes, during: Cycles, joint: int, name: str, limits: MotorLimits) -> Axes:
-    """Draw a joint's commanded and measured current [A] over the strike, and what its motor can carry."""
+    """Draw a joint's commanded and measured current [A] over the strike, and the limits of its motor."""
     t, v = during.t - during.t[0], during.v[:, joint]
     most = np.maximum(limits.available(v, np.ones(len(v))), 0.0) / limits.torque_constant
     least = -np.maximum(limits.available(v, -np.ones(len(v))), 0.0) / limits.torque_constant
@@ -190,7 +189,7 @@ def plot_current(ax: Axes, during: Cycles, joint: int, name: str, limits: MotorL
 
 
 def plot_motor_line(ax: Axes, during: Cycles, joints: Sequence[str], limits: MotorLimits) -> Axes:
-    """Draw every cycle of the strike in the plane of speed and torque, and the line that a motor cannot leave."""
+    """Draw the speed and torque of every cycle of the strike, and the motor's speed-torque line."""
     w, stall = limits.no_load_speed, limits.stall_torque
     ax.fill(
         [-w, 0, w, w, 0, -w], [stall, stall, 0, -stall, -stall, 0], color=COLORS["green"], alpha=0.2, linewidth=0,
@@ -208,7 +207,7 @@ def plot_motor_line(ax: Axes, during: Cycles, joints: Sequence[str], limits: Mot
 
 
 def plot_cycles(ax: Axes, cycles: Cycles) -> Axes:
-    """Draw the time from one sample to the next [ms] over the run, its phases, and what was wrong with a cycle."""
+    """Draw the time between samples [ms] over the run, with its phases and the faults of cycles."""
     between = 1e3 * np.diff(cycles.stamp, prepend=np.nan)
     ax.plot(cycles.t, between, ".", color="0.35", markersize=2, rasterized=len(cycles) > 5000)
     for phase, color in _PHASES.items():

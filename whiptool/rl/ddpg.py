@@ -14,7 +14,8 @@ from whiptool.rl.settings import DDPGSettings
 
 
 class DDPG(OffPolicyLearner):
-    """One critic, one deterministic actor, slow targets of both, Gaussian exploration."""
+    """DDPG learner: one critic, one deterministic actor, slowly updated target networks of both, Gaussian
+    exploration."""
 
     Actor = DeterministicActor
 
@@ -26,14 +27,14 @@ class DDPG(OffPolicyLearner):
 
     @torch.no_grad()
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """The actor's action, with noise unless deterministic."""
+        """Return the actor's actions (B, n_act), with noise unless `deterministic`."""
         action = self.actor(obs)
         if deterministic:
             return action
         return (action + self.settings.noise * self.normal(len(obs), self.n_act)).clamp(-1, 1)
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the target policy's next action, and zero to add to its value."""
+        """Return the target policy's next actions, and zero as the bonus on their value."""
         return self.target_actor(obs), torch.zeros(())
 
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:

@@ -36,7 +36,7 @@ _CHOSEN = ("target", "angle", "targets", "angles")  # options of `reset`, for on
 def make_task(
     *, model: Model | str | Path = "lemon2024", controller: Controller | str | None = None, **options: Any
 ) -> StrikeTask:
-    """The task behind an environment, from the environment's options.
+    """Return the task of an environment, from the environment's options.
 
     Args:
         model: A model, the name of a preset, or a TOML file.
@@ -57,7 +57,9 @@ def make_task(
 
 
 def spaces(task: StrikeTask) -> tuple[Box, Box]:
-    """Observations in SI units, (n_obs,), and actions, (n_act,), that cover the box of strikes with [-1, 1]."""
+    """Return the spaces of observations in SI units, (n_obs,), and of actions in [-1, 1], (n_act,), which span the
+    strikes' box.
+    """
     lower, upper = task.zone.box
     d = task.zone.dimension
     reach = np.full(d, task.rollout.model.reach)
@@ -76,17 +78,17 @@ def spaces(task: StrikeTask) -> tuple[Box, Box]:
 class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """Gymnasium environment: strike at a target until it is hit.
 
-    An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target,
-    or takes that of `options={"target": (x, y)}` [m], in space `(x, y, z)`. Where arrival angles are drawn, it takes
-    `"angle"` as well [rad]. `info` holds the `target` [m], and after a strike whether it hit (`is_success`),
-    `miss_distance` [m], `tip_speed` at the closest approach [m/s], `diverged`, `refused` (beyond which limits it is, in
-    a word: `joint`, `clearance`; empty: beyond none), and, if it hit, `hit_time` [s]. Of a strike that diverged or was
-    refused the distance is a penalty, the speed zero.
-    Where more than a point is asked for there are `direction`, if it is, and after a strike `arrival_angle` from it
-    [rad], `arrival_speed` along it [m/s], and the `cost` [m] (`Goals`); of a lost strike pi, zero and the penalty.
+    An episode has one goal; it is terminated by a hit and truncated after `strikes` misses. `reset` draws a target, or
+    uses that of `options={"target": (x, y)}` [m], in space `(x, y, z)`; if arrival angles are drawn, also `"angle"`
+    [rad]. `info` contains the `target` [m] and after a strike `is_success` (a hit), `miss_distance` [m], `tip_speed` at
+    the closest approach [m/s], `diverged`, `refused` (the exceeded limit, such as `joint` or `clearance`; empty: none)
+    and, after a hit, `hit_time` [s]. If a strike diverged or was refused, the distance is a penalty and the speed zero.
+    If the goal has a direction or speed, `info` also contains the `direction`, if any, and after a strike
+    `arrival_angle` from it [rad], `arrival_speed` along it [m/s] and `cost` [m] (`Goals`); if a strike diverged or was
+    refused, these are pi, zero and the penalty.
 
     Args:
-        render_mode: None, or `rgb_array`: a picture of the last strike.
+        render_mode: None, or `rgb_array` for a picture of the last strike.
         options: See `make_task`.
 
     Raises:
@@ -119,7 +121,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return seen, {name: value[0] for name, value in _asked(self.task).items()}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Strike once; action (n_act,), clipped to [-1, 1].
+        """Make one strike by an action (n_act,), which is clipped to [-1, 1].
 
         Raises:
             InputError: The action is not `n_act` finite numbers.
@@ -133,7 +135,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return _float32(step.obs)[0], float(step.reward[0]), bool(step.hit[0]), bool(step.truncated[0]), info
 
     def render(self) -> np.ndarray | None:
-        """The last strike, or the whip at rest before the first; (480, 640, 3) of uint8."""
+        """Return a picture of the last strike, or of the whip at rest before the first, (480, 640, 3) uint8."""
         if self.render_mode is None:
             return None
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -158,16 +160,16 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Lanes that each strike at their own target, all strikes of a step as one batch.
+    """Vector environment: lanes (sub-environments) with their own targets, whose strikes are simulated as one batch.
 
-    A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then what is
-    seen before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` hold what came of the
-    last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` says in which lanes `info[name]` holds.
-    `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space, and where arrival angles are
-    drawn `"angles"` (num_envs,) [rad] as well.
+    A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then the
+    observation before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` contain the
+    result of the last strike, as in `gymnasium.vector.SyncVectorEnv`. A mask `_name` states for which lanes
+    `info[name]` is valid. `reset(options={"targets": ...})` takes targets (num_envs, d) [m], d = 3 in space, and, if
+    arrival angles are drawn, also `"angles"` (num_envs,) [rad].
 
     Args:
-        num_envs: Lanes.
+        num_envs: Number of lanes.
         options: See `make_task`.
 
     Raises:
@@ -185,10 +187,11 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """A target for every lane, and what is seen before the first strikes, (num_envs, n_obs).
+        """Draw a target for every lane; return the observations before the first strikes, (num_envs, n_obs), and the
+        information.
 
         Raises:
-            InputError: The targets of the options are not one point per lane, or the angles not one number.
+            InputError: The options do not give one point, or one angle, per lane.
         """
         super().reset(seed=seed)
         _check_names(options)
@@ -198,7 +201,7 @@ class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return _float32(obs), _masked(_asked(self.task), np.ones(self.num_envs, bool))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Strike once in every lane; actions (num_envs, n_act), clipped to [-1, 1].
+        """Make one strike in every lane by actions (num_envs, n_act), which are clipped to [-1, 1].
 
         Returns:
             Observations (num_envs, n_obs), rewards, terminations, truncations, (num_envs,) each, and `info`.

@@ -18,11 +18,11 @@ HELD_OUT = ("held_out_hit", "held_out_cost")
 
 
 class EpisodeTable:
-    """A CSV file of episodes; every line has the same columns, empty where an episode has no such number.
+    """A CSV file with one line per training episode; cells are empty if an episode has no such value.
 
     Args:
         path: Path of the file, which may hold earlier episodes.
-        losses: Names of the learner's.
+        losses: Names of the learner's losses.
     """
 
     def __init__(self, path: Path, losses: Sequence[str]) -> None:
@@ -30,7 +30,7 @@ class EpisodeTable:
         self.names = [*(f.name for f in fields(TrainingEpisode) if f.name not in _OTHERS), *losses, *HELD_OUT]
 
     def cut(self, episodes: int) -> None:
-        """Leave the first episodes; those after them will be made again."""
+        """Keep only the first `episodes` lines; later episodes will be repeated."""
         lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True) if self.path.exists() else []
         write_whole(self.path, "".join(lines[: 1 + episodes if episodes else 0]))
         if episodes and lines:
@@ -40,7 +40,7 @@ class EpisodeTable:
         """Append an episode.
 
         Raises:
-            OSError: It cannot be written; no half of the line is left.
+            OSError: The file cannot be written; no partial line is left.
         """
         row = {name: getattr(episode, name) for name in self.names if hasattr(episode, name)} | episode.losses
         if episode.held_out is not None:

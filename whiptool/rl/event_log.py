@@ -17,16 +17,16 @@ from whiptool.whole_files import append_whole
 
 
 class EventLog:
-    """A new event file in a folder.
+    """A new TensorBoard event file in a folder.
 
-    PyTorch's own writer works in a thread, in which an error for a full disk is a traceback that names no file.
+    PyTorch's own writer uses a thread, in which a full disk only causes a traceback without the file's name.
 
     Args:
-        folder: Made if missing.
-        first_step: What earlier files in the folder hold of this step and later ones is not shown any more.
+        folder: Folder of the file, created if missing.
+        first_step: Values of this and later steps in earlier files of the folder are no longer shown.
 
     Raises:
-        OSError: It cannot be written; the file is named.
+        OSError: The file cannot be written; it is named.
     """
 
     def __init__(self, folder: Path, *, first_step: int) -> None:
@@ -37,7 +37,7 @@ class EventLog:
         self._append(Event(wall_time=time.time(), step=first_step, session_log=start))
 
     def add(self, values: Mapping[str, float], step: int) -> None:
-        """Add numbers by name, at a step."""
+        """Add scalars by name at a step; they are written to the file when this returns."""
         scalars = [Summary.Value(tag=name, simple_value=value) for name, value in values.items()]
         self._append(Event(wall_time=time.time(), step=step, summary=Summary(value=scalars)))
 

@@ -21,14 +21,15 @@ NEAR = (0.0, 0.5, 2.0)  # offsets of new goals from the path, in hit radii and i
 
 
 def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Miss distance of each path from its target, with the tip's place and sample then.
+    """Return the miss distance of each path from its target, with position and sample of the closest approach.
 
     Args:
-        paths: (B, S, d) [m], NaN after a strike's end.
-        targets: (B, d) [m].
+        paths: Paths of tips, (B, S, d) [m]; NaN after a strike's end.
+        targets: Positions of the targets, (B, d) [m].
 
     Returns:
-        Distances (B,) [m], infinite for a path without two samples; nearest points (B, d); samples before them (B,).
+        Distances (B,) [m], infinite for paths with fewer than two samples; nearest points (B, d) [m]; indices of the
+        samples before them (B,).
     """
     nearest = closest_on_segments(paths, targets)
     lanes, i = np.arange(len(paths)), nearest.segment
@@ -39,17 +40,18 @@ def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndar
 def new_targets(
     paths: np.ndarray, zone: Zone, hit_radius: float, uniform: np.ndarray, *, wanted: np.ndarray | None = None
 ) -> np.ndarray:
-    """For each path a target in the zone: on the path or near it, anywhere if the path does not pass the zone.
+    """Return for each path a target in the zone: on the path or near it, or anywhere if the path does not pass the
+    zone.
 
     Args:
-        paths: (B, S, d) [m].
+        paths: Paths of tips, (B, S, d) [m].
         zone: Zone of the targets.
         hit_radius: Hit radius [m].
         uniform: Uniform random numbers, (B, 2 d + 2).
-        wanted: Which samples are drawn from where a path has some of them in the zone, (B, S); None: all.
+        wanted: Which samples are preferred, if any of them is in the zone, (B, S); None: all.
 
     Returns:
-        (B, d) [m]
+        Targets, (B, d) [m].
     """
     return _passed(paths, zone, hit_radius, uniform, wanted)[0]
 
@@ -73,18 +75,18 @@ def _passed(
 
 
 def uniforms(zone: Zone, rule: ArrivalRule) -> int:
-    """Return how many uniform random numbers `new_goals` takes for each path."""
+    """Return the number of uniform random numbers that `new_goals` needs for each path."""
     return 2 * zone.dimension + 2 + 3 * rule.drawn
 
 
 def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: float, uniform: np.ndarray) -> Goals:
-    """Return for each path a goal: a target as of `new_targets`, and a direction that the tip nearly had there.
+    """Return for each path a goal: a target as in `new_targets`, and a direction close to the tip's there.
 
-    Samples come first at which the tip moves as a target there might ask for. Where directions are drawn, the new one
-    is the tip's, or off by half a cone or two cones to either side, or the nearest to that in the range of angles.
+    Samples at which the tip's motion could meet the rule are preferred. If directions are drawn, the new one is the
+    tip's, or deviates by half a cone or two cones to either side, limited to the range of angles.
 
     Args:
-        paths: (B, S, d) [m], at `RATE`.
+        paths: Paths of tips sampled at `RATE`, (B, S, d) [m].
         zone, rule, hit_radius: Zone of the targets, required arrival and hit radius.
         uniform: Uniform random numbers, (B, `uniforms`).
     """
@@ -114,13 +116,13 @@ def _as_asked(paths: np.ndarray, velocities: np.ndarray, zone: Zone, rule: Arriv
 
 
 class Relabelled(NamedTuple):
-    """What strikes came to at other goals.
+    """Results of strikes with respect to other goals.
 
     Args:
-        tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).
-        cost: [m], (B,).
+        tip, velocity: Position [m] and velocity [m/s] of the tip at the closest approach, (B, d) each.
+        cost: Cost [m], (B,).
         hit: Whether it was a hit, (B,).
-        known: Whether a strike has come far enough for the others to mean anything, (B,).
+        known: Whether the result is valid, (B,); False for strikes that diverged.
     """
 
     tip: np.ndarray
@@ -131,7 +133,7 @@ class Relabelled(NamedTuple):
 
 
 def judged_by_path(paths: np.ndarray, goals: Goals) -> Relabelled:
-    """Return what strikes with these paths (B, S, d), at `RATE`, came to at points."""
+    """Return the results of strikes with tip paths (B, S, d) [m], sampled at `RATE`, at goals that are points."""
     distance, tip, i = nearest(paths, goals.positions)
     lanes = np.arange(len(paths))
     velocity = (paths[lanes, i + 1] - paths[lanes, i]) * RATE
@@ -139,6 +141,6 @@ def judged_by_path(paths: np.ndarray, goals: Goals) -> Relabelled:
 
 
 def judged_by_rollout(task: StrikeTask, strikes: np.ndarray, goals: Goals) -> Relabelled:
-    """Return what strikes (B, n_act) come to at goals."""
+    """Simulate strikes (B, n_act) and return their results at goals."""
     judged = task.judge(strikes, goals)
     return Relabelled(judged.approach.tip, judged.approach.velocity, judged.cost, judged.hit, ~judged.lost)

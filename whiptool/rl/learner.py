@@ -16,17 +16,17 @@ from whiptool.rl.settings import OffPolicy, Settings
 
 
 class Diverged(WhiptoolError):
-    """A loss is not finite; what the learner knew before is in the last checkpoint."""
+    """A loss is not finite; the last checkpoint has the learner's state before."""
 
 
 class Learner(ABC):
-    """A policy that improves with the transitions it is shown.
+    """Base of reinforcement learners.
 
     Args:
-        settings: Its hyperparameters.
+        settings: Hyperparameters.
         n_obs, n_act: Sizes of an observation (normalised) and of an action, each in [-1, 1].
-        discount: gamma.
-        generator: Everything random is drawn from it.
+        discount: Discount factor gamma.
+        generator: Generator of all random numbers.
     """
 
     actor: Any  # the network that acts
@@ -40,11 +40,13 @@ class Learner(ABC):
 
     @abstractmethod
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """Actions for observations (B, n_obs): the policy's mean or mode, or one that explores; (B, n_act)."""
+        """Return actions (B, n_act) for observations (B, n_obs): the policy's mean or mode if `deterministic`, else
+        exploring.
+        """
 
     @abstractmethod
     def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
-        """Take in transitions and, unless asked not to, improve; losses by name.
+        """Add transitions and, if `update`, improve the policy; return the losses by name.
 
         Raises:
             Diverged: A loss is not finite.
@@ -59,26 +61,26 @@ class Learner(ABC):
         """Refuse to continue with a loss that is not finite.
 
         Raises:
-            Diverged: One of them is not finite.
+            Diverged: A loss is not finite.
         """
         for name, value in losses.items():
             if not math.isfinite(value):
                 raise Diverged(f"{name} has become {value}: try a smaller learning rate")
 
     def state_dict(self) -> dict:
-        """Everything that a killed run needs to go on as if nothing had happened; tensors and numbers only."""
+        """Return the state from which a killed run can be resumed exactly; tensors and numbers only."""
         state = {name: part.state_dict() for name, part in self._parts().items()}
         return {**state, "generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict) -> None:
-        """Take up what `state_dict` gave."""
+        """Restore a state from `state_dict`."""
         for name, part in self._parts().items():
             part.load_state_dict(state[name])
         self.generator.set_state(state["generator"])
 
 
 class OffPolicyLearner(Learner):
-    """What SAC, TD3 and DDPG share: a replay buffer, critics with slow targets, one update per strike."""
+    """Base of SAC, TD3 and DDPG: a replay buffer, and critics with slowly updated targets."""
 
     Actor: type[nn.Module]  # the network that acts
 
@@ -94,7 +96,9 @@ class OffPolicyLearner(Learner):
         self.critic_optimizer = adam(self.critic, settings.learning_rate)
 
     def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
-        """Store the transitions, then update `updates` times for each of them."""
+        """Store the transitions and, if `update`, make `settings.updates` gradient steps for each; return the losses by
+        name.
+        """
         self.replay.add(new)
         losses: dict[str, Tensor] = {}
         for _ in range(self.settings.updates * len(new.reward) if update else 0):
@@ -104,12 +108,12 @@ class OffPolicyLearner(Learner):
         return values
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """One step for the critics, then one for the actor and the slow targets; losses by name."""
+        """Make one gradient step; return the losses by name."""
         losses = self.update_critic(batch)
         return losses | self.update_actor(batch)
 
     def update_critic(self, batch: Transitions) -> dict[str, Tensor]:
-        """One step of the critics toward their targets."""
+        """Make one gradient step of the critics towards their target values; return the loss."""
         y = self.target_value(batch)
         loss = ((self.critic(batch.obs, batch.action) - y) ** 2).mean(dim=1).sum()
         descend(self.critic_optimizer, loss)
@@ -117,7 +121,9 @@ class OffPolicyLearner(Learner):
 
     @torch.no_grad()
     def target_value(self, batch: Transitions) -> Tensor:
-        """r + gamma min_i Q_i(s', a') where something follows, (B,); the next action is drawn only if it counts."""
+        """Return the targets r + gamma min_i Q_i(s', a') of the critics, (B,); `next_action` is only called if gamma is
+        not 0.
+        """
         if self.discount == 0:
             return batch.reward
         action, bonus = self.next_action(batch.next_obs)

@@ -15,14 +15,13 @@ _LOG_2PI = math.log(2 * math.pi)
 
 
 class Layers(nn.Module):
-    """`count` multilayer perceptrons of one shape, evaluated together.
+    """`count` multilayer perceptrons of the same shape, evaluated together.
 
     Args:
-        sizes: Widths from input to output.
-        generator: Generator of the first weights (uniform within one over the root of the fan-in, as torch's own
-            layers).
-        count: How many networks.
-        activation: Between layers.
+        sizes: Widths of the layers from input to output.
+        generator: Generator of the initial weights (uniform within 1 / sqrt(fan-in), as in torch's own layers).
+        count: Number of networks.
+        activation: Activation between layers.
     """
 
     def __init__(self, sizes: Sequence[int], generator: torch.Generator, *, count: int = 1, activation=F.relu) -> None:
@@ -35,7 +34,7 @@ class Layers(nn.Module):
                 into.append(nn.Parameter((2 * torch.rand(shape, generator=generator) - 1) * bound))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(B, in) to (count, B, out)."""
+        """Return the outputs (count, B, out) for inputs (B, in)."""
         x = x.expand(len(self.weights[0]), *x.shape)
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -53,7 +52,7 @@ class Critic(nn.Module):
         self.layers = Layers([n_obs + n_act, *hidden, 1], generator, count=count)
 
     def forward(self, obs: Tensor, action: Tensor) -> Tensor:
-        """(B, obs), (B, act) to (count, B)."""
+        """Return the `count` estimates of Q, (count, B), for observations (B, n_obs) and actions (B, n_act)."""
         return self.layers(torch.cat([obs, action], dim=1)).squeeze(-1)
 
 
@@ -65,24 +64,26 @@ class DeterministicActor(nn.Module):
         self.layers = Layers([n_obs, *hidden, n_act], generator)
 
     def forward(self, obs: Tensor) -> Tensor:
-        """(B, obs) to actions in [-1, 1], (B, act)."""
+        """Return actions in [-1, 1], (B, n_act), for observations (B, n_obs)."""
         return torch.tanh(self.layers(obs)[0])
 
 
 class SquashedGaussianActor(nn.Module):
-    """a = tanh(u), u normal with mean and spread from the state (SAC, appendix C)."""
+    """Actor a = tanh(u), u normal with mean and standard deviation from the state (SAC, appendix C)."""
 
     def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()
         self.layers = Layers([n_obs, *hidden, 2 * n_act], generator)
 
     def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log of the spread of u, (B, act) each."""
+        """Return the mean and the logarithm of the standard deviation of u, (B, n_act) each, for observations (B,
+        n_obs).
+        """
         mean, log_std = self.layers(obs)[0].chunk(2, dim=1)
         return mean, log_std.clamp(*LOG_STD)
 
     def sample(self, obs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        """Actions for standard normal noise of shape (B, act), and their log-densities, (B,)."""
+        """Return actions (B, n_act) for standard normal noise (B, n_act), and their log densities, (B,)."""
         mean, log_std = self(obs)
         u = mean + log_std.exp() * noise
         # log(1 - tanh(u)^2) without cancellation
@@ -91,7 +92,7 @@ class SquashedGaussianActor(nn.Module):
 
 
 class GaussianActor(nn.Module):
-    """u normal with a mean from the state and one spread for all states (PPO)."""
+    """Actor with normal actions: mean from the state, one standard deviation for all states (PPO)."""
 
     def __init__(
         self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator, *, spread: float
@@ -103,18 +104,18 @@ class GaussianActor(nn.Module):
         self.log_std = nn.Parameter(torch.full((n_act,), math.log(spread)))
 
     def forward(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean and log of the spread, (B, act) each."""
+        """Return the mean and the logarithm of the standard deviation, (B, n_act) each, for observations (B, n_obs)."""
         mean = self.layers(obs)[0]
         return mean, self.log_std.expand_as(mean)
 
 
 def log_density(u: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
-    """Return the log-density of a diagonal normal distribution, (B,)."""
+    """Return the log density of u under diagonal normal distributions, (B,)."""
     return (-0.5 * (((u - mean) / log_std.exp()) ** 2 + _LOG_2PI) - log_std).sum(dim=1)
 
 
 def divergence(mean: Tensor, log_std: Tensor, new_mean: Tensor, new_log_std: Tensor) -> Tensor:
-    """Return the divergence KL[old | new] of diagonal normal distributions, (B,)."""
+    """Return the Kullback-Leibler divergence KL[old | new] of diagonal normal distributions, (B,)."""
     ratio = (2 * (log_std - new_log_std)).exp()
     shift = ((new_mean - mean) / new_log_std.exp()) ** 2
     return 0.5 * (ratio + shift - 1 - 2 * (log_std - new_log_std)).sum(dim=1)
@@ -122,13 +123,13 @@ def divergence(mean: Tensor, log_std: Tensor, new_mean: Tensor, new_log_std: Ten
 
 @torch.no_grad()
 def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
-    """Eq. 14: target <- tau source + (1 - tau) target."""
+    """Update target parameters by Eq. 14: target <- tau source + (1 - tau) target."""
     for into, new in zip(target.parameters(), source.parameters(), strict=True):
         into.lerp_(new, tau)
 
 
 def adam(module: nn.Module, learning_rate: float) -> torch.optim.Adam:
-    """Adam in one pass over all parameters."""
+    """Return the Adam optimiser of a module's parameters, in PyTorch's fused implementation."""
     return torch.optim.Adam(module.parameters(), lr=learning_rate, fused=True)
 
 

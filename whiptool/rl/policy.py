@@ -26,8 +26,8 @@ class Policy:
     """A trained policy: a strike for every target of its zone, without a search.
 
     Args:
-        learner: Trained on the task's observation; its weights stay as they are.
-        task: Task on which it was trained, with its zone, hit radius and rollout.
+        learner: Learner trained on the task's observation; its weights are not changed.
+        task: Task on which it was trained, with its zone, hit radius and simulator.
     """
 
     def __init__(self, learner: Learner, task: StrikeTask) -> None:
@@ -43,18 +43,19 @@ class Policy:
         episode_start: np.ndarray | None = None,
         deterministic: bool = False,
     ) -> tuple[np.ndarray, None]:
-        """Return the action for what an environment shows, as Stable-Baselines3's models do; `WhipEnv.step` takes it.
+        """Return the action for an observation, with the interface of Stable-Baselines3's models; `WhipEnv.step` takes
+        it.
 
         Args:
             observation: Observation of one environment, (n_obs,), or of B, (B, n_obs), in SI units.
             state, episode_start: Ignored; only recurrent policies use them.
-            deterministic: The mean action, instead of a sample of the policy.
+            deterministic: Return the mean action instead of a sample.
 
         Returns:
             The action in [-1, 1], (n_act,) or (B, n_act), and no state.
 
         Raises:
-            InputError: The observation has other numbers than the policy's task shows.
+            InputError: The observation has a wrong size.
         """
         rule = f"{self.task.n_obs} finite numbers, or rows of them, as the observation {self.task.observation} has"
         seen = array_of("observation", observation, rule)
@@ -65,13 +66,13 @@ class Policy:
         return (actions[0] if seen.ndim == 1 else actions), None
 
     def strike(self, target: Target | Sequence[float]) -> Strike:
-        """Return the strike that the policy makes first at a target: its mean action, seen from rest.
+        """Return the strike that the policy makes first at a target: its mean action for the observation at rest.
 
-        A policy that learned one direction for all targets strikes along it also at targets that name none.
+        A policy that learned one direction for all targets uses it also for targets without direction.
 
         Raises:
-            InputError: The target is of another dimension than the model, or outside the zone that the policy learned,
-                or asks for a direction or a speed that it has not learned.
+            InputError: The target has a wrong dimension, is outside the zone that the policy learned, or asks for a
+                direction or speed that it has not learned.
         """
         target = as_target(target)
         place, zone = target.position, self.task.zone
@@ -84,7 +85,9 @@ class Policy:
 
 
 def first_strikes(learner: Learner, task: StrikeTask, goals: Goals) -> np.ndarray:
-    """Return the strikes that a policy makes first at goals (B): its mean actions, seen from rest; (B, n)."""
+    """Return the strikes (B, n_act) that a policy makes first at goals (B): its mean actions for the observation at
+    rest.
+    """
     seen = torch.as_tensor(task.normalise(task.first_look(goals)), dtype=torch.float32)
     return task.to_strikes(learner.act(seen, deterministic=True).numpy().astype(float))
 
@@ -99,23 +102,23 @@ def trials_to_hit(
     on_trial: Callable[[int], object] = lambda ended: None,
     on_strikes: Callable[[np.ndarray, Judged], object] = lambda lanes, judged: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Strike at each target, seeing after every miss what the observation shows, until it is hit.
+    """Strike at each target until it is hit, with a new observation after every miss.
 
-    A policy whose mean actions come back to one that it has made at a target goes round in a circle from there: it
-    never hits, and is not rolled out again.
+    If a policy's mean action repeats an earlier one at the same target, it would repeat all that follows and never hit;
+    it is then not simulated further.
 
     Args:
-        learner: Trained on the task's observation; its weights stay as they are, its generator is drawn from.
+        learner: Learner trained on the task's observation; its weights are not changed, its generator is used.
         task: Task with targets and observations.
-        targets: Goals, or places (B, d) [m] if the task draws no directions.
-        cap: Strikes at most at each target.
+        targets: Goals, or positions (B, d) [m] if the task draws no directions.
+        cap: Largest number of strikes at each target.
         convention: One of `CONVENTIONS`.
-        on_trial: Called after every trial with the number of targets that need no further one.
-        on_strikes: Called after every trial with the targets that were struck at, their numbers (b,), and what the
-            strikes came to.
+        on_trial: Called after every trial with the number of targets that are finished.
+        on_strikes: Called after every trial with the indices (b,) of the targets that were struck at, and the results
+            of the strikes.
 
     Returns:
-        Trials to the first hit, `cap` where there was none, (B,), and whether there was one, (B,).
+        Trials to the first hit (`cap` where there was none), (B,), and whether there was a hit, (B,).
 
     Raises:
         InputError: The convention is unknown.

@@ -12,10 +12,10 @@ from whiptool.rl.settings import PPOSettings
 
 
 class PPO(Learner):
-    """On-policy: a batch of strikes, one per lane, is used for a few passes and forgotten.
+    """PPO learner: a batch of strikes, one per lane, is used for several passes and then discarded.
 
-    Actions are clipped to the box only when they are struck, so that their densities stay those of the Gaussian. A
-    batch holds one strike per lane, so the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
+    Actions are clipped to the box only for simulation, so that their densities are those of the Gaussian. As a batch
+    has one strike per lane, the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
     """
 
     def __init__(self, settings: PPOSettings, **sizes) -> None:
@@ -28,14 +28,16 @@ class PPO(Learner):
 
     @torch.no_grad()
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """The mean, or a draw; not clipped."""
+        """Return the mean action, or a sample; (B, n_act), not clipped."""
         mean, log_std = self.actor(obs)
         if deterministic:
             return mean
         return mean + log_std.exp() * torch.randn(mean.shape, generator=self.generator)
 
     def learn(self, new: Transitions, *, update: bool = True) -> dict[str, float]:
-        """A few passes over these transitions, which must be the present policy's own; then the penalty adapts."""
+        """Make several passes over transitions of the current policy, then adapt the penalty; return the losses by
+        name.
+        """
         if not update:  # what another policy did teaches an on-policy learner nothing
             return {}
         with torch.no_grad():
@@ -72,22 +74,23 @@ class PPO(Learner):
 
 
 class Penalty:
-    """beta of Eq. 11, doubled or halved to keep the divergence near its target (Schulman et al. 2017, Sect. 4)."""
+    """Weight beta of Eq. 11, doubled or halved to keep the divergence near its target (Schulman et al. 2017, Sect.
+    4)."""
 
     def __init__(self, beta: float, target: float) -> None:
         self.beta, self.target = beta, target
 
     def adapt(self, divergence: float) -> None:
-        """Adapt to the divergence that an update came to."""
+        """Adapt beta to the divergence after an update."""
         if divergence > 1.5 * self.target:
             self.beta = min(self.beta * 2, 1e6)
         elif divergence < self.target / 1.5:
             self.beta = max(self.beta / 2, 1e-6)
 
     def state_dict(self) -> dict:
-        """Return what a checkpoint keeps of it."""
+        """Return the state for a checkpoint."""
         return {"beta": self.beta}
 
     def load_state_dict(self, state: dict) -> None:
-        """Take up a checkpoint."""
+        """Restore the state from a checkpoint."""
         self.beta = float(state["beta"])

@@ -10,13 +10,13 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Transitions:
-    """B transitions.
+    """B transitions of a Markov decision process.
 
     Args:
-        obs, next_obs: (B, n_obs).
+        obs, next_obs: Observations before and after, (B, n_obs) each.
         action: Actions in [-1, 1], (B, n_act).
-        reward: (B,).
-        terminated: 1 where nothing follows, (B,); a truncated trial has 0, so that its future is bootstrapped.
+        reward: Rewards, (B,).
+        terminated: 1 at the end of an episode, (B,); 0 for truncated ones, whose future value is bootstrapped.
     """
 
     obs: Tensor
@@ -40,7 +40,7 @@ class ReplayBuffer:
         )
 
     def add(self, new: Transitions) -> None:
-        """Add transitions, overwriting the oldest where there is no room."""
+        """Add transitions; the oldest are overwritten if the buffer is full."""
         count = len(new.reward)
         where = (self._next + torch.arange(count)) % self.capacity
         for name, array in vars(self._data).items():
@@ -49,17 +49,17 @@ class ReplayBuffer:
         self.size = min(self.size + count, self.capacity)
 
     def sample(self, count: int, generator: torch.Generator) -> Transitions:
-        """Uniformly drawn transitions, with replacement."""
+        """Return `count` transitions drawn uniformly with replacement."""
         which = torch.randint(self.size, (count,), generator=generator)
         return Transitions(**{name: array[which] for name, array in vars(self._data).items()})
 
     def state_dict(self) -> dict:
-        """What is held, for a checkpoint."""
+        """Return the contents for a checkpoint."""
         used = {name: array[: self.size].clone() for name, array in vars(self._data).items()}
         return {"size": self.size, "next": self._next, **used}
 
     def load_state_dict(self, state: dict) -> None:
-        """Take up a checkpoint."""
+        """Restore the contents from a checkpoint."""
         self.size, self._next = int(state["size"]), int(state["next"])
         for name, array in vars(self._data).items():
             array[: self.size] = state[name]

@@ -11,7 +11,7 @@ from whiptool.rl.settings import SACSettings
 
 
 class SAC(OffPolicyLearner):
-    """Maximises reward plus alpha times the policy's entropy."""
+    """SAC learner: maximises the reward plus alpha times the policy's entropy."""
 
     Actor = SquashedGaussianActor
 
@@ -20,7 +20,7 @@ class SAC(OffPolicyLearner):
 
     @torch.no_grad()
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """The squashed mean, or a sample."""
+        """Return the squashed mean if `deterministic`, or a sample; (B, n_act)."""
         return torch.tanh(self.actor(obs)[0]) if deterministic else self._sample(obs)[0]
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:

@@ -18,13 +18,13 @@ _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is bey
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """How long to train (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
+    """Length of a training (Algorithm 1: 500 episodes of 100 trials, the first 50 random).
 
     Args:
         episodes: Number of episodes.
         trials: Strikes per episode, all in one batch, each in its own lane.
-        random_episodes: Episodes at the start in which strikes are uniformly random and nothing is learned.
-        hindsight: Relabelled copies of every strike; 0: none. Needs an observation that shows the target.
+        random_episodes: Number of initial episodes in which strikes are uniformly random and nothing is learned.
+        hindsight: Number of relabelled copies of every strike; needs an observation that contains the target.
 
     Raises:
         InputError: A number is out of range.
@@ -45,10 +45,10 @@ class Settings:
     """Settings of all learners.
 
     Args:
-        hidden: Sizes of the hidden layers (paper).
-        learning_rate: Learning rate of Adam, for all networks (paper).
-        discount: gamma; None: 0 where the observation shows the target (`goal`), for there no trial depends on another,
-            and 0.99 elsewhere (usual).
+        hidden: Sizes of the hidden layers (from the paper).
+        learning_rate: Learning rate of Adam, for all networks (from the paper).
+        discount: Discount factor gamma; None: 0 for the observation `goal`, with which trials are independent, else the
+            usual 0.99.
     """
 
     hidden: tuple[int, ...] = (256, 256)
@@ -106,7 +106,8 @@ class DDPGSettings(OffPolicy):
     """Deep deterministic policy gradient.
 
     Args:
-        noise: Standard deviation of the exploring noise, in units of half the box (usual: 0.1).
+        noise: Standard deviation of the exploration noise, as a fraction of half the width of the strikes' box (usual:
+            0.1).
     """
 
     noise: float = 0.1
@@ -132,12 +133,13 @@ class PPOSettings(Settings):
     """Proximal policy optimization with an adaptive KL penalty, Eq. 11.
 
     Args:
-        hidden, learning_rate: (paper).
-        kl_target: Divergence that beta is steered to (usual: 0.01).
-        beta: First weight of the KL penalty (usual: 1).
+        hidden, learning_rate: As in `Settings` (from the paper).
+        kl_target: Target of the divergence, to which beta is adapted (usual: 0.01).
+        beta: Initial weight of the KL penalty (usual: 1).
         epochs: Passes over a batch (usual: 10).
         minibatch: Transitions per step (usual: 64).
-        spread: First standard deviation of the actions, in units of half the box (usual: 1).
+        spread: Initial standard deviation of the actions, as a fraction of half the width of the strikes' box (usual:
+            1).
     """
 
     hidden: tuple[int, ...] = (64, 64)
@@ -158,7 +160,7 @@ SETTINGS: dict[str, type[Settings]] = {
 
 
 def settings_for(method: str, **changes: Any) -> Settings:
-    """The settings of a learner, with changes by name.
+    """Return the default settings of a learner, with changes by name.
 
     Raises:
         InputError: There is no such learner, or it has no such setting.

@@ -33,19 +33,20 @@ SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for ne
 
 
 def reward(cost: np.ndarray, hit: np.ndarray) -> np.ndarray:
-    """Eq. 17: 50 for a hit, else -5 d within 0.1 m, -10 d farther away; any shape.
+    """Return the rewards (Eq. 17) of strikes, any shape: 50 for a hit, else -5 d within 0.1 m and -10 d farther away.
 
-    A hit radius other than the paper's 0.06 m moves the first threshold only.
+    A hit radius other than the paper's 0.06 m only changes what counts as a hit.
 
     Args:
-        cost: d [m], the miss distance; where a direction or a speed is asked for, `Goals.cost` in its place.
+        cost: Miss distance d [m], or `Goals.cost` if a direction or speed is required.
         hit: Which are hits, see `Goals.hit`.
     """
     return np.where(hit, 50.0, np.where(cost <= 0.1, -5.0, -10.0) * cost)  # Eq. 17
 
 
 def log_reward(cost: np.ndarray, hit_radius: float) -> np.ndarray:
-    """-log of the cost in hit radii, no better than a third of one: says how near a near miss was; see `reward`."""
+    """Return rewards -log(cost / hit radius), with the ratio at least 0.3, which rank near misses better than
+    `reward`."""
     return -np.log(np.maximum(cost / hit_radius, 0.3))
 
 
@@ -53,9 +54,9 @@ REWARDS = ("paper", "log")
 
 
 def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
-    """Return where joints and nodes are before the first strike [m], (m, d).
+    """Return the positions of joints and nodes before the first strike [m], (m, d).
 
-    In the plane the arm hangs, too; in space it stands in the middle of the postures from which strikes start.
+    In the plane the arm hangs straight down; in space it is in the middle of the box of start postures.
     """
     if model.dimension == 2:
         return joint_points(model, np.zeros(model.n))
@@ -65,16 +66,16 @@ def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Judged:
-    """What B strikes came to, each at its own goal.
+    """Results of B strikes, each at its own goal.
 
     Args:
         strikes: Strike vectors, (B, n_act).
-        approach: Their closest approaches.
-        distance: Miss distances [m], a penalty where a strike diverged or is beyond the limits, (B,).
-        cost: `Goals.cost` [m], the same penalty there, (B,); of points alone it is the distance.
+        approach: Closest approaches of the strikes.
+        distance: Miss distances [m], (B,); a penalty for strikes that diverged or exceed the limits.
+        cost: `Goals.cost` [m], (B,), with the same penalty; for goals that are points, the distance.
         hit: Whether they hit, (B,), see `Goals.hit`.
         diverged: Whether a strike diverged, (B,).
-        refused: By which of the task's limits, as `Outcome.refused` names them; empty: it is within all, (B,).
+        refused: Limit that a strike exceeds, as in `Outcome.refused`, (B,); empty: none.
     """
 
     strikes: np.ndarray
@@ -87,18 +88,18 @@ class Judged:
 
     @property
     def lost(self) -> np.ndarray:
-        """Whether there is no true miss distance, as a strike diverged or was refused, (B,)."""
+        """Whether a strike has no true miss distance because it diverged or was refused, (B,)."""
         return self.diverged | (self.refused != "")
 
 
 @dataclass(frozen=True)
 class TaskStep:
-    """Results of a batch of strikes, one per lane; B lanes.
+    """Result of one strike in each of B lanes.
 
     Args:
         obs: Observation after the strike, (B, n_obs).
-        reward: Reward of the task's kind, (B,).
-        truncated: Whether its number of strikes is used up without a hit, (B,).
+        reward: Reward, (B,).
+        truncated: Whether a lane's number of strikes is used up without a hit, (B,).
         judged: Outcomes of the strikes.
     """
 
@@ -119,23 +120,23 @@ class TaskStep:
 
 
 class StrikeTask:
-    """A batch of lanes, in each of which strikes are made at one goal.
+    """The task of a learner, in a batch of lanes with one goal each.
 
     Args:
         rollout: Simulator.
         zone: Zone of the targets.
-        arrival: How the tip has to arrive there.
-        observation: `tip`: tip position and velocity at the closest approach; `relative`: the same, measured from
-            the target; `goal`: the first, and the goal: the target, and the direction if one is asked for. Before the
-            first strike the whip hangs at rest from the arm; see `resting_points`.
+        arrival: Required arrival of the tip.
+        observation: `tip`: tip position and velocity at the closest approach of the last strike; `relative`: the same
+            with the position relative to the target; `goal`: as `tip`, with target position and, if required,
+            direction. Before the first strike the tip is at rest, see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
         hit_radius: Hit radius [m].
-        strikes: Strikes at one target before it is given up.
+        strikes: Number of strikes at one target after which an episode is truncated.
         t_stay: Time after the movement during which the tip is followed [s].
-        bounds: Box of the strikes; actions in [-1, 1] cover it.
-        limits: Limits that strikes have to keep, as those of an `Objective`: the box is narrowed to them, a strike
-            whose joints are commanded faster than they may is shortened, and one that is beyond them all the same is
-            refused: it is not a hit, and its miss distance is a penalty.
+        bounds: Box of the strikes, onto which actions in [-1, 1] are mapped.
+        limits: Limits that strikes have to keep, as in `Objective`: the box is reduced to the position limits, strikes
+            are shortened so that the commanded path keeps its limits, and a strike that still exceeds a limit is
+            refused: it does not count as a hit, and its miss distance is a penalty.
 
     Raises:
         InputError: The observation is unknown, or a number is out of range.
@@ -182,37 +183,37 @@ class StrikeTask:
 
     @property
     def targets(self) -> np.ndarray:
-        """Where the targets of the lanes are, (B, d) [m]."""
+        """Positions of the lanes' targets, (B, d) [m]."""
         return self.goals.positions
 
     @property
     def n_uniform(self) -> int:
-        """Uniform random numbers of which a goal is drawn."""
+        """Number of uniform random numbers from which a goal is drawn."""
         return self.zone.dimension + 1 + self.arrival.drawn
 
     def draw(self, uniform: np.ndarray) -> Goals:
-        """Return goals of uniform numbers in [0, 1), (B, n_uniform)."""
+        """Return goals from uniform random numbers in [0, 1), (B, n_uniform)."""
         of_place, of_arrival = np.split(uniform, [self.zone.dimension + 1], axis=1)
         return self.arrival.goals(self.zone.place(of_place), self.hit_radius, of_arrival)
 
     def as_goals(self, targets: np.ndarray | Goals) -> Goals:
-        """Return goals, or those at places (B, d) [m] with what the task asks of the tip's arrival.
+        """Return goals unchanged, or positions (B, d) [m] as goals with the task's required arrival.
 
         Raises:
-            InputError: The task draws directions, and there are places alone.
+            InputError: The task draws directions, and only positions are given.
         """
         if isinstance(targets, Goals):
             return targets
         return self.arrival.goals_at(np.array(targets, float), self.hit_radius)
 
     def reset(self, targets: np.ndarray | Goals) -> np.ndarray:
-        """Give every lane a goal before its first strike, see `as_goals`; the observations (B, n_obs)."""
+        """Give every lane a goal, see `as_goals`, and return the observations before the first strike (B, n_obs)."""
         self.goals = self.as_goals(targets)
         self.counts = np.zeros(len(self.targets), int)
         return self.first_look(self.goals)
 
     def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray | Goals) -> np.ndarray:
-        """The observations with new goals (b) in the lanes of a mask (B,) that ended."""
+        """Give new goals (b) to the lanes in a mask (B,) whose episodes ended, and return the updated observations."""
         new = self.as_goals(targets)
         self.goals, self.counts[lanes] = self.goals.with_rows(lanes, new), 0
         obs = obs.copy()
@@ -220,11 +221,11 @@ class StrikeTask:
         return obs
 
     def keep(self, lanes: np.ndarray) -> None:
-        """Go on with the lanes of a mask (B,) alone."""
+        """Continue only with the lanes in a mask (B,)."""
         self.goals, self.counts = self.goals.rows(lanes), self.counts[lanes]
 
     def step(self, actions: np.ndarray) -> TaskStep:
-        """Strike once in every lane; actions (B, n_act), clipped to [-1, 1]."""
+        """Make one strike in every lane by actions (B, n_act), which are clipped to [-1, 1]."""
         judged = self.judge(self.to_strikes(actions), self.goals)
         self.n_strikes += len(actions)
         self.n_diverged += int(judged.diverged.sum())
@@ -237,7 +238,7 @@ class StrikeTask:
         )
 
     def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
-        """Return what strikes (B, n_act) come to at goals (B)."""
+        """Simulate strikes (B, n_act), and return their results at goals (B)."""
         approach = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         wild, hit = approach.diverged | ~np.isfinite(approach.distance), goals.hit_by(approach)
         beyond, by = self._beyond(strikes, approach, hit & ~wild)
@@ -256,14 +257,14 @@ class StrikeTask:
         return beyond, np.array(by)
 
     def within_limits(self, strike: np.ndarray) -> bool:
-        """Whether a whole strike (n_act,) keeps the limits."""
+        """Whether the whole trajectory of a strike (n_act,) keeps the limits."""
         return not self.limits or self.limits.violation(self._trajectory(strike)) <= 0
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(self.rollout.space.strike(strike), t_stay=self.t_stay)
 
     def reward(self, cost: np.ndarray, hit: np.ndarray) -> np.ndarray:
-        """Return the rewards of costs [m], any shape, and of hits; see the rewards."""
+        """Return the task's rewards for costs [m] and hits, any shape; see `reward` and `log_reward`."""
         return reward(cost, hit) if self._reward == "paper" else log_reward(cost, self.hit_radius)
 
     def to_strikes(self, actions: np.ndarray) -> np.ndarray:
@@ -271,7 +272,7 @@ class StrikeTask:
         return self.admissible(self.lower + (np.clip(actions, -1, 1) + 1) / 2 * (self.upper - self.lower))
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, n_act), shortened where joints would be commanded faster than they may."""
+        """Return strikes (B, n_act), shortened so that commanded paths keep their limits."""
         return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes
 
     def first_look(self, targets: np.ndarray | Goals) -> np.ndarray:
@@ -281,7 +282,9 @@ class StrikeTask:
         return self.observe(tip, np.zeros_like(tip), goals)
 
     def look(self, judged: Judged, targets: np.ndarray | Goals) -> np.ndarray:
-        """Return the observations after strikes, (B, n_obs); after one that is lost, those before the first."""
+        """Return the observations after strikes, (B, n_obs); for strikes that diverged or were refused, those before
+        the first.
+        """
         goals = self.as_goals(targets)
         obs = self.observe(judged.approach.tip, judged.approach.velocity, goals)
         wild = judged.lost | ~np.isfinite(obs).all(axis=1)
@@ -289,12 +292,12 @@ class StrikeTask:
         return obs
 
     def observe(self, tip: np.ndarray, velocity: np.ndarray, goals: Goals) -> np.ndarray:
-        """Return the observations of tips at places with velocities, (B, d) each; (B, n_obs)."""
+        """Return the observations (B, n_obs) for tip positions [m] and velocities [m/s], (B, d) each."""
         where = tip - goals.positions if self.observation == "relative" else tip
         return np.concatenate([where, velocity, *self._shown(goals)], axis=1)
 
     def with_goals(self, obs: np.ndarray, goals: Goals) -> np.ndarray:
-        """Return observations `goal` (B, n_obs) as they would be with other goals."""
+        """Return observations of the kind `goal` (B, n_obs) with other goals inserted."""
         return np.concatenate([obs[:, : 2 * self.zone.dimension], *self._shown(goals)], axis=1)
 
     def _shown(self, goals: Goals) -> list[np.ndarray]:
@@ -303,7 +306,7 @@ class StrikeTask:
         return [part for part in parts if part is not None]
 
     def normalise(self, obs: np.ndarray) -> np.ndarray:
-        """Observations for networks: positions from the zone's centre in units of its half width, speeds in 10 m/s."""
+        """Scale observations for networks: positions by the zone's centre and half width, speeds by 10 m/s."""
         lower, upper = self.zone.box
         centre, half = (lower + upper) / 2, (upper - lower) / 2
         size = max(1.0, 2 * float(half.max()))  # tips come from everywhere

@@ -13,21 +13,23 @@ from whiptool.rl.settings import TD3Settings
 
 
 class TD3(DDPG):
-    """DDPG with the three changes of TD3."""
+    """TD3 learner: DDPG with clipped double critics, target smoothing and delayed actor updates."""
 
     def __init__(self, settings: TD3Settings, **sizes) -> None:
         super().__init__(settings, n_critics=2, **sizes)
         self._counter = _Counter()
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """One step for the critics; every `delay`-th time one for the actor and the targets."""
+        """Make one gradient step of the critics, and every `delay`-th time of actor and targets; return the losses by
+        name.
+        """
         self._counter.n += 1
         if self._counter.n % self.settings.delay == 0:
             return super().update(batch)
         return self.update_critic(batch)
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """The target policy's action, smoothed by clipped noise (Eq. 15)."""
+        """Return the target policy's actions with clipped noise (Eq. 15), and zero as the bonus on their value."""
         s = self.settings
         noise = (s.target_noise * self.normal(len(obs), self.n_act)).clamp(-s.noise_clip, s.noise_clip)  # Eq. 15
         return (self.target_actor(obs) + noise).clamp(-1, 1), zeros(())

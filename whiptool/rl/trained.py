@@ -142,7 +142,7 @@ def train(
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Let PyTorch compute in one thread: with another number of threads sums differ in their last digits."""
+    """Limit PyTorch to one thread within a `with` block, so that sums are reproducible to the last digit."""
     import torch
 
     before = torch.get_num_threads()

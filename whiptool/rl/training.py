@@ -48,13 +48,13 @@ class TrainingEpisode:
 
     Args:
         number: Number of the episode, from 1.
-        strikes: Made so far.
-        mean_reward: Over its trials, Fig. 7.
-        share_hit: Share of its trials that hit.
-        diverged: Strikes that did, so far.
-        losses: By name; empty while nothing is learned.
+        strikes: Number of strikes so far.
+        mean_reward: Mean reward of its trials (Fig. 7).
+        share_hit: Fraction of its trials that hit.
+        diverged: Number of strikes that diverged so far.
+        losses: Losses by name; empty while nothing is learned.
         held_out: Score of the policy at held-out goals; None in most episodes.
-        best: Whether that is the best so far.
+        best: Whether that score is the best so far.
     """
 
     number: int
@@ -67,7 +67,7 @@ class TrainingEpisode:
     best: bool = False
 
     def scalars(self) -> dict[str, float]:
-        """Return what TensorBoard shows of it, by name."""
+        """Return the values for TensorBoard, by name."""
         whole = {"mean_reward": self.mean_reward, "share_hit": self.share_hit}
         held_out = {} if self.held_out is None else asdict(self.held_out)
         parts = {"loss": self.losses, "held_out": held_out}
@@ -75,7 +75,7 @@ class TrainingEpisode:
 
 
 def make_learner(method: str, settings: Settings, task: StrikeTask, generator: torch.Generator) -> Learner:
-    """A fresh learner for a task.
+    """Return a new learner for a task.
 
     Raises:
         InputError: There is no such learner.
@@ -92,16 +92,17 @@ def make_learner(method: str, settings: Settings, task: StrikeTask, generator: t
 
 
 class Training:
-    """A learner, its task and its plan, with all that changes while it trains.
+    """A training: learner, task, plan, and its current state.
 
     Args:
-        learner: Learner from `make_learner`; everything random is drawn from its generator.
-        task: Task that it learns.
-        plan: For how long.
-        held_out: Goals by which the best policy is kept; None: none is.
+        learner: Learner from `make_learner`, whose generator draws all random numbers.
+        task: Task to learn.
+        plan: Length of the training.
+        held_out: Goals by which the best policy is selected; None: none is kept.
 
     Raises:
-        InputError: Hindsight is asked of a learner without replay, or under an observation without the target.
+        InputError: Hindsight is requested for a learner without replay buffer, or with an observation without the
+            target.
     """
 
     def __init__(self, learner: Learner, task: StrikeTask, plan: TrainingPlan, held_out: Goals | None = None) -> None:
@@ -123,7 +124,7 @@ class Training:
         episodes: int | None = None,
         max_seconds: float | None = None,
     ) -> list[TrainingEpisode]:
-        """Train to the plan's end, or for some episodes, or until the time is up.
+        """Train to the end of the plan, or for `episodes` episodes, or for `max_seconds` seconds.
 
         Raises:
             Diverged: A loss is not finite.
@@ -137,7 +138,7 @@ class Training:
         return seen
 
     def episode(self) -> TrainingEpisode:
-        """One strike in every lane, then as many updates."""
+        """Make one strike in every lane, then as many updates."""
         task, lanes = self.task, self.plan.trials
         explore = self.done < self.plan.random_episodes
         seen = self._tensor(task.normalise(self.obs))
@@ -183,7 +184,7 @@ class Training:
         return found
 
     def policy(self) -> Policy:
-        """Return the best policy, the last one where none was kept; the learner itself has its network then."""
+        """Return the best policy, or the last one if none was kept; its weights are loaded into the learner."""
         if self.best is not None:
             self.learner.actor.load_state_dict(self.best.actor)
         return Policy(self.learner, self.task)
@@ -235,10 +236,10 @@ class Training:
         return {name: x for name, x in rows.items() if x is not None}
 
     def save(self, path: Path | str) -> None:
-        """Write a checkpoint as a whole file.
+        """Write a checkpoint; the previous file is only replaced when the new one is complete.
 
         Raises:
-            OSError: It cannot be written; the one before it stays.
+            OSError: The file cannot be written; the previous one is kept.
         """
         task = self.task
         state = {
@@ -255,19 +256,19 @@ class Training:
         _write(path, state)
 
     def save_best(self, path: Path | str) -> None:
-        """Write the best policy as a whole file.
+        """Write the best policy; the previous file is only replaced when the new one is complete.
 
         Raises:
-            OSError: It cannot be written; the one before it stays.
+            OSError: The file cannot be written; the previous one is kept.
         """
         assert self.best is not None
         _write(path, {**self._identity(), **self.best.table()})
 
     def load(self, path: Path | str) -> None:
-        """Go on from a checkpoint; of the file of a best policy, take up that policy alone.
+        """Restore the state of a checkpoint, or only the policy from a file of a best policy.
 
         Raises:
-            InputError: It is damaged, or of another plan.
+            InputError: The file is damaged, or of another plan.
         """
         path = Path(path)
         state = load_checkpoint(path)
@@ -299,10 +300,10 @@ def _write(path: Path | str, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path) -> dict:
-    """A checkpoint's tensors and numbers; nothing in the file is executed.
+    """Return a checkpoint's tensors and numbers, without executing code in the file.
 
     Raises:
-        InputError: It is not there, or is not a checkpoint.
+        InputError: The file does not exist, or is not a checkpoint.
     """
     whole_file(path, "checkpoint")
     try:

@@ -15,26 +15,25 @@ _STEP_OF_TOLERANCE = 0.05  # [s per square root of a metre]
 
 @dataclass
 class Batch:
-    """Strikes to roll out, and what comes of them; B strikes, a arm joints, n joints, P parameters.
+    """Input of an engine: B strikes, with a arm joints, n coordinates and P parameters.
 
     Args:
         p: Parameters, (B, P).
-        x0: States at the start, (B, 2 n).
-        target: (B, d) [m], d the dimension: 2 in the plane, 3 in space.
-        h, h_last, steps, hold: As `time_grid` gives them.
-        dp, dx0, dh, dh_last: Direction of each strike along which derivatives are taken, shaped like what they change;
-            None: no derivatives.
-        u, du: Inputs at successive instants and their changes, (rows, inputs); a strike needs steps + 2 rows.
-        u_row, du_row: First row of each strike's in them, (B,); a negative du_row: its inputs do not change.
-        rate, samples: The tip's path is wanted at `samples` times, `rate` times a second.
-        with_rows: Trajectories are wanted at every step.
-        tolerance: Error of a step that a strike takes [m], (B,); each then chooses its steps, and `h`, `h_last` and
-            `steps` are the instants at which it is observed; None: these are the steps.
-        knot: When the reference of a strike ends [s], (B,).
-        weight: How far each coordinate moves the tip [m], (n,).
-        period: For which a torque is held [s]; 0: it is not.
-        columns, stride: Columns and stride of what is observed (see `System.step`), to keep every `stride` steps,
-            (C,).
+        x0: Initial states, (B, 2 n).
+        target: Positions of the targets [m], (B, d), d = 2 in the plane, 3 in space.
+        h, h_last, steps, hold: As returned by `time_grid`.
+        dp, dx0, dh, dh_last: Direction along which derivatives are taken, in the shapes of p, x0, h, h_last; None: no
+            derivatives.
+        u, du: Inputs at successive instants and their derivatives, (rows, inputs); a strike needs steps + 2 rows.
+        u_row, du_row: First row of each strike in u and du, (B,); a negative du_row: the derivatives are zero.
+        rate, samples: Sampling rate [1/s] and number of samples of the tip's path.
+        with_rows: Whether to return trajectories at every step.
+        tolerance: Error per step of each strike [m], (B,), for adaptive steps; `h`, `h_last` and `steps` then define
+            the instants of observation. None: they define the steps.
+        knot: Time at which the reference of each strike ends [s], (B,).
+        weight: Largest displacement of the tip per unit of each coordinate [m], (n,).
+        period: Time for which a torque is held [s]; 0: it is continuous.
+        columns, stride: Observed columns (see `System.step`), (C,), and number of steps between observations.
     """
 
     p: np.ndarray
@@ -68,16 +67,15 @@ class Batch:
     )  # fmt: skip
 
     def take(self, order: np.ndarray) -> Batch:
-        """The strikes in another order."""
+        """Return the batch with its strikes in another order."""
         arrays = {name: getattr(self, name) for name in self.PER_STRIKE}
         return replace(self, **{k: None if x is None else np.ascontiguousarray(x[order]) for k, x in arrays.items()})
 
     def in_equal_steps(self) -> Batch:
-        """Return the batch for an engine that does not choose steps: as short, all alike, as the tolerances ask for.
+        """Return the batch for an engine without adaptive steps, with equal steps that meet the tolerances.
 
-        The errors of such steps, and of the segments between them, are of second order at least: steps are as the
-        tolerances' square roots. What is observed stays so at the same instants, with a whole number of steps between
-        them; of trajectories they are the steps.
+        The errors are of second order, so steps are proportional to the square root of the tolerances. The instants of
+        observation are unchanged, with a whole number of steps between them.
         """
         if self.tolerance is None or self.with_rows:
             return self
@@ -107,14 +105,16 @@ class Batch:
 
 @dataclass
 class Rolled:
-    """What came of a batch.
+    """Results of a batch.
 
     Args:
         out: Outcome of each strike, in the columns of `outcome_columns`, (B, columns).
-        path: Tip at equal times, (B, samples, d), or with derivatives (B, samples, 2 d); NaN after the strike's end.
-        rows: Every step, strike after strike, in the columns of `row_columns`; `first_row` says where each begins.
-        y, dy: What is observed and its derivatives, (rows, C), strike after strike; `y_row` says where each begins.
-            NaN from where a strike diverged.
+        path: Tip positions at equal intervals, (B, samples, d) [m], or with derivatives (B, samples, 2 d); NaN after
+            the strike's end.
+        rows: All steps, strike after strike, in the columns of `row_columns`; `first_row` is the first row of each
+            strike.
+        y, dy: Observed quantities and their derivatives, (rows, C), strike after strike; `y_row` is the first row of
+            each strike. NaN after divergence.
     """
 
     out: np.ndarray
@@ -126,7 +126,8 @@ class Rolled:
     y_row: np.ndarray | None = None
 
     def observed(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return what is observed of every strike, each (S, C), and its derivatives (none: empty)."""
+        """Return the observed quantities of every strike, (S, C) each, and their derivatives (empty if not
+        computed)."""
         assert self.y is not None
         assert self.y_row is not None
         changes = [] if self.dy is None else np.split(self.dy, self.y_row[1:])
@@ -134,7 +135,7 @@ class Rolled:
 
 
 class Engine(Protocol):
-    """Rolls batches of one system out."""
+    """Simulates batches of strikes of one system."""
 
     rung: str
 

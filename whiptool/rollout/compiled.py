@@ -42,12 +42,12 @@ _TRAJECTORIES_AT_ONCE = 64
 
 
 class ChainPath(NamedTuple):
-    """Where a chain's links end, over one strike.
+    """Paths of the far ends of all links over one strike.
 
     Args:
-        t: Instants (S,) [s].
-        points: Far ends of the links, from the shoulder to the tip, (S, links, d) [m]; NaN from where it diverged.
-        slopes: Their derivatives by m parameters, (S, links, d, m).
+        t: Times, (S,) [s].
+        points: Far ends of the links, from the shoulder to the tip, (S, links, d) [m]; NaN after divergence.
+        slopes: Derivatives of `points` by m parameters, (S, links, d, m).
     """
 
     t: np.ndarray
@@ -59,8 +59,8 @@ class CompiledRollout(Rollout):
     """Simulates strikes of one model and controller, or of many that share their structure, with compiled code.
 
     Args:
-        model: Whip, arm, gravity.
-        controller: Law and options; default: `default_controller`.
+        model: Model of arm and whip.
+        controller: Controller of the arm; default: `default_controller`.
         tolerance: Largest integration error of a distance [m]; the steps of each strike are chosen accordingly.
             Default: 1e-4, unless `timestep` is given.
         timestep: Use equal steps of at most this length [s], without an estimate of the error.
@@ -135,17 +135,17 @@ class CompiledRollout(Rollout):
         controllers: Sequence[Controller] | None = None,
         progress: bool = False,
     ) -> Approach:
-        """Closest approaches of any number of strikes; memory stays bounded, whatever their number.
+        """Return the closest approaches of any number of strikes, with bounded memory.
 
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1). A strike lasts `D + t_stay` seconds.
-            target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
+            target: A `Target` or a position for all, or one position for each strike, (B, 2) or in space (B, 3) [m].
             t_stay: Time after the movement during which the tip is followed [s].
-            models, controllers: One per strike, if they differ; each within this rollout's structure.
-            progress: Show a bar.
+            models, controllers: One for each strike, if they differ; they must have this simulator's structure.
+            progress: Show a progress bar.
 
         Raises:
-            InputError: Shapes do not match, or a model has terms that this rollout was not made with.
+            InputError: Shapes do not match, or a model has terms that this simulator does not have.
         """
         strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
@@ -194,12 +194,12 @@ class CompiledRollout(Rollout):
     def nearest_node(
         self, strikes: Strikes, target: Points, *, nodes: Sequence[int], t_stay: float | np.ndarray = T_STAY
     ) -> Approach:
-        """Return the closest approaches of the nearest of several nodes of the whip.
+        """Return the closest approaches to the target of several nodes of the whip, of the nearest one for each strike.
 
         Args:
             strikes, target: As in `approach`.
             nodes: Numbers of the nodes, from 0, next to the hand, to N - 1, the tip.
-            t_stay: [s], one or one each, (B,).
+            t_stay: Time after the movement [s], one for all or one for each strike, (B,).
 
         Returns:
             Position, time and mean velocity over the step of the nearest node at its closest approach.
@@ -228,16 +228,15 @@ class CompiledRollout(Rollout):
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, np.ndarray]:
-        """Closest approaches and the exact derivatives of the miss distance, by CasADi's forward mode.
+        """Return closest approaches and the exact derivatives of the miss distance, by CasADi's forward mode.
 
         The time of the closest approach has no effect on the derivative (envelope theorem), unless it is the end of the
-        strike, which depends on D. Derivatives are those of the steps that the strike's own errors choose: at a
-        tolerance of 1e-4 m they are right to some 1e-4 m per unit of a strike's numbers, and to as much less as the
-        tolerance is smaller.
+        strike, which depends on D. The derivatives are those of the adaptive steps; their error is about the tolerance
+        per unit of a strike's coordinate, such as 1e-4 m.
 
         Args:
             strikes, target, t_stay: As in `approach`.
-            names: m parameters: of the strike (`q_si` ... `D`), of the model and of the controller
+            names: Names of m parameters: of the strike (`q_si` ... `D`), of the model and of the controller
                 (`parameters()` of each). Default: those of the strike.
 
         Returns:
@@ -249,10 +248,10 @@ class CompiledRollout(Rollout):
     def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, ApproachSlopes]:
-        """Return closest approaches and the exact derivatives of their quantities, by forward mode.
+        """Return closest approaches and the exact derivatives of all their quantities, by forward mode.
 
-        Those of the tip's place and velocity hold that the closest approach moves along the segment between two steps,
-        but not to another segment; those of the largest torques that they stay at their instants.
+        Derivatives of the tip's position and velocity account for a shift of the closest approach within the segment
+        between two steps, but not to another segment; for those of the largest torques their instants are fixed.
 
         Args:
             strikes, target, t_stay, names: As in `gradient`.
@@ -290,12 +289,12 @@ class CompiledRollout(Rollout):
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The tip's path at equal times, and its exact derivatives.
+        """Return the tip's path at equal intervals, and its exact derivatives.
 
         Args:
             strikes, t_stay: As in `approach`.
-            rate: Samples a second [1/s].
-            names: m parameters, as in `gradient`; none where strikes differ in their models.
+            rate: Sampling rate [1/s].
+            names: Names of m parameters, as in `gradient`; must be empty if strikes have different models.
             models, controllers: As in `approach`.
 
         Returns:
@@ -306,7 +305,7 @@ class CompiledRollout(Rollout):
         return times, paths, slopes
 
     def peaks_and_path(self, strikes: Strikes, *, t_stay: float = T_STAY, rate: float) -> tuple[Approach, np.ndarray]:
-        """Return the peak values of strikes and the paths of their tips, from one rollout each.
+        """Return the peak values of strikes and the paths of their tips, from one simulation each.
 
         Args:
             strikes, t_stay: As in `approach`.
@@ -333,7 +332,7 @@ class CompiledRollout(Rollout):
         number("t_stay", t_stay, low=0)
         names = texts("names", names)
         if names and (models or controllers):
-            raise InputError("names", list(names), "none, where strikes differ in their models")
+            raise InputError("names", list(names), "none, because the strikes have different models")
         S = int((strikes[:, -1].max(initial=0.0) + t_stay) * rate + 1e-9) + 1
         B, m, d = len(strikes), len(names), self.model.dimension
         engine = self._engine(forward=m > 0)
@@ -362,13 +361,13 @@ class CompiledRollout(Rollout):
     def chain_paths(
         self, strikes: Strikes, *, t_stay: float = T_STAY, names: Sequence[str], stride: int = 1
     ) -> Iterator[ChainPath]:
-        """Paths of all links' far ends, and their exact derivatives; only a few strikes are in memory at a time.
+        """Yield the paths of all links' far ends with their exact derivatives, keeping few strikes in memory.
 
         Args:
             strikes, t_stay: As in `approach`.
-            names: m parameters, as in `gradient`.
-            stride: Steps of the integrator from one sample to the next. A strike's samples are its steps, which D
-                shifts: derivatives by it hold a share of the velocity.
+            names: Names of m parameters, as in `gradient`.
+            stride: Number of integration steps between samples. Since D shifts the sampling times, derivatives by D
+                include a part of the velocity.
         """
         strikes = self.vectors(strikes)
         d = self.model.dimension
@@ -386,11 +385,11 @@ class CompiledRollout(Rollout):
                 yield ChainPath(np.arange(len(path)) * interval, path.reshape(shape), slope.reshape(*shape, m))
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """The whole strike, at every step of the integrator."""
+        """Return the whole trajectory of a strike, at every observation step."""
         return next(self.trajectories(self.one_vector(strike), t_stay=t_stay))
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
-        """The whole of many strikes, one after the other; only a few are in memory at a time."""
+        """Yield the whole trajectories of many strikes, keeping few in memory."""
         strikes, n, a = self.vectors(strikes), self.structure.n, self.model.arm.n
         d = self.model.dimension
         columns, outcome = row_columns(n, a, d), outcome_columns(a, d)
@@ -409,10 +408,10 @@ class CompiledRollout(Rollout):
                 yield complete_trajectory(self.model, self.controller, self.space.path(vector), states)
 
     def directions(self, names: Sequence[str]) -> np.ndarray:
-        """How the parameter vector changes with each named parameter, (m, P); see `parameter_directions`.
+        """Return the derivatives of the parameter vector by named parameters, (m, P); see `parameter_directions`.
 
         Raises:
-            InputError: A name is unknown, or its term is not part of this rollout (see `free`).
+            InputError: A name is unknown, or this simulator does not have its term (see `free`).
         """
         of_joints = isinstance(self.space, JointSpace)  # else numbers of the hand are not the same for all strikes
         of_strike = {name: i if of_joints else -1 for i, name in enumerate(self.space.names)}

@@ -40,7 +40,7 @@ FLAGS = (
 
 
 class CompilerHangs(Exception):
-    """A compiler gave no answer in its time."""
+    """A compiler did not answer in time."""
 
 
 def _run(command: list[str], longest: float) -> subprocess.CompletedProcess[str]:
@@ -75,10 +75,10 @@ def _run(command: list[str], longest: float) -> subprocess.CompletedProcess[str]
 
 @cache
 def find_compiler() -> str | None:
-    """Path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++.
+    """Return the path of the C++ compiler: `CXX` if set, else the first of g++, clang++, c++.
 
     Returns:
-        None, with one line in the log, where there is no compiler.
+        The path; None, with one line in the log, if there is no compiler.
     """
     given = os.environ.get("CXX")
     names = [given] if given else ["g++", "clang++", "c++"]
@@ -91,10 +91,10 @@ def find_compiler() -> str | None:
 
 @cache
 def compiler_version(compiler: str) -> str:
-    """What a compiler says of itself.
+    """Return a compiler's version text.
 
     Raises:
-        CompilerHangs: It says nothing.
+        CompilerHangs: The compiler does not answer.
     """
     return _run([compiler, "--version"], _LONGEST_ANSWER).stdout
 
@@ -115,19 +115,19 @@ _hanging: set[str] = set()  # compilers that are not asked again
 def load_library(
     generated: str, driver: str, defines: dict[str, float], functions: Sequence[str] = ()
 ) -> ctypes.CDLL | None:
-    """The shared library of generated C code included by a driver, from the cache or freshly compiled.
+    """Return the shared library of a driver that includes generated C code, from the cache or newly compiled.
 
-    The cache key is a hash of sources, compiler, processor and flags. The library is built under another name and
-    renamed, so that processes that start at once do not see each other's half-written files.
+    The cache key is a hash of sources, compiler, processor and flags. The library is built under a temporary name and
+    then renamed, so that concurrent processes never see incomplete files.
 
     Args:
         generated: C code that the driver includes as `GENERATED`.
         driver: C++ code.
-        defines: Macros.
-        functions: Functions that the library has to have.
+        defines: Macros by name.
+        functions: Names of functions that the library must have.
 
     Returns:
-        The library; None where there is no compiler, and, with one line in the log, where it fails.
+        The library; None if there is no compiler, or, with one line in the log, if it fails.
     """
     compiler = find_compiler()
     if compiler is None or compiler in _hanging:

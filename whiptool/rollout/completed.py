@@ -29,7 +29,7 @@ class States(NamedTuple):
 def complete_trajectory(model: Model, controller: Controller, strike: StrikePath, states: States) -> Trajectory:
     """Return a trajectory with what follows from states: references, gains, and, unless given, the tip's path.
 
-    Of a law of the hand's errors the gains are those that joints feel, `J^T K J` and `J^T B J`.
+    For control in hand space the gains are those in joint space, `J^T K J` and `J^T B J`.
     """
     t, q, v, tau, diverged, tip = states
     a = model.arm.n

@@ -36,7 +36,7 @@ _SHARE_OF_LIMIT = 0.9  # of the largest stable step
 def hand_path(model: Model, trajectory: Trajectory) -> CubicHermiteSpline:
     """Return the hand's position over time (3,) [m] in a trajectory, as a smooth curve through its instants.
 
-    What the whip did to the arm is in it. In the plane, the path is in x and z.
+    It includes the whip's effect on the arm. For a planar model, the path is in x and z.
     """
     moving = chain_motion(model, trajectory.q, trajectory.v)
     place, velocity = (upright(x[:, model.arm.n]) for x in moving)
@@ -48,10 +48,10 @@ class TipPaths(NamedTuple):
 
     Args:
         t: Times [s], (T,).
-        tip: [m], (B, T, 3).
-        velocity: [m/s], (B, T, 3).
-        nodes: Positions of the nodes from the hand to the tip [m], (B, T, elements + 1, 3); None of paths that were
-            extrapolated.
+        tip: Positions of the tips [m], (B, T, 3).
+        velocity: Velocities of the tips [m/s], (B, T, 3).
+        nodes: Positions of the nodes from the hand to the tip [m], (B, T, elements + 1, 3); None for extrapolated
+            paths.
     """
 
     t: np.ndarray
@@ -68,13 +68,13 @@ class CosseratWhip:
     """A whip as a Cosserat rod.
 
     Args:
-        profile: Without rest curvature.
-        elements: Elements of the rod, at least 3.
-        wave_speed: Wave speed of stretching and shearing [m/s].
-        radius: Radius of the sections, for their inertia [m].
+        profile: Profile of the whip, without rest curvature.
+        elements: Number of elements of the rod, at least 3.
+        wave_speed: Wave speed of stretching and shearing [m/s], which sets their stiffness.
+        radius: Radius of the cross sections, for their inertia [m].
         gravity: Gravity [m/s^2].
         timestep: Timestep [s]; default: somewhat below the largest that is stable.
-        spins: Whether sections turn about the rod's own axis, as they do; False: they cannot, to see what that does.
+        spins: Whether sections can rotate about the rod's axis; False only to study the effect.
 
     Raises:
         InputError: A number is out of range, or the profile is curved at rest.
@@ -104,15 +104,15 @@ class CosseratWhip:
         self.timestep = number("timestep", timestep or _SHARE_OF_LIMIT * limit, low=0, high=limit, strict=True)
 
     def swing(self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0) -> TipPaths:
-        """Return how tip and nodes move while the hand follows a path, for each of B paths; all are computed at once.
+        """Return the motion of tip and nodes while the hand follows a path, for B paths at once.
 
         Args:
-            hands: Positions over time from 0 on (3,) [m]. The whip hangs at rest at first; where a path ends before the
-                longest, its hand stays.
-            rate: Times a second that the tip is recorded [1/s].
+            hands: B paths of the hand, positions (3,) [m] over time from 0. The whip hangs at rest at first; after the
+                end of its path a hand is at rest.
+            rate: Sampling rate of the result [1/s].
 
         Raises:
-            WhiptoolError: A rod left all bounds: the step is too large.
+            WhiptoolError: A rod diverged: the time step is too large.
         """
         end = max(float(hand.x[-1]) for hand in hands)
         per_sample = max(1, math.ceil(1 / (rate * self.timestep)))
@@ -141,10 +141,11 @@ class CosseratWhip:
     def limit(
         self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0, elements: bool = True
     ) -> tuple[TipPaths, TipPaths]:
-        """Return how the tip moves where the rod is infinitely fine and stiff, and, to judge that by, this rod's.
+        """Return the tip's motion extrapolated to an infinitely fine and stiff rod, and, for comparison, that of this
+        rod.
 
-        What elements, waves and sections do is of second order in each: Richardson's extrapolation from this rod and
-        the one that is twice as coarse in all of them takes it away.
+        The effects of elements, wave speed and sections are of second order; they are removed by Richardson
+        extrapolation from this rod and one that is twice as coarse.
 
         Args:
             hands, rate: See `swing`.
@@ -169,7 +170,9 @@ class CosseratWhip:
         return TipPaths(ours.t, tip, velocity), ours
 
     def add_hanging(self, bench: Any, place: np.ndarray, h: float) -> Any:
-        """Return a rod at rest straight below a place (3,), with its weight, damping and drag in a bench of step h."""
+        """Add to a bench with time step h [s] a rod at rest below a point (3,) [m], with weight, damping and drag;
+        return it.
+        """
         profile, n = self.profile, self.elements
         element = profile.length / n
         middles, inner = (np.arange(n) + 0.5) / n, np.arange(1, n) / n  # of the elements, and nodes between them
@@ -210,7 +213,7 @@ class CosseratWhip:
 
 
 def elastica() -> tuple[Any, Any]:
-    """Return PyElastica and our parts for it.
+    """Return the module PyElastica and `whiptool.rollout.cosserat_parts`.
 
     Raises:
         InputError: It is not installed, or does not load.

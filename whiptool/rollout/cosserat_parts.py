@@ -13,14 +13,14 @@ from numba import njit
 
 
 class Bench(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
-    """Rods that are moved, forced and damped."""
+    """A PyElastica system of rods with constraints, forces and damping."""
 
 
 class MovedHand(ea.ConstraintBase):
-    """A rod's first node follows a path; the rod turns about it freely.
+    """A constraint: a rod's first node follows a path, and the rod rotates freely about it.
 
     Args:
-        places, velocities: Places and velocities at every half step, (2 steps + 1, 3) [m], [m/s].
+        places, velocities: Positions [m] and velocities [m/s] of the hand at every half step, (2 steps + 1, 3) each.
         half: Half a step [s].
     """
 
@@ -29,23 +29,23 @@ class MovedHand(ea.ConstraintBase):
         self.places, self.velocities, self.half = places, velocities, half
 
     def constrain_values(self, system: Any, time: Any) -> None:
-        """Put the node where the hand is."""
+        """Set the node's position to the hand's."""
         system.position_collection[:, 0] = self.places[round(time / self.half)]
 
     def constrain_rates(self, system: Any, time: Any) -> None:
-        """Give the node the hand's velocity."""
+        """Set the node's velocity to the hand's."""
         system.velocity_collection[:, 0] = self.velocities[round(time / self.half)]
 
 
 class BendingDamper(ea.DamperBase):
-    """Neighbouring elements resist turning against each other: a moment `damping` per rate of curvature.
+    """Kelvin-Voigt damping of bending: a moment `damping` per rate of curvature.
 
-    The step is implicit in the angular velocities, so that no damping is too large: with W those of the elements in the
-    world, `inertia (W' - W) / h = damping's moments at W'`, a system with three diagonals, whose factors do not change.
+    The step is implicit and therefore stable for any damping: with W the elements' angular velocities in the world, it
+    solves `inertia (W' - W) / h = damping's moments at W'`, a constant tridiagonal system.
 
     Args:
         damping: Damping of every inner node, (elements - 1,) [N m^2 s].
-        inertia: Moment of inertia of every element, the same about all axes, (elements,) [kg m^2].
+        inertia: Moment of inertia of every element, equal about all axes, (elements,) [kg m^2].
         timestep: Timestep [s].
     """
 
@@ -59,7 +59,7 @@ class BendingDamper(ea.DamperBase):
         self.diagonal = diagonal
 
     def dampen_rates(self, system: Any, time: Any) -> None:
-        """Take a step."""
+        """Make one damping step."""
         _dampen(system.director_collection, system.omega_collection, self.inertia, self.beside, self.diagonal)
 
 
@@ -90,9 +90,9 @@ def _dampen(
 
 
 class UnspunDamper(BendingDamper):
-    """The same between elements that do not turn about their own axes: what of a moment is along them is lost.
+    """As `BendingDamper`, for elements that cannot rotate about their own axes; moments along these are discarded.
 
-    No material is so; compared with `BendingDamper` it shows what spin does.
+    It is unphysical, and only serves to show the effect of spin by comparison.
     """
 
     def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:
@@ -101,7 +101,7 @@ class UnspunDamper(BendingDamper):
         self.between -= np.diag(self.beside, 1) + np.diag(self.beside, -1)
 
     def dampen_rates(self, system: Any, time: Any) -> None:
-        """Take a step, in the two directions across each element."""
+        """Make one damping step, in the two directions across each element."""
         Q, omega = system.director_collection, system.omega_collection
         n = len(self.inertia)
         facing = np.einsum("kci,lcj->ikjl", Q[:2], Q[:2])  # an element's axes across in another's, (n, 2, n, 2)

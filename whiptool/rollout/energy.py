@@ -17,16 +17,16 @@ from whiptool.models.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Energies:
-    """Energies over T instants: those of the a links of the arm, then those of the whip's N nodes.
+    """Energies at T instants of the arm's a links, followed by the whip's N nodes.
 
     Args:
         t: Times [s], (T,).
-        kinetic: Kinetic energy of each arm link and each node [J], (T, a + N); an arm link's includes its rotor's, and
-            the whip's `hinge_mass` counts with the arm's last link.
-        weight: Potential energy of their weight [J], (T, a + N), from the base's height.
-        springs: Energy in the springs of each joint of the arm and of each node [J], (T, a + N).
-        work: Done by the arm's motors so far [J], (T,).
-        lost: To dampers, friction and drag so far [J], (T,).
+        kinetic: Kinetic energy of each arm link and each node [J], (T, a + N); a link's includes its rotor, the last
+            link's the whip's `hinge_mass`.
+        weight: Potential energy in gravity [J], (T, a + N), zero at the base's height.
+        springs: Energy in the springs of the joints [J], (T, a + N).
+        work: Work done by the arm's motors so far [J], (T,).
+        lost: Energy dissipated by dampers, friction and drag so far [J], (T,).
     """
 
     t: np.ndarray
@@ -43,22 +43,22 @@ class Energies:
 
     @property
     def imbalance(self) -> np.ndarray:
-        """What is stored more than at the start, less work done, plus what was lost [J], (T,); 0 for exact motion."""
+        """Energy error [J], (T,): increase of the stored energy, minus work, plus dissipation; 0 for exact motion."""
         return self.stored - self.stored[0] - self.work + self.lost
 
 
 def energies(model: Model, trajectory: Trajectory) -> Energies:
-    """Energies along a strike, in the plane or in space.
+    """Return the energies along a strike, in the plane or in space.
 
-    Work and losses are the trapezoidal integrals of power, of second order in the trajectory's steps where the torque
-    is continuous, and of first order where it is held for a control period.
+    Work and losses are trapezoidal integrals of power: of second order in the trajectory's steps for a continuous
+    torque, of first order for one that is held for a control period.
 
     Args:
-        model: The model that the strike was rolled out with.
+        model: Model with which the strike was simulated.
         trajectory: Trajectory of T instants.
 
     Raises:
-        InputError: The trajectory is of another number of joints.
+        InputError: The trajectory has another number of joints.
     """
     whip, a, n = model.whip, model.arm.n, model.coordinates
     t, q, v = trajectory.t, trajectory.q, trajectory.v

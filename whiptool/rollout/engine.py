@@ -17,10 +17,10 @@ VARIABLE = "WHIPTOOL_ENGINE"
 
 
 def wanted_rung() -> str | None:
-    """The rung that the environment variable forces, if any.
+    """Return the engine (`simd`, `scalar` or `interpreter`) that the environment variable sets, if any.
 
     Raises:
-        InputError: It names none.
+        InputError: It names no engine.
     """
     name = os.environ.get(VARIABLE) or None
     if name is not None and name not in RUNGS:
@@ -30,10 +30,10 @@ def wanted_rung() -> str | None:
 
 @lru_cache(maxsize=64)
 def find_engine(structure: Structure | SwingStructure, *, forward: bool, rung: str | None) -> Engine:
-    """Return the best engine for a structure, or the given rung.
+    """Return the fastest working engine for a structure, or the requested one.
 
-    A compiler that fails on SIMD code falls to scalar code, no working compiler to the interpreter, each with one line
-    in the log.
+    If SIMD code does not compile, scalar code is used; without a working compiler, the interpreter. Each is reported in
+    the log.
     """
     wanted = RUNGS if rung is None else RUNGS[RUNGS.index(rung) :]
     system = closed_loop(structure) if isinstance(structure, Structure) else swing(structure)

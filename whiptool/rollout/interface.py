@@ -22,14 +22,14 @@ Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray
 
 
 class Rollout(ABC):
-    """Strikes in, what the tip did out. Whoever has one, has any: search, learner, planner.
+    """Interface of everything that carries out strikes (simulators and rigs), for searches, learners and planners.
 
     Args:
-        model: Whip, arm and gravity.
+        model: Model of arm and whip.
         engine: Name of the engine or rig.
-        timestep: Timestep of the integrator [s].
-        tolerance: Largest error of a distance by integration [m], where steps are chosen by their errors; else None.
-        one_by_one: Whether each strike costs more than time, so that none is asked for that may not be needed.
+        timestep: Time step of the integrator [s].
+        tolerance: Largest integration error of a distance [m], for adaptive steps; else None.
+        one_by_one: Whether strikes are costly (a rig), so that none is made that may not be needed.
     """
 
     model: Model
@@ -45,17 +45,17 @@ class Rollout(ABC):
 
     @property
     def accuracy(self) -> str:
-        """How finely it integrates, in words."""
+        """Description of the integration accuracy."""
         return f"at {1e3 * self.timestep:g} ms" if self.tolerance is None else f"to {1e3 * self.tolerance:g} mm"
 
     @property
     def space(self) -> StrikeSpace:
-        """What describes its strikes: the joints, or the hand."""
+        """Coordinates of the strikes: joint space or hand space."""
         return JointSpace(self.model.arm)
 
     @property
     def prescribed(self) -> bool:
-        """Whether the arm's joints move exactly as commanded, as under position control."""
+        """Whether the arm's joints move exactly as commanded (position control)."""
         controller = getattr(self, "controller", None)  # a rig's is its own
         return controller is not None and controller.prescribed
 
@@ -63,8 +63,8 @@ class Rollout(ABC):
         """Return strikes as vectors, (B, width of `space`).
 
         Raises:
-            InputError: They are of another space, a value is not finite, an angle is farther than any arm turns, or a
-                duration D is not positive.
+            InputError: They have a wrong length, a value is not finite, an angle is implausibly large, or a duration D
+                is not positive.
         """
         space, joints = self.space, f"an arm of {self.model.arm.n} joints"
         whose = joints if space.kind == "joint" else f"the hand of {joints}"
@@ -76,31 +76,31 @@ class Rollout(ABC):
         """Return one strike as a vector.
 
         Raises:
-            InputError: They are several, or see `vectors`.
+            InputError: There are several strikes, or as in `vectors`.
         """
         vectors = self.vectors(strike)
         if len(vectors) != 1:
-            raise InputError("strikes", len(vectors), "one", "of several, take trajectories(strikes)")
+            raise InputError("number of strikes", len(vectors), "1", "for several call trajectories(strikes)")
         return vectors[0]
 
     @abstractmethod
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Return the whole of one strike of `D + t_stay` seconds.
+        """Return the trajectory of one strike, of `D + t_stay` seconds.
 
         Args:
             strike: A `Strike`, in hand space a `HandStrike`, or its vector, (2 a + 1,).
-            t_stay: How long the strike is watched after the movement ended [s].
+            t_stay: Time after the movement's end that is included [s].
 
         Raises:
             InputError: The strike is of another arm, or needs too many steps.
         """
 
     def simulate(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Return the same as `trajectory`, under the name of the command."""
+        """Same as `trajectory`, under the name of the command."""
         return self.trajectory(strike, t_stay=t_stay)
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:
-        """Return the whole of many strikes, one after the other."""
+        """Yield the trajectories of many strikes, one after the other."""
         for vector in self.vectors(strikes):
             yield self.trajectory(vector, t_stay=t_stay)
 
@@ -127,31 +127,31 @@ class Rollout(ABC):
         """Return the closest approaches, and the exact derivatives of the miss distances, (B, m).
 
         Raises:
-            InputError: This rollout has none.
+            InputError: This simulator has no derivatives.
         """
         raise self._without_derivatives()
 
     def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, ApproachSlopes]:
-        """Return the closest approaches, and the exact derivatives of all that they tell.
+        """Return the closest approaches, and the exact derivatives of all their quantities.
 
         Raises:
-            InputError: This rollout has none.
+            InputError: This simulator has no derivatives.
         """
         raise self._without_derivatives()
 
     def arrival_gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, np.ndarray, np.ndarray]:
-        """Return the closest approaches, and the exact derivatives of the tip's place and velocity there.
+        """Return the closest approaches, and the exact derivatives of the tip's position and velocity there.
 
         Returns:
             The approaches, and the derivatives of the place [m per unit of the parameter] and of the velocity
             [m/s per unit], (B, d, m) each.
 
         Raises:
-            InputError: This rollout has none.
+            InputError: This simulator has no derivatives.
         """
         near, slopes = self.slopes(strikes, target, t_stay=t_stay, names=names)
         return near, slopes.tip, slopes.velocity
@@ -161,12 +161,12 @@ class Rollout(ABC):
 
 
 def joined(approaches: Sequence[Approach], joints: int, dimension: int) -> Approach:
-    """Return approaches of single strikes as one of them all, also of none.
+    """Combine the approaches of single strikes into one `Approach`; the list may be empty.
 
     Args:
         approaches: Approaches of one strike each.
-        joints: Joints of the arm.
-        dimension: Dimension of the places, 2 or 3.
+        joints: Number of joints of the arm.
+        dimension: Dimension of positions, 2 or 3.
     """
     if not approaches:
         return Approach.none(joints, dimension)

@@ -19,7 +19,7 @@ _IN_A_ROW = 16  # steps that CasADi takes in one call
 
 
 class InterpretedEngine:
-    """An engine with the arguments and results of `driver.cpp`."""
+    """Engine that evaluates CasADi functions without compilation, with the interface of `driver.cpp`."""
 
     rung = "interpreter"
 
@@ -236,10 +236,10 @@ def _fill(to: np.ndarray, table: np.ndarray, rows: np.ndarray, steps: np.ndarray
 
 
 def several(step: ca.Function, L: int, count: int, *, forward: bool, observed: bool) -> ca.Function:
-    """Return a function that takes `count` steps of L strikes in a row.
+    """Return a function that makes `count` successive steps of L strikes.
 
-    It reads x (2 n, L), t and h (1, count L), p (P, L) and u (inputs, (count + 1) L), instant after instant, and writes
-    the states that follow, tips, torques and what is observed, in `forward` mode their changes behind them.
+    Its arguments are x (2 n, L), t and h (1, count L), p (P, L) and u (inputs, (count + 1) L), ordered by instant. It
+    returns the following states, tips, torques and observed quantities; in `forward` mode also their derivatives.
     """
     together, sides = step.map(L), 2 if forward else 1
     sizes = [step.size1_in(i) for i in range(5)]
@@ -280,15 +280,16 @@ def _call(function: ca.Function, inputs: Sequence[np.ndarray], outputs: Sequence
 def tip_at(
     at: np.ndarray, t: np.ndarray, path: np.ndarray, moved: tuple[np.ndarray, np.ndarray] | None = None
 ) -> np.ndarray:
-    """Return the tip at times `at`, by cubics through positions and velocities.
+    """Return the tip at times `at`, by cubic interpolation of positions and velocities.
 
     Args:
-        at: (S,) [s]
-        t, path: Times (T,) [s]; positions and velocities, (T, 2 d).
-        moved: How path (T, 2 d) and times (T,) move along a direction: the tip's change at fixed times comes behind it.
+        at: Times, (S,) [s].
+        t, path: Times (T,) [s], and positions and velocities (T, 2 d).
+        moved: Derivatives of path (T, 2 d) and of times (T,) along a direction; the tip's derivative at fixed times is
+            then appended.
 
     Returns:
-        (S, d), or with `moved` (S, 2 d).
+        Positions of the tip, (S, d) [m], or with `moved` (S, 2 d).
     """
     from scipy.interpolate import CubicHermiteSpline
 

@@ -25,12 +25,12 @@ _FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder() -> Path:
-    """The user's cache folder, made private (mode 0700); a temporary one where that cannot be.
+    """Return the user's cache folder, made private (mode 0700), or a temporary folder if that is not possible.
 
-    What a folder holds to which others could write is removed.
+    The content of a folder to which others could write is removed.
 
     Raises:
-        OSError: No temporary folder can be made either.
+        OSError: No temporary folder can be created either.
     """
     folder = user_cache_path("whiptool") / "compiled"
     try:
@@ -53,7 +53,7 @@ def cache_folder() -> Path:
 
 
 def is_own(path: Path) -> bool:
-    """Whether a file or folder belongs to the user whose process this is; always true where files have no owners."""
+    """Whether a file or folder belongs to the current user; always true on systems without owners of files."""
     return not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
 
 
@@ -66,7 +66,8 @@ def _temporary_folder(reason: str) -> Path:
 
 
 def cached(folder: Path, key: str) -> ctypes.CDLL | None:
-    """The library of a key, complete and owned by the user, or None. Any other file is removed."""
+    """Return the cached library of a key if it is complete and owned by the user, else None; invalid files are
+    removed."""
     for file in folder.glob(f"{key}-*.so"):
         try:
             if _name(key, file.read_bytes()) == file.name and is_own(file) and not file.stat().st_mode & _FOR_OTHERS:
@@ -82,7 +83,7 @@ def cached(folder: Path, key: str) -> ctypes.CDLL | None:
 
 
 def keep(library: Path, folder: Path, key: str) -> None:
-    """Move a library that was built within the folder to its name there, at once and for its user alone."""
+    """Move a library that was built within the folder to its final name, readable by its user only."""
     library.chmod(0o700)
     library.replace(folder / _name(key, library.read_bytes()))
 

@@ -25,7 +25,7 @@ _ENDINGS = {1: ("",), 2: ("x", "y")}  # of the names of a node's hinges, by thei
 
 
 def not_native(model: Model) -> list[str]:
-    """What MuJoCo's file format cannot hold of this model, in words; the reference rollout adds it as forces."""
+    """Return descriptions of what MuJoCo's file format cannot represent; `ReferenceRollout` applies these as forces."""
     missing = []
     if model.whip.per_node("drag").any():
         missing.append("quadratic air drag of the nodes")
@@ -39,18 +39,20 @@ def not_native(model: Model) -> list[str]:
 def build_spec(
     model: Model, *, target: np.ndarray | None = None, target_radius: float = 0.06, node_inertia: float = NODE_INERTIA
 ) -> mujoco.MjSpec:
-    """Arm, whip and scene; the arm's joints have their names, the whip's are `whip1` .. `whipN`, of universal nodes
-    `whip1x`, `whip1y` and so on, of rods ball joints that nothing bends or brakes; the nodes' bodies are `whip1` ..
-    `whipN`, and the tip is the site `tip`.
+    """Return arm, whip and scene as an MjSpec.
+
+    The arm's joints keep their names; the whip's joints are `whip1` .. `whipN`, for universal joints `whip1x`, `whip1y`
+    and so on, for rods ball joints without stiffness and damping. The nodes' bodies are `whip1` .. `whipN`, and the tip
+    is the site `tip`.
 
     Args:
-        model: Whip, arm, gravity.
-        target: Position (2,) or, in space, (3,) [m] of a target to show; it takes no part in the dynamics.
-        target_radius: Target radius [m].
-        node_inertia: Inertia of each whip node [kg m^2], > 0, where its own is less.
+        model: Model of arm and whip.
+        target: Position (2,) or, in space, (3,) [m] of a target to show, without effect on the dynamics.
+        target_radius: Radius of the target [m].
+        node_inertia: Least moment of inertia of each whip node [kg m^2], > 0.
 
     Raises:
-        InputError: A whip of rods is on an arm whose last link has no mass, and so no body that they could pull.
+        InputError: A whip of rods is on an arm whose last link has no mass.
     """
     spec = mujoco.MjSpec()
     spec.modelname = model.name
@@ -191,13 +193,13 @@ def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -
 
 
 def set_posture(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> None:
-    """Put the chain into joint positions q (n,) and update what depends on them."""
+    """Set the joint positions q (n,) and update all quantities that depend on them."""
     data.qpos[:] = q
     mujoco.mj_forward(model, data)
 
 
 def export_xml(model: Model, *, target: np.ndarray | None = None) -> tuple[str, list[str]]:
-    """MJCF text that MuJoCo's viewer loads, and what it cannot hold, in words."""
+    """Return MJCF text for MuJoCo's viewer, and descriptions of what it cannot represent."""
     spec = build_spec(model, target=target)
     missing = [*not_native(model), "the controller: joints are driven by plain motors"]
     spec.comment = "Written by whiptool. Not in this file: " + "; ".join(missing) + "."

@@ -19,11 +19,11 @@ from whiptool.rollout.mujoco_import import mujoco
 
 
 class MujocoRods:
-    """The joints of a whip of rods in MuJoCo: their torques, and states in the coordinates of rods.
+    """Joint torques of a whip of rods in MuJoCo, and conversion between MuJoCo's and whiptool's coordinates.
 
     Args:
         model: Model with a whip of N rods on an arm of a joints.
-        mj: Its arm and whip, as `build_spec` gives them.
+        mj: MuJoCo model from `build_spec`.
     """
 
     def __init__(self, model: Model, mj: mujoco.MjModel) -> None:
@@ -40,7 +40,7 @@ class MujocoRods:
         self._bends = slice(*(mj.body_dofadr[self._nodes[[0, -1]]] + [0, 3]))  # velocities of the balls, in turn
 
     def positions(self, q: np.ndarray) -> np.ndarray:
-        """Return MuJoCo's positions (a + 4 N,), of which a rod has a quaternion, for coordinates of rods (a + 3 N,)."""
+        """Convert coordinates of rods (a + 3 N,) to MuJoCo's positions with a quaternion per rod (a + 4 N,)."""
         a = self._arm.n
         frame, quaternions = arm_frames(self._arm, q[:a])[-1].rotation, []
         for d in q[a:].reshape(-1, 3):
@@ -55,14 +55,14 @@ class MujocoRods:
         return np.r_[q[:a], np.concatenate(quaternions)]
 
     def coordinates(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rods' coordinates and how they change, (a + 3 N,) each, of data at which places and speeds are."""
+        """Return the rods' coordinates and their rates, (a + 3 N,) each, from MuJoCo's data."""
         directions, spins = self._rods(data)
         rates = _cross(spins, directions)
         a = self._arm.n
         return np.r_[data.qpos[:a], directions[1:].ravel()], np.r_[data.qvel[:a], rates[1:].ravel()]
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Write the joints' torques at the data's places and speeds into its applied generalised forces."""
+        """Write the joints' torques to the data's applied generalised forces."""
         directions, spins = self._rods(data)
         before, d = directions[:-1], directions[1:]
         w, slope = half_square(1 - np.vecdot(before, d)[:, None])
@@ -93,6 +93,6 @@ def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def stable_timestep(model: Model) -> float:
-    """Return a step [s] well inside RK4's stability limit for the hanging rods' motion."""
+    """Return a time step [s] well within RK4's stability limit for the hanging rods."""
     hanging = start_posture(model, np.zeros((1, model.arm.n)))[0]
     return 1.0 / np.abs(np.linalg.eigvals(linearise(model, hanging).A)).max()

@@ -21,7 +21,7 @@ _VISUAL = {"contype": 0, "conaffinity": 0, "mass": 0.0}  # shapes that are seen 
 
 
 def add_capsule(body: mujoco.MjsBody, end: Sequence[float], radius: float, material: str) -> None:
-    """A rod from the body's origin to a place in its frame (3,) [m]."""
+    """Add a capsule of a radius [m] from the body's origin to a point in its frame (3,) [m]."""
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[0, 0, 0, *end],
@@ -32,14 +32,15 @@ def add_capsule(body: mujoco.MjsBody, end: Sequence[float], radius: float, mater
 
 
 def add_ball(body: mujoco.MjsBody, radius: float, material: str, position: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    """A ball at a place in the body's frame (3,) [m]."""
+    """Add a ball of a radius [m] at a point in the body's frame (3,) [m]."""
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=list(position), size=[radius, 0, 0], material=material, **_VISUAL
     )
 
 
 def add_target(spec: mujoco.MjSpec, target: np.ndarray, radius: float, reach: float) -> None:
-    """A disc just behind the strike plane, so that it never hides the tip; in space a ball in a larger clear one."""
+    """Add a target: a disc just behind the strike plane, so that it never hides the tip; in space two concentric
+    balls."""
     if len(target) == 3:
         body = spec.worldbody.add_body(name="target", pos=[float(x) for x in target])
         add_ball(body, radius / 4, "target")
@@ -57,7 +58,7 @@ def add_target(spec: mujoco.MjSpec, target: np.ndarray, radius: float, reach: fl
 
 
 def add_scene(spec: mujoco.MjSpec, model: Model) -> None:
-    """Light, floor, materials and cameras that see the whole reach; in the plane, a board behind it."""
+    """Add light, floor, materials and cameras that see the whole reach; in the plane also a board behind it."""
     reach = model.reach
     spec.stat.center, spec.stat.extent = [0.0, 0, 0], 1.2 * reach
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1920, 1080

@@ -19,14 +19,14 @@ from whiptool.rollout.threads import cores, run_in_parts
 
 
 def driver_source() -> str:
-    """Return the driver in C++, behind the number type that it computes with and its sine and cosine."""
+    """Return the source of the C++ driver, with the number type and trigonometric functions that it uses."""
     return "".join(
         files("whiptool.rollout").joinpath(name).read_text() for name in ("lanes.h", "trigonometry.h", "driver.cpp")
     )
 
 
 def generate_c(system: System, *, forward: bool) -> str:
-    """Return what the driver includes: sizes and columns, and the system's functions in C."""
+    """Return the C code that the driver includes: sizes, columns, and the system's functions."""
     generator = ca.CodeGenerator("whiptool_generated.c", {"with_header": False})
     for function in system.functions.values():
         generator.add(along(function) if forward else function)
@@ -91,7 +91,7 @@ class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
 
 
 class NativeEngine:
-    """The driver, compiled for one system; `lanes` strikes run at once on each core."""
+    """The C++ driver compiled for one system; it simulates `lanes` strikes at once on each core."""
 
     def __init__(self, library: ctypes.CDLL, system: System, rung: str) -> None:
         self.system, self.rung = system, rung
@@ -102,7 +102,7 @@ class NativeEngine:
 
     @classmethod
     def compiled(cls, system: System, *, forward: bool, simd: bool) -> NativeEngine | None:
-        """Return the system's engine, from the cache or freshly compiled; None where no compiler works."""
+        """Return the system's engine, from the cache or newly compiled; None if no compiler works."""
         defines = {
             "HELD": int(system.held),
             "PRESCRIBED": int(system.prescribed),

@@ -40,17 +40,17 @@ _callback = threading.Lock()  # MuJoCo's control callback is one per process
 class ReferenceRollout(Rollout):
     """Simulates strikes of one model and controller in MuJoCo.
 
-    Rods are bodies on ball joints to which their bending torques are applied as external torques, see `mujoco_rods`.
+    Rods are bodies on ball joints, and their bending torques are applied as external torques, see `mujoco_rods`.
 
-    A torque written to `ctrl` once a step is held over the integrator's stages, which makes any of them first order.
-    The torque of a continuous controller is therefore computed in MuJoCo's control callback, at every stage. Drag and
-    smoothed friction, which MuJoCo lacks, are applied there as well. Under position control the motors get the torques
-    with which MuJoCo's own equations have the arm's joints accelerate as the reference does, and the arm begins every
-    step on it.
+    A torque that is written to `ctrl` once per step is constant over the integrator's stages, which makes every
+    integrator first order. The torque of a continuous controller is therefore computed in MuJoCo's control callback at
+    every stage, as are drag and smoothed friction, which MuJoCo lacks. Under position control the motors get the
+    torques that give the arm's joints the reference's accelerations in MuJoCo's equations, and the arm is set to the
+    reference at every step.
 
     Args:
-        model: Whip, arm, gravity.
-        controller: Law and options; default: `default_controller`.
+        model: Model of arm and whip.
+        controller: Controller of the arm; default: `default_controller`.
         timestep: MuJoCo's step [s].
         integrator: Integrator of MuJoCo. If neither is given: RK4 at 0.1 ms, or at a smaller step if the whip's damping
             requires it; if this would be below 0.02 ms, `implicitfast` (first order) at 0.02 ms.
@@ -98,11 +98,11 @@ class ReferenceRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """What describes its strikes: the joints, or the hand."""
+        """Coordinates of the strikes: joint space or hand space."""
         return self.controller.strike_space(self.model.arm)
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """The whole strike of `D + t_stay` seconds, at every step.
+        """Return the trajectory of a strike, of `D + t_stay` seconds, at every step.
 
         Raises:
             InputError: The strike is of another arm, or needs too many steps.
@@ -179,15 +179,17 @@ class ReferenceRollout(Rollout):
         return self._data
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the model's coordinates and their velocities in the present state, (n,) each."""
+        """Return the model's coordinates and their rates in the current state, (n,) each."""
         return (self._data.qpos, self._data.qvel) if self._rods is None else self._rods.coordinates(self._data)
 
     def tip(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return position [m] and velocity [m/s] of the tip, (d,) each, of a state that MuJoCo has computed."""
+        """Return position [m] and velocity [m/s] of the tip, (d,) each, in the current state; MuJoCo's kinematics must
+        be up to date.
+        """
         return self._data.site_xpos[self._tip, self._axes], self._tip_velocity()
 
     def apply_forces(self, data: mujoco.MjData) -> None:
-        """Write smoothed friction and drag, and the joints' torques of rods, into the data's applied forces."""
+        """Write smoothed friction, drag and the joint torques of rods to the data's applied forces."""
         v = data.qvel
         if self._rods is not None:
             self._rods.apply(data)
@@ -233,10 +235,11 @@ class ReferenceRollout(Rollout):
 
 @contextmanager
 def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> Iterator[list[str]]:
-    """Have MuJoCo call a function at every stage of its steps; one thread at a time, as a process has one callback.
+    """Let MuJoCo call a function at every stage of its steps, within a `with` block; only one thread can use it at a
+    time.
 
     Yields:
-        What MuJoCo warns of meanwhile: it then resets the state, or drops the control, and goes on.
+        A list that collects MuJoCo's warnings, after which it resets the state or drops the control and continues.
     """
     gave_up: list[str] = []
     with _callback:
@@ -250,7 +253,7 @@ def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> It
 
 
 def check_integrator(name: str) -> None:
-    """Refuse what is not one of MuJoCo's integrators.
+    """Refuse a name that is not one of MuJoCo's integrators.
 
     Raises:
         InputError: It is unknown; the message lists the integrators.
@@ -261,12 +264,12 @@ def check_integrator(name: str) -> None:
 
 @dataclass(frozen=True)
 class Replay:
-    """A strike in MuJoCo.
+    """Result of repeating a strike in MuJoCo.
 
     Args:
-        miss_distance: [m]; None if it diverged at every step that was tried.
-        timestep: The last of them [s].
-        confirmed: Whether that is within `AGREEMENT` of what was expected.
+        miss_distance: Miss distance [m]; None if it diverged with every time step.
+        timestep: The last time step [s].
+        confirmed: Whether the miss distance agrees with the expected one within `AGREEMENT`.
         velocity: Velocity of the tip at the closest approach [m/s], (d,); None if it diverged.
     """
 
@@ -282,10 +285,10 @@ AGREEMENT = 3e-4  # [m], of miss distances in the two simulators
 def replay(
     model: Model, controller: Controller, strike: AnyStrike, target: np.ndarray, *, t_stay: float, expected: float
 ) -> Replay:
-    """Play a strike in MuJoCo, and where that does not agree with what is expected, again at smaller steps.
+    """Simulate a strike in MuJoCo, with smaller time steps if the miss distance differs from the expected one.
 
-    An explicit integrator under a controller whose gain grows with the error can be wrong without diverging; a strike
-    is only called unconfirmed when an eighth of the usual step does not agree either.
+    With a controller whose gain grows with the error, an explicit integrator can be wrong without diverging; a strike
+    only counts as unconfirmed if an eighth of the default step does not agree either.
     """
     rollout, distance, velocity = ReferenceRollout(model, controller), None, None
     for attempt in range(4):

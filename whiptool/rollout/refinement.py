@@ -28,9 +28,9 @@ def refine(
     t_stay: float,
     target: np.ndarray,
 ) -> str | None:
-    """Return, in one sentence for people, what the integration of a strike may have got wrong; None: nothing.
+    """Return a sentence on a possibly inaccurate integration of a strike; None if it is accurate.
 
-    Of equal steps, what differs where the strike is played again at steps whose errors are small; else, whether the
+    A strike with equal steps is simulated again with small errors and compared; otherwise it is checked whether the
     tolerance was met.
 
     Args:
@@ -74,12 +74,12 @@ def _too_coarse(said: Sequence[str]) -> str:
 def share_too_coarse(
     model: Model, controller: Controller, bounds: StrikeBounds, *, timestep: float, t_stay: float, target: np.ndarray
 ) -> float:
-    """The share of random strikes whose miss differs by more than 0.3 mm at steps whose errors are small.
+    """Return the fraction of random strikes whose miss distance with a time step is wrong by more than 0.3 mm.
 
     Args:
         model, controller, t_stay, target: As in `refine`.
         bounds: Bounds of the strikes.
-        timestep: To be judged [s].
+        timestep: Time step to judge [s].
     """
     strikes = bounds.sample(np.random.default_rng(0), SAMPLE)
     rollouts = [CompiledRollout(model, controller, timestep=h) for h in (timestep, None)]

@@ -31,12 +31,12 @@ CERTAINTY = 3.0  # the estimate is so many times the finer rollout's error, if e
 
 @dataclass(frozen=True)
 class Resolved:
-    """Outcomes of B strikes, each stepped as finely as it needs.
+    """Outcomes of B strikes, each with steps as fine as it needs.
 
     Args:
         out: Outcomes in the engine's columns, (B, columns).
-        error: Estimated error of the distances [m], (B,); infinite where no tolerance was fine enough.
-        tolerance: Tolerance of the steps' errors that was taken [m], (B,).
+        error: Estimated errors of the distances [m], (B,); infinite if no tolerance was fine enough.
+        tolerance: Tolerance of the steps' errors that was used [m], (B,).
     """
 
     out: np.ndarray
@@ -47,10 +47,11 @@ class Resolved:
 def resolve(
     roll: Callable[[np.ndarray, np.ndarray], np.ndarray], count: int, tolerance: float, columns: Columns
 ) -> Resolved:
-    """Roll strikes out until the estimated errors of their distances are at most a tolerance.
+    """Simulate strikes with finer steps until the estimated errors of their distances are at most a tolerance.
 
     Args:
-        roll: Outcomes (n, columns) of the strikes of such numbers (n,) at such tolerances of a step's error (n,).
+        roll: Returns the outcomes (n, columns) of strikes with given indices (n,) and tolerances of a step's error (n,)
+            [m].
         count: Number of strikes.
         tolerance: Tolerance [m].
         columns: Columns of the outcomes.
@@ -74,11 +75,11 @@ def resolve(
 def stepped(
     model: Model, controller: Controller, *, free: Sequence[str] = (), timestep: float | None = None
 ) -> Structure:
-    """Return the structure of a model and controller, stepped by the method that costs less.
+    """Return the structure of a model and controller with the cheaper integration method.
 
     Args:
-        model, controller, free: As `Structure.of` takes them.
-        timestep: Equal steps of this length [s]; None: steps are chosen by their errors.
+        model, controller, free: As in `Structure.of`.
+        timestep: Length of equal steps [s]; None: adaptive steps.
     """
     longest = _EXPLICIT if timestep is None else timestep
     explicit = controller.prescribed and longest <= explicit_timestep(model)
@@ -86,7 +87,7 @@ def stepped(
 
 
 def displacements(model: Model, n: int) -> np.ndarray:
-    """Return how far each of n coordinates, the arm's and then the whip's, moves the tip [m], (n,)."""
+    """Return the largest displacement of the tip per unit of each of n coordinates (arm, then whip) [m], (n,)."""
     lengths, a = model.whip.per_node("l"), model.arm.n
     beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on
     of_whip = lengths if model.whip.joints == "rod" else beyond

@@ -24,21 +24,21 @@ ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo M
 
 
 def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: float = BANDWIDTH) -> Trajectory:
-    """Return what arm and whip do while servos follow a joint trajectory, at every step of MuJoCo.
+    """Return the motion of arm and whip while position servos in MuJoCo follow a joint trajectory.
 
-    Each joint has a servo of MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start, to which
-    that of its geared motor is added: without it a light wrist cannot be held stiffly against the whip. As robots do,
-    they add the torque that weight and centrifugal forces ask for, so that the arm does not sag. Between the
-    trajectory's samples servos follow the quintic through their positions, velocities and accelerations; the set point
-    u is as far ahead of it as such servos lag behind. The whip hangs still at the beginning.
+    Each joint has a servo with MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start
+    including that of a geared motor, without which a light wrist could not be held against the whip. The servos
+    compensate gravity and centrifugal forces. Between the trajectory's samples they follow the quintic through
+    positions, velocities and accelerations; the set point u leads by the servos' lag. The whip hangs at rest at the
+    beginning.
 
     Args:
-        model: Arm and whip.
+        model: Model of arm and whip.
         trajectory: Trajectory of the arm's joints, in their order.
         bandwidth: Natural frequency of the servos [Hz].
 
     Raises:
-        InputError: The trajectory is of other joints, or a number is out of range.
+        InputError: The trajectory has other joints, or a number is out of range.
     """
     if trajectory.joints not in (model.arm.joints, model.arm.names):
         rule = f"those of the arm of {model.name}: {', '.join(model.arm.names)}"

@@ -11,12 +11,12 @@ SLOPES = ("tip", "velocity", "effort", "max_torque")  # of which an outcome's co
 
 @dataclass(frozen=True, eq=False)
 class ApproachSlopes:
-    """Derivatives of an `Approach` of B strikes by m parameters, in d dimensions, for an arm of a joints.
+    """Derivatives of an `Approach` of B strikes by m parameters, in d dimensions, for an arm with a joints.
 
     Args:
         distance: Derivatives of the distance of the tip from the target [m per unit of the parameter], (B, m).
-        tip: Derivatives of its place at the closest approach [m per unit], (B, d, m).
-        velocity: Derivatives of its velocity there [m/s per unit], (B, d, m).
+        tip: Derivatives of the tip's position at the closest approach [m per unit], (B, d, m).
+        velocity: Derivatives of the tip's velocity there [m/s per unit], (B, d, m).
         effort: Derivatives of each joint's integral of squared torque [N^2 m^2 s per unit], (B, a, m).
         max_torque: Derivatives of each joint's largest torque [N m per unit], (B, a, m).
     """

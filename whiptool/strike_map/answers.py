@@ -12,17 +12,18 @@ from whiptool.goals.goals import Goals
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Passages: K strikes, each with an instant at which its tip passes a place with a velocity, and derivatives.
+    """K passages, the entries of a strike map: a strike, an instant, the tip's position and velocity then, and
+    derivatives.
 
-    The derivatives are by the strike's m numbers and, in the last column, by the instant itself: a goal farther along
-    the same path is answered by the same strike. Those of places are exact, those of velocities and by the instant are
-    their differences along the path.
+    Derivatives are by the strike's m coordinates and, in the last column, by the instant, because the same strike also
+    reaches goals farther along its path. Those of positions are exact; those of velocities and by the instant are
+    finite differences along the path.
 
     Args:
-        strikes: Vectors, (K, m).
-        tips: Places of the tip at those instants [m], (K, d).
-        velocities: Then [m/s], (K, d).
-        tip_slopes: Derivatives of the place [m per unit], (K, d, m + 1).
+        strikes: Strike vectors, (K, m).
+        tips: Positions of the tip at the instants [m], (K, d).
+        velocities: Velocities of the tip at the instants [m/s], (K, d).
+        tip_slopes: Derivatives of the position [m per unit], (K, d, m + 1).
         velocity_slopes: Derivatives of the velocity [m/s per unit], (K, d, m + 1).
     """
 
@@ -39,21 +40,23 @@ class Answers:
         return f"Answers({len(self)} passages)"
 
     def take(self, which: np.ndarray | slice) -> Answers:
-        """Return some of them."""
+        """Return a selection of the passages."""
         return Answers(*(getattr(self, f.name)[which] for f in fields(self)))
 
     @classmethod
     def none(cls, m: int, d: int) -> Answers:
-        """Return no answers, of strikes of m numbers in d dimensions."""
+        """Return zero passages, for strikes with m coordinates in d dimensions."""
         return cls(*map(np.empty, ((0, m), (0, d), (0, d), (0, d, m + 1), (0, d, m + 1))))
 
     @classmethod
     def joined(cls, parts: Sequence[Answers]) -> Answers:
-        """Return all of several."""
+        """Return several sets of passages as one."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def shortlist(self, goal: Goals, count: int) -> np.ndarray:
-        """Return which passages leave least of one goal (B = 1), by the norm of its residuals, nearest first."""
+        """Return the indices of the `count` passages with the smallest residuals for one goal (B = 1), the smallest
+        first.
+        """
         left = np.linalg.norm(goal.residuals(self.tips, self.velocities), axis=1)
         count = min(count, len(left))
         some = np.argpartition(left, count - 1)[:count]

@@ -26,15 +26,15 @@ _AT_ONCE = 2048  # random strikes of a part
 
 @dataclass(frozen=True)
 class MapPlan:
-    """How much is rolled out to build a map.
+    """Amount of simulation to build a map.
 
     Args:
-        random_strikes: Number of random strikes whose passages are the first answers.
-        room: Answers in each cell of the region at first; each round of practice makes room for one more.
-        rounds: Rounds of practice.
-        goals: Goals of each round.
-        gate_strikes: Candidates that are struck to train the gate; 0: there will be none.
-        per_goal: Number of them at each goal.
+        random_strikes: Number of random strikes whose passages are the first entries.
+        room: Largest number of entries in each cell of the region at first; each round adds one.
+        rounds: Number of rounds in which missed goals are refined and added.
+        goals: Number of goals of each round.
+        gate_strikes: Number of candidate strikes with which the ranking network (gate) is trained; 0: no network.
+        per_goal: Number of these candidates at each goal.
 
     Raises:
         InputError: A number is out of range.
@@ -55,7 +55,7 @@ class MapPlan:
 
     @property
     def parts(self) -> int:
-        """Number of parts: of random strikes, and then rounds of practice."""
+        """Number of parts: of random strikes, and then of rounds."""
         return self.random_parts + self.rounds
 
     @property
@@ -65,23 +65,23 @@ class MapPlan:
 
 
 class Building:
-    """Builds a map part by part; a part is the same whenever it is made from those before it.
+    """Builds a map part by part; each part is determined by the ones before it, so that building can be resumed.
 
     Args:
-        striker: Rolls out.
+        striker: Simulator of strikes.
         region: Region of the goals.
-        plan: How much.
-        seed: Seed of everything random.
+        plan: Amount of simulation.
+        seed: Seed of all random numbers.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, plan: MapPlan, *, seed: int) -> None:
         self.striker, self.region, self.plan, self.seed = striker, region, plan, seed
 
     def part(self, before: Sequence[Answers]) -> Answers:
-        """Return the answers of the next part after those before it.
+        """Return the entries of the next part, given those before it.
 
         Raises:
-            InputError: Random strikes pass no goal of the region.
+            InputError: No random strike passes a goal of the region.
         """
         rng = np.random.default_rng([self.seed, len(before)])
         harvest = Harvest(self.striker, self.region, rng)
@@ -106,10 +106,10 @@ class Building:
         return harvest.pick(refined.strikes[refined.struck.hit], room=room)
 
     def gate(self, answers: Answers, *, progress: bool = False) -> Gate:
-        """Return a gate that was trained on what candidates for random goals came to.
+        """Return a ranking network (gate) trained with the results of candidate strikes for random goals.
 
-        Limits of whole strikes, which take longer to judge than a strike to roll out, are left aside: the answers keep
-        them, and so do nearly all of their corrections.
+        Limits that need the whole trajectory are not checked here, because this is slow; the entries keep them, and so
+        do nearly all corrections of them.
         """
         rng = np.random.default_rng([self.seed, self.plan.parts])
         strike_map = StrikeMap(self.striker, self.region, answers)
@@ -127,7 +127,8 @@ class Building:
 
 
 def built(building: Building, folder: Path) -> StrikeMap:
-    """Return the map of a building; what of it is not in the folder yet is made, each part written when it is."""
+    """Build a map, and return it; parts that the folder already has are loaded, others are computed and written to
+    it."""
     plan = building.plan
     parts = load_parts(folder, plan.parts)
     with Progress(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:

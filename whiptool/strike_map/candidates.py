@@ -19,13 +19,13 @@ _CHANGE = 0.2  # in widths, that counts as much against a candidate as a miss of
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """C strikes that may hit one goal, in the order of `doubt`.
+    """C strikes that may hit one goal, sorted by `doubt`.
 
     Args:
-        strikes: Vectors, (C, m).
-        slopes: Derivatives of the goal's residuals at the answers that they come from, (C, r, m).
-        change: From those answers, in widths, the instant's last, (C, m + 1).
-        left: Remaining residual to first order, in hit radii, (C,).
+        strikes: Strike vectors, (C, m).
+        slopes: Derivatives of the goal's residuals at the map entries from which they were computed, (C, r, m).
+        change: Difference from these entries, relative to the box's widths, with that of the instant last, (C, m + 1).
+        left: Remaining residual to first order, in units of the hit radius, (C,).
     """
 
     strikes: np.ndarray
@@ -35,25 +35,26 @@ class Candidates:
 
     @property
     def doubt(self) -> np.ndarray:
-        """What counts against each: how far it is from its answer, and what is left, (C,)."""
+        """Score of each candidate, the smaller the better: distance from its map entry plus remaining residual,
+        (C,)."""
         return np.linalg.norm(self.change, axis=1) / _CHANGE + self.left
 
     def take(self, which: np.ndarray | slice) -> Candidates:
-        """Return some of them."""
+        """Return a selection of the candidates."""
         return Candidates(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 def candidates(
     striker: Striker, answers: Answers, front: Front, goal: Goals, *, shortlist: int = SHORTLIST
 ) -> Candidates:
-    """Return what the nearest answers make of one goal (B = 1), each corrected to first order.
+    """Return candidates for one goal (B = 1): the nearest map entries, each corrected to first order.
 
     Args:
-        striker: Says in which box strikes lie.
-        answers: To choose from, turned to the front.
-        front: Turns goals to the front, and strikes back.
-        goal: Goal at its position.
-        shortlist: Number of answers that are corrected.
+        striker: Simulator of strikes, for their box.
+        answers: Map entries, rotated to the front.
+        front: Rotates goals to the front, and strikes back.
+        goal: The goal, not rotated.
+        shortlist: Number of entries that are corrected.
     """
     angle = front.angles(goal.positions)
     nearest = answers.take(answers.shortlist(front.goals(goal, -angle), shortlist))
@@ -80,7 +81,7 @@ def _instants(answers: Answers) -> np.ndarray:
 
 
 def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
-    """Return the features of each candidate of one goal, (C, f): goal, strike, change, and residual."""
+    """Return the features of each candidate for one goal, (C, f): goal, strike, change, and residual."""
     angle = -front.angles(goal.positions)
     ahead, count = front.goals(goal, angle), len(candidates.strikes)
     strikes = front.strikes(candidates.strikes, np.repeat(angle, count))

@@ -78,12 +78,12 @@ def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """What refinement came to, of B strikes.
+    """Result of the refinement of B strikes.
 
     Args:
-        strikes: The best of each, (B, m).
+        strikes: Best strike for each goal, (B, m).
         struck: Outcomes of the strikes.
-        rollouts: Total number of rollouts, without those for derivatives.
+        rollouts: Total number of simulated strikes, without those for derivatives.
         derivatives: Number of derivatives of strikes that were computed.
     """
 
@@ -93,7 +93,7 @@ class Refined:
     derivatives: int
 
     def improved(self, rows: np.ndarray, others: Refined) -> Refined:
-        """Return the same with others in those of some rows in which they are better."""
+        """Return the result with the rows `rows` replaced by those of `others` that are better."""
         better = others.struck.beats(self.struck.take(rows))
         strikes = self.strikes.copy()
         strikes[rows[better]] = others.strikes[better]
@@ -108,17 +108,17 @@ class Refined:
 def refine(
     striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None = None, *, steps: int = STEPS
 ) -> Refined:
-    """Correct strikes until they hit and their costs are below `TOLERANCE`, or they get no better.
+    """Correct strikes until they hit with costs below `TOLERANCE`, or improve no further.
 
-    Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives that each rollout mends (Broyden 1965): one
-    rollout a step. Where steps stall, exact derivatives are taken, which cost some dozens. Limits that are judged on
-    whole strikes have no derivatives here: what was found is judged by them at the end.
+    Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives updated by Broyden's method (1965): one
+    simulation per step. If steps stall, exact derivatives are computed, at the cost of dozens of simulations. Limits
+    that need whole trajectories are only checked at the end.
 
     Args:
-        striker: Rolls out.
-        goals: One each.
-        strikes: To begin with, (B, m).
-        slopes: Derivatives of the residuals there or near there, (B, r, m); None: they are taken.
+        striker: Simulator of strikes.
+        goals: One goal for each strike.
+        strikes: Initial strikes, (B, m).
+        slopes: Derivatives of the residuals at or near the initial strikes, (B, r, m); None: they are computed.
         steps: Largest number of steps.
     """
     state = _Refinement(striker, goals, strikes, slopes)
@@ -134,7 +134,7 @@ def refine(
 
 
 def finished(struck: Landings) -> np.ndarray:
-    """Return whether strikes hit and cost so little that they are not corrected any more, (B,)."""
+    """Return whether strikes hit with a cost below `TOLERANCE`, so that they are not corrected further, (B,)."""
     return struck.hit & (struck.cost <= TOLERANCE)
 
 

@@ -20,7 +20,8 @@ _HELD_OUT = 10  # every so many goals are held out
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """A trained gate: a multilayer perceptron with rectified linear units, evaluated by NumPy.
+    """A trained ranking network (gate) that predicts which candidates hit: a multilayer perceptron, evaluated with
+    NumPy.
 
     Args:
         weights, biases: Weights and biases of each layer, (in, out) and (out,), in single precision.
@@ -33,7 +34,7 @@ class Gate:
     scale: np.ndarray
 
     def odds(self, seen: np.ndarray) -> np.ndarray:
-        """Return the logarithm of the odds of candidates to hit, (C,), from their features (C, f)."""
+        """Return the log odds that candidates hit, (C,), from their features (C, f)."""
         x = _scaled(seen, self.mean, self.scale)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.maximum(x @ weight + bias, 0.0)
@@ -41,7 +42,7 @@ class Gate:
 
     @classmethod
     def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
-        """Return a gate that was trained by logistic regression on candidates (N, f) that hit or not, (N,)."""
+        """Train a gate by logistic regression on the features (N, f) of candidates and whether they hit, (N,)."""
         torch = optional("torch", "the gate of a strike map")
         from whiptool.rl.networks import Layers
 

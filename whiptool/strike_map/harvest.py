@@ -23,15 +23,15 @@ _WORTH = 4  # cells with room that a strike has to pass
 
 
 class Harvest:
-    """Counts how many answers each cell of a region holds, and picks more of them where there is room.
+    """Counts the map entries in each cell of a region, and selects further ones for cells that are not full.
 
-    A cell is two hit radii wide, and two cones where directions are asked for. Only strikes that pass several cells
-    with room are worth their derivatives, which cost as much along the whole path as at one place.
+    A cell is two hit radii wide, and two cones if directions are required. Only strikes that pass several cells with
+    room are used, because derivatives cost as much for the whole path as for one point.
 
     Args:
-        striker: Rolls out.
+        striker: Simulator of strikes.
         region: Region of the goals.
-        rng: Draws points of the region's zone, to see in which directions it lies.
+        rng: Random generator, for points by which the zone's range of directions is estimated.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, rng: np.random.Generator) -> None:
@@ -41,15 +41,15 @@ class Harvest:
         self._taken: Counter[Cell] = Counter()
 
     def count(self, answers: Answers) -> None:
-        """Count answers that were picked before."""
+        """Count entries that were selected before."""
         self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
 
     def pick(self, strikes: np.ndarray, *, room: int) -> Answers:
-        """Return the passages of strikes (B, m) within the limits in cells with room, turned to the front.
+        """Return the passages of strikes (B, m) through cells with room, rotated to the front.
 
         Args:
-            strikes: To look at; what is beyond the limits is left out.
-            room: Answers that a cell may hold.
+            strikes: Strikes; those that exceed the limits are left out.
+            room: Largest number of entries in a cell.
         """
         if not len(strikes):
             return Answers.none(strikes.shape[1], self.region.zone.dimension)
@@ -126,11 +126,11 @@ def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: 
 
 
 def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how the tips of strikes move, as far as they keep the limits that peaks tell of.
+    """Return the tip paths of those strikes (S, m) that keep the limits by their peak values.
 
     Returns:
-        Which strikes, their numbers (b,); along their paths tips [m] and velocities [m/s], (b, S, d) each, NaN before
-        and after.
+        Indices of these strikes (b,); positions [m] and velocities [m/s] of the tips at `RATE`, (b, T, d) each, NaN
+        outside the strike.
     """
     within, paths = striker.paths(strikes, rate=RATE)
     kept, paths = np.flatnonzero(within), paths[within]

@@ -41,17 +41,17 @@ _GATE_SHAPES = {  # one network (n) of two hidden layers (a, b)
 
 
 def part_file(folder: Path, number: int) -> Path:
-    """Return the file of a part."""
+    """Return the path of the file of a part."""
     return folder / f"answers-{number:03d}.npz"
 
 
 def save_part(folder: Path, number: int, answers: Answers) -> None:
-    """Write the answers of a part."""
+    """Write the entries of a part."""
     write_npz(part_file(folder, number), {f.name: getattr(answers, f.name) for f in fields(Answers)})
 
 
 def load_parts(folder: Path, count: int) -> list[Answers]:
-    """Return the answers of the parts that are there, in order, up to the first of `count` that is not.
+    """Return the entries of the first `count` parts in order, up to the first one that is missing.
 
     Raises:
         InputError: A file has another format.
@@ -69,7 +69,7 @@ def save_gate(folder: Path, gate: Gate) -> None:
 
 
 def load_gate(folder: Path) -> Gate | None:
-    """Return the gate, or None where there is no file.
+    """Return the ranking network (gate), or None if there is no file.
 
     Raises:
         InputError: The file has another format.
@@ -80,14 +80,14 @@ def load_gate(folder: Path) -> Gate | None:
 
 
 def save_packed(path: Path, answers: Answers, gate: Gate) -> None:
-    """Write a whole map as one small file: answers in single precision, their derivatives in half."""
+    """Write a whole map as one small file: entries in single precision, their derivatives in half precision."""
     kept = {f.name: getattr(answers, f.name) for f in fields(Answers)}
     packed = {name: x.astype(np.float16 if name.endswith("slopes") else np.float32) for name, x in kept.items()}
     write_npz(path, packed | _gate_arrays(gate))
 
 
 def load_packed(path: Path) -> tuple[Answers, Gate]:
-    """Return the map that `save_packed` wrote.
+    """Return entries and gate of a map that `save_packed` wrote.
 
     Raises:
         InputError: The file has another format.
@@ -97,10 +97,10 @@ def load_packed(path: Path) -> tuple[Answers, Gate]:
 
 
 def opened(striker: Striker, region: GoalRegion, folder: Path) -> StrikeMap:
-    """Return the map that a folder holds.
+    """Return the map stored in a folder.
 
     Raises:
-        InputError: It holds none, or one of its files is damaged.
+        InputError: The folder has no map, or one of its files is damaged.
     """
     parts = load_parts(folder, _MANY)
     if not parts:
@@ -115,7 +115,7 @@ def shipped_names() -> list[str]:
 
 @cache
 def shipped_map(name: str) -> StrikeMap:
-    """Return the map of a preset, for its own controller, limits and `usual_region`.
+    """Return the map of a preset, for its default controller and limits and its `usual_region`.
 
     Raises:
         InputError: No map has that name; the message lists the maps.

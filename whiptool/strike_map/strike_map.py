@@ -24,13 +24,13 @@ REFINED = 32  # candidates that are refined at most, one after the other: few go
 
 
 class StrikeMap:
-    """Answers with their derivatives, and the gate that chooses among what they make of a goal.
+    """A strike map: entries (strikes with derivatives), and a network that ranks the candidates for a goal.
 
     Args:
-        striker: Rolls out.
+        striker: Simulator of strikes.
         region: Region of the goals that the map was built for.
-        answers: Turned to the front.
-        gate: Chooses; None: the candidate with the least `doubt` is taken.
+        answers: Entries of the map, rotated to the front.
+        gate: Ranking network; None: candidates are ranked by `doubt`.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, answers: Answers, gate: Gate | None = None) -> None:
@@ -42,10 +42,10 @@ class StrikeMap:
         return f"StrikeMap({self.striker.rollout.model.name}, {len(self.answers)} answers, {chosen})"
 
     def goal(self, target: Target | Sequence[float]) -> Goals:
-        """Return the goal of a target, which may ask for any direction and speed: what comes of it is judged.
+        """Return the goal of a target in the map's region; any direction and speed are allowed.
 
         Raises:
-            InputError: It lies outside the map's region.
+            InputError: The target is outside the map's region.
         """
         asked, zone = as_target(target), self.region.zone
         if len(asked.position) != zone.dimension:
@@ -55,12 +55,11 @@ class StrikeMap:
         return asked.goals
 
     def strike(self, target: Target | Sequence[float], *, refined: bool = True) -> Strike:
-        """Return the strike for a target; where it misses, or is beyond the limits, with a warning.
+        """Return the strike for a target; warns if it misses or exceeds the limits.
 
         Args:
-            target: Target of the map's region; its hit radius may be another.
-            refined: Whether rollouts refine what the answers make of it; else they only see to it that it keeps the
-                limits.
+            target: Target in the map's region; its hit radius may differ from the map's.
+            refined: Whether the strike is refined by simulation; otherwise simulation only checks the limits.
 
         Raises:
             InputError: The target lies outside the map's region.
@@ -78,7 +77,7 @@ class StrikeMap:
         return Strike.from_vector(strike)
 
     def candidates(self, goal: Goals) -> Candidates:
-        """Return candidates for one goal (B = 1), best first."""
+        """Return candidates for one goal (B = 1), the best first."""
         found = candidates(self.striker, self.answers, self.front, goal)
         unlike_trained = (goal.directions is None) == self.region.rule.directed
         if self.gate is None or unlike_trained:
@@ -87,15 +86,16 @@ class StrikeMap:
         return found.take(np.argsort(-odds, kind="stable"))
 
     def strikes(self, goals: Goals) -> np.ndarray:
-        """Return one strike for each goal, (B, m), without any rollout."""
+        """Return one strike for each goal, (B, m), without simulation."""
         return self._taken(self._candidates(goals, 1), 0)
 
     def kept(self, goals: Goals, *, tried: int = TRIED) -> np.ndarray:
-        """Return for each goal the best of its candidates that keeps all limits, (B, m), which rollouts say.
+        """Return for each goal the best candidate that keeps all limits in simulation, (B, m).
 
         Args:
-            goals: One each.
-            tried: Candidates of a goal that are looked at at most; if none of them keeps the limits, it is the best.
+            goals: B goals.
+            tried: Largest number of candidates to check for each goal; if none keeps the limits, the best one is
+                returned.
         """
         found = self._candidates(goals, tried)
         chosen = self._taken(found, 0)
@@ -109,11 +109,11 @@ class StrikeMap:
         return chosen
 
     def refined(self, goals: Goals, *, tried: int = REFINED) -> Refined:
-        """Return strikes that were refined from one candidate after the other, until nothing is left of their goals.
+        """Return strikes refined from one candidate after the other until they hit within `TOLERANCE`.
 
         Args:
-            goals: One each.
-            tried: Candidates of a goal that are refined at most.
+            goals: B goals.
+            tried: Largest number of candidates to refine for each goal.
         """
         found = self._candidates(goals, tried)
         best = self._refined(goals, found, np.arange(len(found)), 0)

@@ -20,14 +20,14 @@ from whiptool.rollout.compiled import CompiledRollout
 
 @dataclass(frozen=True, eq=False)
 class Landings:
-    """How B strikes came to B goals.
+    """Results of B strikes, each at its own goal.
 
     Args:
-        residuals: Residuals between strike and goal [m], (B, r), see `Goals.residuals`; NaN if it diverged.
-        distance: Closest approach of the tip [m], (B,).
-        angle: Between its velocity and the direction [rad], (B,); NaN where none is asked for.
+        residuals: Residuals between strike and goal [m], (B, r), see `Goals.residuals`; NaN if the strike diverged.
+        distance: Miss distance of the tip [m], (B,).
+        angle: Angle between the tip's velocity and the goal's direction [rad], (B,); NaN without direction.
         beyond: Excess of the strike over the limits, (B,); at most 0 within them.
-        hit: Whether it hits, within the limits, (B,).
+        hit: Whether the strike hits and keeps the limits, (B,).
     """
 
     residuals: np.ndarray
@@ -38,20 +38,20 @@ class Landings:
 
     @cached_property
     def cost(self) -> np.ndarray:
-        """Norm of the residuals [m], (B,), larger by what is beyond the limits; infinite for one that diverged."""
+        """Norm of the residuals plus the excess over the limits [m], (B,); infinite for strikes that diverged."""
         cost = np.linalg.norm(self.residuals, axis=1) + np.maximum(self.beyond, 0.0)
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def beats(self, others: Landings) -> np.ndarray:
-        """Return whether each hits where the other does not, or costs less where both or neither hit, (B,)."""
+        """Return whether each result is better than another: a hit instead of a miss, else a smaller cost, (B,)."""
         return np.where(self.hit == others.hit, self.cost < others.cost, self.hit)
 
     def take(self, which: np.ndarray) -> Landings:
-        """Return some of them."""
+        """Return a selection of the results."""
         return Landings(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def with_rows(self, rows: np.ndarray, others: Landings) -> Landings:
-        """Return the same with others in some rows."""
+        """Return the results with some rows replaced by others."""
         changed = {}
         for f in fields(self):
             column = getattr(self, f.name).copy()
@@ -61,17 +61,17 @@ class Landings:
 
 
 class Striker:
-    """Rolls strikes out at goals, within a box and the arm's limits.
+    """Simulates strikes, each at its own goal, within a box and the arm's limits.
 
     Args:
         rollout: Simulator with derivatives.
-        bounds: Box of the strikes; default: `default_bounds`. It is narrowed to limits of position.
-        limits: One or several that strikes have to keep; default: what the model's arm has, see `Objective`; None: the
-            arm can do anything.
-        t_stay: A strike is watched this long after the movement ended [s].
+        bounds: Box of the strikes, which is reduced to the position limits; default: `default_bounds`.
+        limits: One or several limits that strikes have to keep; default: those of the model's arm, see `Objective`;
+            None: none.
+        t_stay: Time after the movement's end for which the tip is still observed [s].
 
     Raises:
-        InputError: Strikes of the rollout are not described by the arm's joints.
+        InputError: The simulator's strikes are not in joint space.
     """
 
     def __init__(
@@ -91,11 +91,11 @@ class Striker:
 
     @property
     def widths(self) -> np.ndarray:
-        """Of the box, (m,)."""
+        """Widths of the box, (m,)."""
         return self.upper - self.lower
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, m) put into the box, shortened where joints would be commanded beyond their speeds."""
+        """Return strikes (B, m) clipped to the box, and shortened so that commanded paths keep their limits."""
         return self.limits.admissible(strikes, self.bounds)
 
     def inside(self, strikes: np.ndarray) -> np.ndarray:
@@ -103,35 +103,36 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes (B, m) keep the limits that peaks and paths tell of, (B,), and their tips' paths [m].
+        """Return whether strikes keep the limits as far as peak values and commanded paths show, (B,), and their tip
+        paths.
 
         Args:
-            strikes: Vectors.
-            rate: Samples a second [1/s].
+            strikes: Strike vectors, (B, m).
+            rate: Sampling rate [1/s].
 
         Returns:
-            The second as `tip_path` has it, (B, S, d).
+            The paths are (B, S, d) [m], as in `tip_path`.
         """
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
         lowest = np.min(paths[:, :, -1], axis=1, initial=np.inf, where=np.isfinite(paths[:, :, -1]))
         return (self._beyond(strikes, near) <= 0) & (lowest >= self._floor), paths
 
     def keep(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether strikes (B, m) keep all limits over their whole length, (B,)."""
+        """Return whether the whole trajectories of strikes (B, m) keep all limits, (B,)."""
         if not self.limits or not len(strikes):
             return np.ones(len(strikes), bool)
         played = zip(strikes, self.rollout.trajectories(strikes, t_stay=self.t_stay), strict=True)
         return np.array([self.limits.violation(path, Strike.from_vector(strike)) <= 0 for strike, path in played])
 
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
-        """Return what strikes (B, m) come to, each at its goal.
+        """Simulate strikes (B, m), and return their results, each at its goal.
 
-        Limits that are judged on whole strikes, as distances are, are judged on those that would be hits.
+        Limits that need whole trajectories, such as distances, are only checked for strikes that would be hits.
         """
         return self.judged(strikes, self.land(strikes, goals))
 
     def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
-        """Return what strikes (B, m) come to, each at its goal, by the limits alone that peaks tell of."""
+        """As `strike`, but checking only the limits that follow from peak values."""
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         beyond = self._beyond(strikes, near)
         hit = goals.hit_by(near) & (beyond <= 0)
@@ -140,7 +141,7 @@ class Striker:
         )
 
     def judged(self, strikes: np.ndarray, landings: Landings) -> Landings:
-        """Return landings of strikes (B, m) whose hits keep the limits of whole strikes, too."""
+        """Return the results of strikes (B, m) after checking, for hits, the limits that need whole trajectories."""
         rows = np.flatnonzero(landings.hit)
         if not self.limits.of_candidates or not len(rows):
             return landings
@@ -151,7 +152,7 @@ class Striker:
         return replace(landings, beyond=beyond, hit=hit)
 
     def derivatives(self, strikes: np.ndarray, goals: Goals) -> np.ndarray:
-        """Return the exact derivatives of the residuals by the strikes' numbers, (B, r, m)."""
+        """Return the exact derivatives of the residuals by the strikes' coordinates, (B, r, m)."""
         near, dtip, dvelocity = self.rollout.arrival_gradient(strikes, goals.positions, t_stay=self.t_stay)
         return goals.residual_slopes(near.velocity, dtip, dvelocity)
 

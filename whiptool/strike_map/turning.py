@@ -20,9 +20,9 @@ _DIRECTIONS = 16
 
 
 def bounds_all_around(arm: AnyArm) -> StrikeBounds:
-    """Return the usual bounds of an arm's strikes, with room for those that are turned to another direction.
+    """Return the default bounds of an arm's strikes, extended so that strikes can be rotated to other directions.
 
-    A joint that turns the whole arm about the vertical may go as far as it can, a turn to either side at most.
+    A first joint that rotates the whole arm about the vertical gets its full range, at most one turn to either side.
     """
     usual = default_bounds(arm)
     if not turns_as_a_whole(arm):
@@ -35,9 +35,9 @@ def bounds_all_around(arm: AnyArm) -> StrikeBounds:
 
 
 class Front:
-    """Turns what an arm does to the front, so that what it knows of one direction it knows of all.
+    """Rotates strikes and goals about the vertical to the front, so that entries for one direction serve for all.
 
-    Of an arm that does not turn as a whole nothing is turned.
+    If the arm's first joint does not rotate the whole arm about the vertical, nothing is rotated.
 
     Args:
         model: Model with the arm.
@@ -48,11 +48,11 @@ class Front:
         self._joint = [0, model.arm.n]  # the first joint's numbers in a strike
 
     def angles(self, points: np.ndarray) -> np.ndarray:
-        """Return from where to the left of the front points (B, d) would have to come [rad], (B,)."""
+        """Return the azimuths of points (B, d) from the front, positive to the left [rad], (B,)."""
         return np.arctan2(points[:, 1], points[:, 0]) if self.turns else np.zeros(len(points))
 
     def strikes(self, strikes: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return strikes (B, m), turned to the left by angles (B,) [rad]."""
+        """Return strikes (B, m) rotated to the left by angles (B,) [rad]."""
         if not self.turns:
             return strikes
         moved = strikes.copy()
@@ -60,7 +60,7 @@ class Front:
         return moved
 
     def vectors(self, vectors: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Return vectors (B, d) or columns of vectors (B, d, m), turned to the left by angles (B,) [rad]."""
+        """Return vectors (B, d), or columns of vectors (B, d, m), rotated to the left by angles (B,) [rad]."""
         if not self.turns:
             return vectors
         cosine, sine = (f(angles).reshape(-1, *[1] * (vectors.ndim - 2)) for f in (np.cos, np.sin))
@@ -68,18 +68,18 @@ class Front:
         return np.stack([cosine * x - sine * y, sine * x + cosine * y, vectors[:, 2]], axis=1)
 
     def goals(self, goals: Goals, angles: np.ndarray) -> Goals:
-        """Return goals of B strikes, turned to the left by angles (B,) [rad]."""
+        """Return the goals of B strikes rotated to the left by angles (B,) [rad]."""
         several = {name: getattr(goals, name) for name in ("positions", "directions", "sights")}
         turned: dict[str, Any] = {name: self.vectors(x, angles) for name, x in several.items() if x is not None}
         return replace(goals, **turned)
 
     def answers(self, answers: Answers, angles: np.ndarray) -> Answers:
-        """Return K answers, turned to the left by angles (K,) [rad]."""
+        """Return K map entries rotated to the left by angles (K,) [rad]."""
         several = ("tips", "velocities", "tip_slopes", "velocity_slopes")
         vectors = {name: self.vectors(getattr(answers, name), angles) for name in several}
         return Answers(self.strikes(answers.strikes, angles), **vectors)
 
     def azimuths(self, zone: Zone, rng: np.random.Generator) -> np.ndarray:
-        """Return angles in which a zone lies, from end to end [rad]."""
+        """Return equally spaced azimuths that cover a zone [rad]."""
         found = self.angles(sample(zone, _LOOKS, rng))
         return np.linspace(found.min(), found.max(), _DIRECTIONS) if self.turns else np.zeros(1)

@@ -17,7 +17,7 @@ class Corners:
     """Corners of a board that an image shows.
 
     Args:
-        ids: Numbers of the corners, (P,), as rows of the board's `points`.
+        ids: Indices of the corners in the board's `points`, (P,).
         pixels: Their positions in the image, (P, 2).
     """
 
@@ -30,20 +30,20 @@ class Board(Protocol):
 
     @property
     def points(self) -> np.ndarray:
-        """All corners in the board's own axes (x along its rows, y down its columns, z into it) [m], (P, 3)."""
+        """All corners in the board's frame (x along its rows, y down its columns, z into it) [m], (P, 3)."""
         ...
 
     def find(self, image: np.ndarray) -> Corners:
-        """Return the corners that an image (H, W, 3) or (H, W) of uint8 shows; none where there is no board."""
+        """Return the corners that an image (H, W, 3) or (H, W) uint8 shows; empty if there is no board."""
         ...
 
 
 @dataclass(frozen=True)
 class Checkerboard:
-    """A checkerboard, which is only found whole, and by cameras that see its first row above its last.
+    """A checkerboard. It is only detected if it is completely visible, and its first row has to be the upper one.
 
     Args:
-        corners: Inner corners along a row, and rows of them; one number odd and one even.
+        corners: Number of inner corners along a row, and of rows; one odd and one even.
         square: Side of a square [m].
 
     Raises:
@@ -74,10 +74,10 @@ class Checkerboard:
 
 @dataclass(frozen=True)
 class CharucoBoard:
-    """A checkerboard with a marker in every white square, so that a part of it, however turned, tells its corners.
+    """A ChArUco board: a checkerboard with a marker in every white square, which is also detected partly and rotated.
 
     Args:
-        squares: Along a row, and rows of them.
+        squares: Number of squares along a row, and of rows.
         square: Side of a square [m].
         marker: Side of a marker [m].
         dictionary: Dictionary of the markers, by its name in OpenCV.
@@ -102,7 +102,7 @@ class CharucoBoard:
 
     @property
     def points(self) -> np.ndarray:
-        """Its inner corners, row by row [m], (P, 3); the first lies a square in from the board's own corner."""
+        """Its inner corners, row by row [m], (P, 3); the first is one square from the board's edges."""
         columns, rows = self.squares
         return _grid(columns - 1, rows - 1, self.square)
 
@@ -138,12 +138,12 @@ def _grid(columns: int, rows: int, side: float) -> np.ndarray:
 
 
 def find_checkerboard(image: np.ndarray, *, corners: tuple[int, int]) -> np.ndarray:
-    """Inner corners of a checkerboard [pixels], (columns x rows, 2), row by row from the upper left.
+    """Return the inner corners of a checkerboard [pixels], (columns x rows, 2), row by row from the upper left.
 
     Args:
-        image: (H, W, 3) or (H, W) of uint8.
-        corners: Inner corners along a row, and rows of them; one number odd and one even, so that the board has but
-            one way to lie (with its first corner's square of the same colour either way, it may be seen half turned).
+        image: Image, (H, W, 3) or (H, W) uint8.
+        corners: Number of inner corners along a row, and of rows; one odd and one even, so that the orientation is
+            unique.
 
     Raises:
         InputError: There is no such board in the image.

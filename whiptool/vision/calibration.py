@@ -15,11 +15,11 @@ from whiptool.vision.boards import Board
 
 @dataclass(frozen=True, eq=False)
 class PlaneCalibration:
-    """Metres on the strike plane from pixels.
+    """Conversion of pixels to metres on the strike plane.
 
     Args:
-        homography: Metres from (undistorted) pixels, homogeneous, (3, 3), its last entry 1.
-        residual: Root mean square distance of the known points, in the image [pixels]; 0 for four points.
+        homography: Homography from undistorted pixels to metres, (3, 3), with last entry 1.
+        residual: Root mean square error of the known points in the image [pixels]; 0 for four points.
         camera_matrix: Intrinsics [pixels], (3, 3); needed only with a lens distortion.
         distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
 
@@ -37,7 +37,7 @@ class PlaneCalibration:
             raise InputError("camera_matrix", None, "the intrinsics, (3, 3), wherever there is a lens distortion")
 
     def to_plane(self, pixels: np.ndarray) -> np.ndarray:
-        """Points on the strike plane [m], (..., 2), that pixels (..., 2) show."""
+        """Return the points on the strike plane [m], (..., 2), of pixels (..., 2)."""
         return to_plane(self.homography, undistort(pixels, self.camera_matrix, self.distortion))
 
 
@@ -48,7 +48,7 @@ def calibrate_points(
     camera_matrix: np.ndarray | None = None,
     distortion: Sequence[float] = (),
 ) -> PlaneCalibration:
-    """From at least four known points of the strike plane, no three of four on a line.
+    """Calibrate from at least four known points of the strike plane, of which no three are on a line.
 
     Args:
         pixels: Positions in the image, (P, 2).
@@ -56,7 +56,8 @@ def calibrate_points(
         camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:
-        InputError: Too few points, shapes that differ, values that are not finite, or points that fix no homography.
+        InputError: There are too few points, shapes differ, values are not finite, or the points do not determine a
+            homography.
     """
     straight = undistort(pixels, camera_matrix, distortion)
     H = homography_from_points(straight, metres)

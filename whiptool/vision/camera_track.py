@@ -12,11 +12,11 @@ GAP = 2.5  # frames without a marker over which its track is not drawn on
 
 
 class CameraTrack:
-    """One marker's way through one camera's images, at any time between its frames.
+    """Path of one marker in the images of one camera, interpolated between frames.
 
     Args:
         recording: Recording of the camera, with its view.
-        marker: One of its markers.
+        marker: Name of one of its markers.
     """
 
     def __init__(self, recording: StrikeRecording, marker: str) -> None:
@@ -28,7 +28,8 @@ class CameraTrack:
         self.gap = GAP * float(np.median(np.diff(recording.t)))
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return its pixels (T, 2) at times (T,), NaN where it was not followed, and their standard errors (T,)."""
+        """Return its pixels (T, 2) at times t (T,) [s], NaN where it was not tracked, and their standard errors
+        (T,)."""
         unseen = np.full((len(t), 2), np.nan), np.full(len(t), np.nan)
         if len(self.t) < 4:
             return unseen
@@ -41,7 +42,13 @@ class CameraTrack:
         return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
 
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return how far sights pass the other camera's in an image, (P,), and its standard errors, (P,) [pixels]."""
+        """Return by how much its lines of sight miss the other camera's, in the image [pixels], (P,), and the standard
+        errors (P,).
+
+        Args:
+            other: Track of the same marker by another camera.
+            delay: Time of the other camera's clock minus this one's [s].
+        """
         seen, sigma = other.at(self.t + delay)
         found = triangulate([self.camera, other.camera], np.stack([self.pixels, seen]))
         apart = 2 * found.residual  # the point between two lines of sight is half as far from either
@@ -49,5 +56,5 @@ class CameraTrack:
         return apart[known], np.hypot(self.sigma[known], sigma[known])
 
     def error(self, other: CameraTrack) -> float:
-        """Return the standard error of how far sights pass each other that the pixels of both cameras have [pixels]."""
+        """Return the standard error of the result of `beside` due to the pixel errors of both cameras [pixels]."""
         return float(np.hypot(np.median(self.sigma), np.median(other.sigma)))

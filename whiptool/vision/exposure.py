@@ -14,14 +14,15 @@ _SAMPLES = 64  # of a path over one exposure, by the midpoint rule
 
 @dataclass(frozen=True)
 class Exposed:
-    """What F exposures see of a moving point.
+    """A moving point as measured in F exposures.
 
     Args:
         t_points: Middle of each exposure of the point [s], (F,).
-        points: Mean of its path over the exposure [m], (F, 2), in space (F, 3).
-        pixels: Mean of its image [pixels], (F, 2).
-        duration: Time for which it was seen [s], (F,): the exposure, stretched where it runs along with the rows.
-        speed: Mean speed meanwhile [m/s], (F,).
+        points: Mean position over the exposure [m], (F, 2), in space (F, 3).
+        pixels: Mean image position over the exposure [pixels], (F, 2).
+        duration: Time for which it was exposed [s], (F,); longer than the exposure time if it moves in the direction of
+            readout.
+        speed: Mean speed during the exposure [m/s], (F,).
     """
 
     t_points: np.ndarray
@@ -32,12 +33,12 @@ class Exposed:
 
 
 def expose(camera: Camera, t: np.ndarray, path: np.ndarray, starts: np.ndarray) -> Exposed:
-    """The measurement model: means of a path over exposures, each row of a rolling shutter in its own time.
+    """Apply the measurement model: means of a path over exposures, with the time of its row for a rolling shutter.
 
     Args:
         camera: The camera.
-        t, path: Times [s], (T,), and positions [m], (T, 2), in space (T, 3); before and after, the point rests.
-        starts: Start of exposure of the first row, of each frame [s], (F,).
+        t, path: Times [s], (T,), and positions [m], (T, 2), in space (T, 3); before and after the point is at rest.
+        starts: Start of the first row's exposure in each frame [s], (F,).
     """
 
     def at(times: np.ndarray) -> np.ndarray:
@@ -64,12 +65,12 @@ def expose(camera: Camera, t: np.ndarray, path: np.ndarray, starts: np.ndarray) 
 
 
 def measurement_sigma(camera: Camera, speed: float | np.ndarray, *, distance: float | None = None) -> np.ndarray:
-    """Standard error of a tracked point, per coordinate [m], for a marker that moves at `speed` [m/s].
+    """Return the standard error of a tracked point, per coordinate [m], for a marker that moves at `speed` [m/s].
 
-    A floor and a share of the blur, fitted to the errors of `whiptool.vision.tracking` on the virtual camera's images
-    of a marker of 25 mm radius at 3.5 m (0.03 pixels at rest, 0.07 at 30 m/s in colour). They are not white: successive
-    ones correlate by 0.3 in colour and 0.7 in infrared, for lamps and whip shift the marker's light. A real camera adds
-    what its calibration leaves.
+    It is the root sum square of a constant and a fraction of the motion blur, fitted to the errors of
+    `whiptool.vision.tracking` on virtual images of a marker with 25 mm radius at 3.5 m (0.03 pixels at rest, 0.07 at 30
+    m/s in colour). Successive errors are correlated by 0.3 in colour and 0.7 in infrared, because of shading by lamps
+    and whip. Calibration errors of a real camera are not included.
 
     Args:
         camera: The camera.

@@ -28,26 +28,27 @@ def write_video(
     target: np.ndarray | None = None,
     t_stay: float | None = None,
 ) -> Path:
-    """Write frames of one camera as FFV1, which loses nothing, and `NAME.toml` next to it.
+    """Write frames of one camera as a lossless video (FFV1), and a sidecar `NAME.toml` next to it.
 
     The sidecar holds `fps`, `timestamps` (start of the first row's exposure [s]; so `stamp = "start"`), `exposure`,
     `readout` (from the first row to the last [s]), `shutter`, `homography` (metres from pixels), `kind`, `camera`,
     `synthetic`, and what else is given.
 
     Args:
-        path: An MKV or AVI file; missing folders are made.
-        frames: At least one, in the order of time.
-        synthetic: Whether no real camera took them.
+        path: MKV or AVI file; missing folders are created.
+        frames: At least one frame, in temporal order.
+        synthetic: Whether the frames were rendered.
         in_space: Whether they show a strike in space: the sidecar then names `NAME.cameras.toml`, the file of their
             camera, instead of the homography.
-        homography: Metres on the strike plane from pixels, (3, 3), of a calibration; default: from the pose.
-        strike, target, t_stay: What was commanded, where the target is [m], (d,), how long the strike was watched [s].
+        homography: Homography from pixels to metres on the strike plane, (3, 3); default: from the camera's pose.
+        strike, target, t_stay: Commanded strike, target position [m], (d,), and time after the movement [s].
 
     Returns:
         The sidecar's path.
 
     Raises:
-        InputError: No frames, another suffix, or frames that are not in the order of time or of several cameras.
+        InputError: There are no frames, the suffix is another one, or the frames are not in temporal order or of
+            several cameras.
         OSError: The file cannot be written.
     """
     path = Path(path)

@@ -16,13 +16,13 @@ _FASTEST = 50.0  # a marker is no faster [m/s]; random strikes of the paper's wh
 
 
 class MotionFilter:
-    """Where a marker is, how it moves, and how sure that is; both coordinates share one covariance.
+    """Kalman filter of a marker's motion in the image; both coordinates share one covariance.
 
     Args:
-        pixel: Position where it was seen first, (2,) [pixels].
-        t: When [s].
-        per_metre: Pixels per metre there.
-        moving: Whether it may be in flight.
+        pixel: First measured position, (2,) [pixels].
+        t: Time of the first measurement [s].
+        per_metre: Image scale there [pixels/m].
+        moving: Whether the marker may be moving.
     """
 
     def __init__(self, pixel: np.ndarray, t: float, per_metre: float, *, moving: bool = False) -> None:
@@ -34,7 +34,7 @@ class MotionFilter:
 
     @property
     def pixel(self) -> np.ndarray:
-        """Where it was seen last, (2,) [pixels]."""
+        """Last position, (2,) [pixels]."""
         return self._x[0]
 
     @property
@@ -43,12 +43,12 @@ class MotionFilter:
         return self._x[1]
 
     def could_reach(self, t: float, pixel: np.ndarray) -> bool:
-        """Whether any whip's tip gets from where it was seen last to `pixel` (2,) by the time t [s]."""
+        """Whether a whip's tip could have moved from its last position to `pixel` (2,) by the time t [s]."""
         farthest = _NARROWEST + _FASTEST * self._per_metre * max(t - self.t, 0.0)
         return float(np.hypot(*(pixel - self.pixel))) <= farthest
 
     def velocity_with(self, t: float, pixel: np.ndarray) -> np.ndarray:
-        """What `velocity` would be after `update(t, pixel)`, (2,) [pixels/s]."""
+        """Return the velocity after `update(t, pixel)`, (2,) [pixels/s], without updating."""
         x, P = self._ahead(t)
         return x[1] + P[1, 0] / (P[0, 0] + _ERROR**2) * (pixel - x[0])
 
@@ -61,12 +61,12 @@ class MotionFilter:
         return F @ self._x, F @ self._P @ F.T + Q
 
     def predict(self, t: float) -> tuple[np.ndarray, float]:
-        """Where it should be at t [s], (2,), and the radius of the gate around that [pixels]."""
+        """Return the expected position at time t [s], (2,), and the search radius around it [pixels]."""
         x, P = self._ahead(t)
         return x[0], max(_NARROWEST, _DEVIATIONS * float(np.sqrt(P[0, 0] + _ERROR**2)))
 
     def update(self, t: float, pixel: np.ndarray) -> None:
-        """Take a measurement in: seen at `pixel` (2,) at t [s]."""
+        """Update with a measured position `pixel` (2,) at time t [s]."""
         x, P = self._ahead(t)
         gain = P[:, 0] / (P[0, 0] + _ERROR**2)  # (3,)
         self._x = x + gain[:, None] * (pixel - x[0])

@@ -25,14 +25,14 @@ SURE = 0.5  # confidence from which a position is reported
 
 @dataclass(frozen=True)
 class Light:
-    """What is known of a marker's light and size, and how it is learned.
+    """Settings of how a marker's brightness and size are learned and checked.
 
     Args:
-        tolerance: Relative deviation of a blob's light that makes it doubtful.
-        usual: What shading and noise make of it.
-        most_size_error: Largest ratio between a first blob's area and the marker's, either way.
-        slow: Speed below which the marker's light is learned [m/s].
-        weight: Weight of a new blob in what the marker's light is known to be.
+        tolerance: Relative deviation of a blob's brightness above which it is doubtful.
+        usual: Relative deviation due to shading and noise.
+        most_size_error: Largest ratio between the first blob's area and the marker's, or its inverse.
+        slow: Speed below which the marker's brightness is learned [m/s].
+        weight: Weight of a new blob in the running mean of the marker's brightness.
     """
 
     tolerance: float = 0.15
@@ -51,9 +51,9 @@ class Sighting:
     """One marker in one frame.
 
     Args:
-        t_point: Middle of its exposure [s]: that of its row, with a rolling shutter.
+        t_point: Middle of its exposure [s], of its row for a rolling shutter.
         pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
-        point: The same on the strike plane [m], (2,); NaN where unsure.
+        point: Mean position on the strike plane [m], (2,); NaN where unsure.
         sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.
         confidence: Confidence in [0, 1]; positions are given from 0.5.
     """
@@ -66,7 +66,7 @@ class Sighting:
 
 
 class MarkerTracker:
-    """Follows one marker.
+    """Tracks one marker from frame to frame.
 
     Args:
         marker: Appearance of the marker.
@@ -74,9 +74,9 @@ class MarkerTracker:
         calibration: Calibration of the strike plane; default: from the camera's pose.
         distance: Distance from the camera about which the marker moves in space [m]; positions are then those on a
             plane there that faces the camera, and only pixels are of use. None: it moves in the strike plane.
-        background: Image of the scene without the marker, like the frames; default: the first frame, without the blob
-            that is taken for the marker. Whatever else of the marker's colour is in it is never mistaken for it.
-        start: Position of the marker in the first frame (2,) [pixels], if something there looks like it.
+        background: Image of the scene without the marker, of the frames' shape; default: the first frame without the
+            blob that is taken as the marker. Objects of the marker's colour in it are ignored.
+        start: Position of the marker in the first frame (2,) [pixels], if other objects look like it.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class MarkerTracker:
         self._locked = False  # on something that the gate is around
 
     def update(self, frame: Frame) -> Sighting:
-        """Look for the marker in the next frame."""
+        """Find the marker in the next frame."""
         if not self._begun:
             self._begin(frame)
         blob, confidence = self._gated(frame) if self._locked else (None, 0.0)

@@ -25,11 +25,11 @@ class Marker:
     """Thresholds and size of a marker.
 
     Args:
-        radius: Radius [m].
-        hue: Lowest and highest [deg], around the circle if the first is the larger; None in infrared.
-        saturation: Least, in [0, 1]. A blurred marker mixes with its background: its hue stays, its saturation falls.
-        value: Infrared only: by how much the brightest point of the marker at rest outshines what is around it, least
-            and most, in [0, 1].
+        radius: Radius of the marker [m].
+        hue: Lowest and highest hue [deg], through 0 if the first is larger; None in infrared.
+        saturation: Least saturation, in [0, 1]; motion blur reduces a marker's saturation but not its hue.
+        value: Infrared only: smallest and largest contrast of the brightest point of the marker at rest to its
+            surroundings, in [0, 1].
 
     Raises:
         InputError: A number is out of range.
@@ -52,10 +52,11 @@ class Marker:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Of red, green and blue [1 / level] in the marker's strength, (1, 3), or of brightness, (1, 1).
+        """Weights of red, green and blue in the marker's strength [1 / level], (1, 3), or of brightness in infrared,
+        (1, 1).
 
-        The strength is linear, as light is, so that a blurred blob's centroid is the exposure's mean position; greys
-        have none.
+        The strength is linear in light, so that the centroid of a blurred blob is the mean position over the exposure;
+        grey has strength 0.
         """
         if self.hue is None:
             return np.full((1, 1), 1 / 255, np.float32)
@@ -66,11 +67,11 @@ class Marker:
         return (chroma / (chroma @ rgb) / 255).astype(np.float32)[None]
 
     def strength(self, image: np.ndarray) -> np.ndarray:
-        """How much of the marker each pixel shows, (H, W) of float32, 1 for a pure bright colour."""
+        """Return the strength of the marker in each pixel, (H, W) float32; 1 for its pure bright colour."""
         return opencv().transform(image.astype(np.float32), self.weights)
 
     def is_of_color(self, rgb: np.ndarray) -> bool:
-        """Whether a colour (3,), in levels, passes the thresholds of hue and saturation."""
+        """Whether a colour (3,), in levels 0 to 255, passes the thresholds of hue and saturation."""
         if self.hue is None:
             return True
         hue, saturation, _ = colorsys.rgb_to_hsv(*np.clip(rgb, 0, 255) / 255)
@@ -91,15 +92,15 @@ TARGET_MARKERS = {
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """A connected patch of a marker's strength.
+    """A connected region of an image with a marker's colour.
 
     Args:
-        pixel: Its centroid, weighted by strength, (2,) [pixels].
-        mass: Its strength in all [pixels].
-        peak: Its greatest strength, after filtering.
-        box: Left, top, width, height [pixels].
+        pixel: Centroid weighted by strength, (2,) [pixels].
+        mass: Sum of the strength [pixels].
+        peak: Largest strength after filtering.
+        box: Bounding box: left, top, width, height [pixels].
         cut: Whether it touches the image's edge.
-        noise: Standard error of its centroid, per coordinate, from the sensor's noise [pixels].
+        noise: Standard error of the centroid, per coordinate, due to sensor noise [pixels].
     """
 
     pixel: np.ndarray
@@ -111,7 +112,9 @@ class Blob:
 
 
 def noise_of(strength: np.ndarray) -> float:
-    """Standard deviation of a strength image's noise, robustly from neighbours in a row."""
+    """Return a robust estimate of the noise's standard deviation in a strength image, from differences of neighbours in
+    rows.
+    """
     return float(1.4826 * np.median(np.abs(np.diff(strength[::4], axis=1))) / np.sqrt(2))
 
 
@@ -126,18 +129,18 @@ def find_blobs(
     least_strength: float = 0.0,
     near: np.ndarray | None = None,
 ) -> list[Blob]:
-    """The blobs of a marker's colour in a region of an image.
+    """Return the blobs of a marker's colour in a region of an image.
 
     Args:
         marker: Marker to look for.
-        image: (H, W, 3) or (H, W) of uint8.
-        background: Strength (H, W) of the scene without the marker, or None for none.
+        image: Image, (H, W, 3) or (H, W) uint8.
+        background: Strength (H, W) of the scene without the marker; None: not used.
         noise: Noise of the strength, from `noise_of`.
-        region: Left, top, right, bottom [pixels].
+        region: Left, top, right, bottom of the region [pixels].
         least_mass: Light of the whole marker [pixels]; blobs with less than a share `_FAINT` of it are left out.
         least_strength: Least strength of any part of a blob.
-        near: Expected position of the marker (2,) [pixels]: then mean-shift climbs from there, and the blob at the top
-            is the first of the list.
+        near: Expected position of the marker (2,) [pixels]; the blob found from there by mean shift is then the first
+            of the list.
     """
     left, top, right, bottom = region
     part = image[top:bottom, left:right]

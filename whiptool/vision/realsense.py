@@ -18,7 +18,7 @@ from whiptool.vision.source import Frame
 
 
 def realsense() -> Any:
-    """The module pyrealsense2.
+    """Return the module pyrealsense2.
 
     Raises:
         MissingPackage: It is not installed, or its USB library is not.
@@ -34,14 +34,14 @@ def realsense() -> Any:
 class RealSenseCamera:
     """A `FrameSource` of one stream of a RealSense camera.
 
-    Exposure is fixed, for what moves during it is part of the measurement; the infrared emitter is off, for its dots
-    would be taken for markers. Frame times are the device's own, which mean the exposure's middle, less half of it.
+    The exposure is fixed, because the measurement model uses it; the infrared emitter is off, because its dots would be
+    taken for markers. Frame times are the device's (middle of the exposure) minus half the exposure.
 
     Args:
-        settings: What is asked of the camera: size, rate, exposure, kind (`color` or `infrared`), and the pose and
-            readout that frames are to carry. Focal lengths and principal point are replaced by the device's own.
+        settings: Settings to request: size, rate, exposure, kind (`color` or `infrared`); also pose and readout, which
+            frames get. Focal lengths and principal point are replaced by the device's own.
         serial: Serial number of the camera; empty for the only one.
-        file: A recording of the SDK to play instead, every frame of it.
+        file: A recording of the SDK to play instead, without dropping frames.
 
     Raises:
         InputError: The recording cannot be read.
@@ -57,10 +57,11 @@ class RealSenseCamera:
         self._pipeline: Any = None
 
     def check_present(self) -> None:
-        """Refuse a camera that is not there; nothing is started.
+        """Refuse a camera that is not connected, without starting it.
 
         Raises:
-            InputError: No RealSense camera is plugged in, or none with this serial number; there is no pyrealsense2.
+            InputError: No RealSense camera is connected, or none with this serial number; or pyrealsense2 is not
+                installed.
         """
         if self.file is not None:
             return
@@ -115,7 +116,7 @@ class RealSenseCamera:
             sensor.set_option(option.emitter_enabled, 0)
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None if none arrives within the timeout [s] or the recording is over.
+        """Return the next frame, or None if none arrives within the timeout [s] or the recording has ended.
 
         Raises:
             InputError: The camera is not open.

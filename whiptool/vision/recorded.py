@@ -51,7 +51,7 @@ def _before_its_plane(video: VideoSource) -> Camera:
 
 
 class RecordedCamera:
-    """A `FrameSource` of recorded images; their times are the strike's, 0 being the command's start.
+    """A `FrameSource` of recorded images; times are relative to the command's start.
 
     Args:
         video: The images, with times, size and calibration.
@@ -59,10 +59,10 @@ class RecordedCamera:
     Attributes:
         settings: The camera in space that took them; of images of the strike plane one that looks straight at it and
             has their size, timing and scale.
-        calibration: Calibration of the strike plane, for the tracker; None of a camera in space.
+        calibration: Calibration of the strike plane, for the tracker; None for a camera in space.
 
     Raises:
-        InputError: The strike plane is not calibrated, an image cannot be decoded or is of another kind than stated.
+        InputError: The strike plane is not calibrated, or an image cannot be decoded or has another kind than stated.
     """
 
     def __init__(self, video: VideoSource) -> None:
@@ -83,7 +83,7 @@ class RecordedCamera:
             self._images, self._next = iter(self.video.frames()), 0
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None after the last; there is nothing to wait for.
+        """Return the next frame, or None after the last; the timeout is not used.
 
         Raises:
             InputError: The camera is not open, or an image cannot be decoded or is of another kind than stated.

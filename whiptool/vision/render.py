@@ -37,10 +37,10 @@ _SCREEN = 0.16  # brightness of a screen before the camera
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the sensor.
+    """Noise of the image sensor.
 
     Args:
-        full_well: Electrons that make a pixel white; shot noise is the root of their number.
+        full_well: Electrons of a white pixel; shot noise is the square root of the number of electrons.
         read: Read noise [electrons].
     """
 
@@ -71,13 +71,14 @@ class Screen:
 
 @dataclass(frozen=True)
 class Truth:
-    """What was really there in one frame.
+    """Ground truth of one frame.
 
     Args:
         t_point: Middle of the tip's exposure [s].
-        point, pixel: Its mean position meanwhile [m], (d,), [pixels], (2,); whether it was seen or not.
-        visible: Share of the marker's light that reached the image: 0 hidden, 1 wholly seen.
-        speed: Speed of the tip, meanwhile [m/s].
+        point, pixel: Mean position of the tip over the exposure [m], (d,), and in the image [pixels], (2,), whether
+            visible or not.
+        visible: Fraction of the marker that is visible, 0 to 1.
+        speed: Speed of the tip during the exposure [m/s].
         target: Centre of the target [m], (d,), or None.
         depth: Depth of `point`: how far it is along the optical axis [m].
     """
@@ -97,17 +98,17 @@ class VirtualCamera:
 
     Args:
         settings: The camera, without distortion.
-        model, trajectory: The strike, and the model that it was rolled out with.
-        rng: For the noise and nothing else.
-        target: [m], (d,), or None.
-        marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc [m].
+        model, trajectory: Trajectory of the strike, and the model with which it was simulated.
+        rng: Random generator of the noise.
+        target: Position of the target [m], (d,), or None.
+        marker_radius, target_radius: Radius of the tip's ball and of the target's disc [m].
         noise: Noise of the sensor; None for none.
         screens: What may hide the tip.
-        start: When the first frame starts, relative to the strike [s]; before it the arm rests.
+        start: Time of the first frame relative to the strike's start [s]; before the strike the arm is at rest.
 
     Raises:
         InputError: A radius is not positive, the trajectory has other joints than the model, or the lens distorts.
-        WhiptoolError: On `open`, where there is no OpenGL.
+        WhiptoolError: On `open`, if there is no OpenGL.
     """
 
     settings: Camera
@@ -141,7 +142,7 @@ class VirtualCamera:
         self._scene: StrikeDrawing | None = None
 
     def open(self) -> None:
-        """Make the scene, and draw all that never moves."""
+        """Create the scene, and render what never moves."""
         if self._scene is not None:
             return
         s = self.settings
@@ -157,13 +158,13 @@ class VirtualCamera:
         self.truths = []
 
     def close(self) -> None:
-        """Free the scene; the truths stay."""
+        """Release the scene; `truths` are kept."""
         if self._scene is not None:
             self._scene.close()
             self._scene = None
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None after the last; it never has to wait."""
+        """Return the next frame, or None after the last; the timeout is not used."""
         self.open()
         k = len(self.truths)
         if k == len(self.starts):
@@ -195,10 +196,10 @@ class VirtualCamera:
         return Frame(image if s.kind == "color" else image[..., 0].copy(), start, "strike", k, s)
 
     def depths(self, rng: np.random.Generator) -> np.ndarray:
-        """Return the depth of the tip that a D435 in this place measures in the frames read so far [m], (F, 1).
+        """Return simulated depth measurements of the tip by a D435, for the frames read so far [m], (F, 1).
 
-        It is that of the ball's middle, with the errors of `whiptool.recording.depth_noise`; 0 where most of the ball
-        is hidden. The truth stands in `truths`.
+        They are those of the ball's centre, with the errors of `whiptool.recording.depth_noise`; 0 if most of the ball
+        is hidden. The true depths are in `truths`.
 
         Args:
             rng: Random generator of the errors.

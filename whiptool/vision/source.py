@@ -14,13 +14,13 @@ from whiptool.recording.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One image and when it was taken.
+    """One image and its time.
 
     Args:
-        image: Red, green, blue, (H, W, 3), or infrared, (H, W), of uint8.
-        t: When the first row's exposure started [s].
-        clock: Which clock `t` is read from: `strike` (0 is the command's start), `system`, `device`, ...
-        sequence: Number of the frame; a gap is a lost frame.
+        image: Colour image (red, green, blue), (H, W, 3), or infrared image, (H, W), uint8.
+        t: Start of the first row's exposure [s].
+        clock: Clock of `t`: `strike` (0 is the command's start), `system`, `device`, ...
+        sequence: Number of the frame; a gap means a lost frame.
         settings: Intrinsics, pose, exposure and readout of the camera.
 
     Raises:
@@ -49,10 +49,10 @@ class Frame:
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """A camera, a recording, or a twin of either."""
+    """A source of frames: a camera, a recording, or a simulation."""
 
     def open(self) -> None:
-        """Get ready to read; opening twice does no harm."""
+        """Prepare for reading; opening twice has no effect."""
         ...
 
     def read(self, timeout: float = 1.0) -> Frame | None:
@@ -60,12 +60,12 @@ class FrameSource(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of the device or file; closing twice does no harm."""
+        """Release the device or file; closing twice has no effect."""
         ...
 
 
 def frames_of(source: FrameSource, *, timeout: float = 1.0) -> Iterator[Frame]:
-    """All frames of a source until it has no more; opens and closes it."""
+    """Yield all frames of a source, which is opened and closed."""
     source.open()
     try:
         while (frame := source.read(timeout)) is not None:

@@ -25,14 +25,14 @@ LOOSEST = 0.01  # standard error of a focal length, of the focal length: by as m
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """Intrinsics of a camera, and how well they explain the views that they were found from.
+    """Intrinsics of a camera, and the quality of their calibration.
 
     Args:
         width, height: Width and height of the images [pixels].
         camera_matrix: Camera matrix [pixels], (3, 3).
         distortion: OpenCV's coefficients k1, k2, p1, p2, k3.
-        residual: Root mean square distance of corners from where they were seen [pixels]; None: not from views.
-        sigma: Standard errors of fx, fy, cx, cy [pixels], (4,); None: not from views.
+        residual: Root mean square reprojection error of the corners [pixels]; None: not calibrated from views.
+        sigma: Standard errors of fx, fy, cx, cy [pixels], (4,); None: not calibrated from views.
     """
 
     width: int
@@ -45,11 +45,11 @@ class Lens:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a body is, and how it is turned.
+    """Position and orientation of a body in another frame.
 
     Args:
         rotation: Rotation from the body's axes to the other frame's.
-        position: Position of its origin there [m], (3,).
+        position: Position of the body's origin in the other frame [m], (3,).
     """
 
     rotation: Rotation
@@ -67,13 +67,13 @@ class Pose:
 
 @dataclass(frozen=True, eq=False)
 class SpaceCalibration:
-    """Cameras in one world, and how well they agree on where the board was.
+    """Calibrated cameras in a common world frame, and the quality of the calibration.
 
     Args:
-        cameras: By name.
-        residual: Root mean square distance of corners from where each camera saw them [pixels], by name.
-        views: The same by camera and instant, for those in which it saw the board; one far above the others was
-            misread, or the board was moved meanwhile.
+        cameras: Cameras by name.
+        residual: Root mean square reprojection error of each camera [pixels], by name.
+        views: The same by camera and instant; a value far above the others indicates a wrong detection or a moving
+            board.
         boards: Pose of the board in the world, by instant.
     """
 
@@ -84,15 +84,15 @@ class SpaceCalibration:
 
 
 def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height: int) -> Lens:
-    """Return the lens of one camera from images of a board, held at different angles all over its image.
+    """Calibrate the lens of one camera from images of a board at different angles all over the image.
 
     Args:
-        views: What each image shows of the board; those with fewer than six corners are left out.
+        views: Corners of the board in each image; images with fewer than six are left out.
         board: The board.
         width, height: Width and height of the images [pixels].
 
     Raises:
-        InputError: Fewer than five views show enough of the board, or they do not fix the focal lengths to 1 %.
+        InputError: Fewer than five views show enough of the board, or they do not determine the focal lengths to 1 %.
     """
     enough = [view for view in views if len(view.ids) >= FEWEST]
     if len(enough) < VIEWS:
@@ -134,19 +134,18 @@ def calibrate_cameras(
     rotation: np.ndarray | None = None,
     position: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> SpaceCalibration:
-    """Return where cameras stand, from views of a board that several of them saw at the same instants.
+    """Calibrate the poses of cameras from views of a board that several of them saw at the same instants.
 
-    The poses of all cameras and of the board at all instants minimise the summed squared distances in the images; the
-    lenses stay as they are.
+    The poses of all cameras and of the board at all instants minimise the squared reprojection errors; the lenses are
+    fixed.
 
     Args:
-        lenses: By camera.
-        views: What each camera saw of the board at each instant, None where it was not looked for; as many each.
+        lenses: Lenses by camera.
+        views: Corners that each camera saw at each instant, None if it was not used; equally many for all cameras.
         board: The board.
-        instant: At which the board lay where the world is known.
+        instant: Index of the instant at which the board's pose in the world is given.
         rotation: Rotation from the board's axes (x along its rows, y down its columns, z into it) to the world's at
-            that instant, (3, 3); None: its rows along x, its columns along -y, as a board that lies on the floor face
-            up.
+            that instant, (3, 3); None: rows along x and columns along -y, for a board that lies face up on the floor.
         position: Position of the board's first corner in the world at that instant [m], (3,).
 
     Raises:
@@ -266,13 +265,12 @@ def rms(misses: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well cameras agree on where a board is.
+    """How well cameras agree on the pose of a board.
 
     Args:
-        misfit: Root mean square distance of its corners from where all see them, at the pose that they agree on best
-            [pixels].
-        without: The same without one of them, by its name: of three or more, the one without which the others agree
-            was moved. Empty for two.
+        misfit: Root mean square reprojection error of the corners over all cameras, at the best common pose [pixels].
+        without: The same without one camera, by its name; a camera without which the others agree was moved. Empty for
+            two cameras.
     """
 
     misfit: float
@@ -280,11 +278,11 @@ class Agreement:
 
 
 def agree(cameras: Mapping[str, Camera], views: Mapping[str, Corners | None], board: Board) -> Agreement:
-    """Return whether cameras still stand as they were calibrated, from one look of all at the board.
+    """Return how well calibrated cameras agree on the pose of a board that they see at one instant.
 
     Args:
-        cameras: As they were calibrated.
-        views: What each sees of the board now, at one instant; None where it does not.
+        cameras: The calibrated cameras, by name.
+        views: Corners of the board that each camera sees; None if it sees none.
         board: The board.
 
     Raises:

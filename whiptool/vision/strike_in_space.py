@@ -18,21 +18,19 @@ from whiptool.vision.triangulation import triangulate
 
 
 def strike_in_space(recordings: Sequence[StrikeRecording]) -> StrikeRecording:
-    """Return the places of the markers in one strike that two cameras or more saw.
+    """Triangulate the markers of one strike that two or more cameras recorded.
 
-    Places are those at the first camera's instants. What the other cameras saw is read between their frames by a
-    monotone cubic interpolant. Clocks are taken to be one, unless lines of sight meet clearly better at a delay, which
-    they tell of as far as the markers move across the plane of both. A place where they pass each other, as where one
-    camera followed something else, is left out. Standard errors are the cameras' root mean square ones, of pixels and
-    interpolant, as the angle between the lines of sight carries them into space on the mean over its directions; an
-    error of the delay is not in them. Measured depths are not used.
+    Positions are those at the first camera's instants; the other cameras' pixels are interpolated by monotone cubics.
+    Clocks are assumed to agree, unless the lines of sight meet significantly better with a delay. Points whose lines of
+    sight do not meet, such as wrong detections, are left out. Standard errors are propagated from the pixels' and the
+    interpolation's, averaged over directions; an error of the delay is not included. Measured depths are not used.
 
     Args:
-        recordings: One of each camera, with its view, of the same command. The joints' log is the first camera's.
+        recordings: One recording in pixels of each camera, of the same command. The joint log is taken from the first.
 
     Raises:
-        InputError: There are fewer than two, one is not in pixels or of another command, no marker was seen by two, or
-            lines of sight do not meet at any delay.
+        InputError: There are fewer than two recordings, one is not in pixels or of another command, no marker was seen
+            by two cameras, or lines of sight do not meet at any delay.
     """
     _check(recordings)
     first, *others = recordings

@@ -25,13 +25,13 @@ _NORMAL = 0.6745  # median of the size of a standard normal number
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Two cameras whose lines of sight to the same markers pass each other.
+    """Two cameras whose lines of sight to the same markers do not meet.
 
     Args:
         cameras: Names of the cameras.
-        apart: How far a line of sight is from the other's in an image, in the median [pixels].
-        errors: The same over what the recordings state.
-        delay: The second camera's times less the first's, at which they agree best [s].
+        apart: Median distance between the two lines of sight in an image [pixels].
+        errors: The same in units of the stated errors.
+        delay: Difference of the clocks, second camera minus first, at which they agree best [s].
     """
 
     cameras: tuple[str, str]
@@ -44,12 +44,11 @@ class Disagreement:
 
 
 def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
-    """Return the pairs of cameras that do not agree about where the markers of strikes were.
+    """Return the pairs of cameras that disagree on the positions of markers.
 
     Args:
-        recordings: Recordings of any strikes, with views or without. Those with one joint log are of one strike;
-            without joint logs, each camera's first of a command is of the same strike as the other cameras' first, and
-            so on.
+        recordings: Recordings of any strikes. Those with the same joint log are of one strike; without joint logs, the
+            k-th recordings of a command by each camera are taken as of one strike.
     """
     found = []
     for strike in _by_strike([r for r in recordings if r.view is not None]):
@@ -61,17 +60,17 @@ def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
 
 
 def moved(found: Iterable[Disagreement]) -> str | None:
-    """Return the only camera that is part of all disagreements; None where two or none could be."""
+    """Return the camera that is part of all disagreements if there is exactly one, else None."""
     sets = [set(one.cameras) for one in found]
     common = set.intersection(*sets) if sets else set()
     return common.pop() if len(common) == 1 else None
 
 
 def compare(first: StrikeRecording, second: StrikeRecording) -> Disagreement:
-    """Return how far two cameras' lines of sight to the same markers pass each other, at the best delay of a clock.
+    """Return the disagreement of two cameras on the same markers, at the best delay between their clocks.
 
-    The delay is that of least squares, each square of at most `CAP` standard errors; 0 where no other is clearly
-    better. Delays at which less than half of the points overlap are not looked at.
+    The delay minimises the squared distances, each limited to `CAP` standard errors; it is 0 unless another is
+    significantly better. Delays with which less than half of the points overlap are not tried.
     """
     assert first.view is not None
     assert second.view is not None

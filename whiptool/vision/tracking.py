@@ -19,13 +19,13 @@ from whiptool.vision.source import Frame, FrameSource, frames_of
 
 @dataclass(frozen=True, eq=False)
 class MarkerTrack:
-    """One marker over T frames.
+    """Track of one marker over T frames.
 
     Args:
         t: Start of each frame's exposure [s], (T,).
         t_points: Middle of the marker's own exposure [s], (T,).
         pixels: Mean positions over the exposures [pixels], (T, 2); NaN where unsure.
-        points: The same on the strike plane [m], (T, 2).
+        points: Mean positions on the strike plane [m], (T, 2).
         sigma: Standard errors of the points, per coordinate [m], (T,).
         confidence: Confidence in [0, 1], (T,).
     """
@@ -39,7 +39,7 @@ class MarkerTrack:
 
     @classmethod
     def of(cls, t: np.ndarray, sightings: list[Sighting]) -> MarkerTrack:
-        """From one sighting per frame."""
+        """Return the track of a marker from one sighting per frame."""
         columns = {name: np.array([getattr(x, name) for x in sightings]) for name in ("sigma", "confidence")}
         return cls(
             t=t,
@@ -61,16 +61,16 @@ class StrikeTrack:
 
     @property
     def target_position(self) -> np.ndarray | None:
-        """Median of the target's sure positions [m], (2,), or None if it was never seen."""
+        """Median of the target's reliable positions [m], (2,), or None if it was never seen."""
         seen = self.target.points[~np.isnan(self.target.points[:, 0])]
         return np.median(seen, axis=0) if len(seen) else None
 
     def to_recording(self, **known: Any) -> StrikeRecording:
-        """As a recording for identification, of the marker `tip`.
+        """Return the track as a recording with the marker `tip`, for identification.
 
         Args:
             known: Other fields of `StrikeRecording`, such as strike, controller, t_stay, source, sha256; a target given
-                here goes before the one that was seen.
+                here takes precedence over the tracked one.
 
         Raises:
             InputError: The tip was never seen, or a field is out of range.
@@ -139,12 +139,12 @@ def track_view(
     distance: float = 3.0,
     **known: Any,
 ) -> StrikeRecording:
-    """Follow the tip through the images of a camera in space, and return what it saw, in pixels.
+    """Track the tip in the images of a camera in space, and return the recording in pixels.
 
     Args:
         source: A source, which is opened and closed, or frames; all of one camera, in the order of time.
-        tip: Looks of the tip's marker; default: those of the virtual camera, in its kind of light.
-        start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
+        tip: Appearance of the tip's marker; default: as in the virtual camera's images of the same kind.
+        start: Position of the tip in the first frame (2,) [pixels]; only needed if several objects look like it.
         distance: Distance from the camera about which the tip moves [m].
         known: Other fields of the recording, such as strike, controller, t_stay, joints_t and joints_q.
 
@@ -186,7 +186,9 @@ def _followed(
 
 
 def median_image(frames: Iterable[Frame], *, most: int = 25) -> np.ndarray:
-    """The scene without what moves, for `Tracker(background=...)`: the median over frames spread evenly in time."""
+    """Return the static scene for `Tracker(background=...)`: the median, (H, W, ...), over frames spread evenly in
+    time.
+    """
     images = [frame.image for frame in frames]
     chosen = np.unique(np.linspace(0, len(images) - 1, min(most, len(images))).astype(int))
     return np.median(np.stack([images[i] for i in chosen]), axis=0).astype(np.uint8)

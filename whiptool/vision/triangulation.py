@@ -20,11 +20,12 @@ _NARROWEST = 1e-4  # smallest eigenvalue over the number of sights: about the sq
 
 @dataclass(frozen=True, eq=False)
 class Triangulated:
-    """Points in space, and how well they are known.
+    """Triangulated points in space, and their accuracy.
 
     Args:
-        points: [m], (..., 3); NaN where fewer than two cameras saw the point, or from nearly the same direction.
-        residual: Root mean square distance of the points' images from what was seen [pixels], (...).
+        points: Positions [m], (..., 3); NaN if fewer than two cameras saw the point, or all from nearly the same
+            direction.
+        residual: Root mean square reprojection error [pixels], (...).
         covariance: Covariance of each point [m^2], (..., 3, 3), for errors of one pixel in each coordinate of each
             camera.
     """
@@ -35,11 +36,11 @@ class Triangulated:
 
 
 def triangulate(cameras: Sequence[Camera], pixels: np.ndarray) -> Triangulated:
-    """Return the points whose images lie nearest to what was seen, in squared pixels summed over the cameras.
+    """Return the points that minimise the squared reprojection errors, summed over the cameras.
 
     Args:
-        cameras: C of them, two at least.
-        pixels: Positions of the points in each camera's image (C, ..., 2), distorted as they are; NaN where it did not.
+        cameras: C cameras, at least two.
+        pixels: Measured pixels of the points in each camera, with lens distortion, (C, ..., 2); NaN where not seen.
 
     Raises:
         InputError: There are fewer than two cameras, or `pixels` has another shape.

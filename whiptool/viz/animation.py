@@ -34,9 +34,9 @@ class StrikeAnimation(FuncAnimation):
 
     Args:
         figure: Figure that is drawn.
-        moving: The artists that move, in the order in which they are drawn.
+        moving: Artists that move, in drawing order.
         count: Number of frames.
-        show: Called with the number of each frame, puts the artists where they are then.
+        show: Called with each frame's number; sets the artists to that frame.
         fps: Frames per second.
     """
 
@@ -92,15 +92,15 @@ def animate(
     A notebook shows the result as a film; `.save("strike.gif")` writes a file.
 
     Args:
-        trajectory, model: The strike, and the model that it was rolled out with.
+        trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike, or its position (2,), in space (3,) [m].
-        speed: 1 is real time, 0.25 four times slower.
+        speed: Speed of the film: 1 is real time, 0.25 four times slower.
         fps: Frames per second.
-        width, dpi: Width and dpi of the frames [inches], [pixels per inch].
+        width, dpi: Width [inches] and resolution [pixels per inch] of the frames.
         beyond: The strike is beyond its limits: it is shown as no hit.
 
     Raises:
-        InputError: A number is not positive, or the target has other coordinates than the model.
+        InputError: A number is not positive, or the target has a wrong number of coordinates.
     """
     for name, value in (("speed", speed), ("fps", fps), ("width", width), ("dpi", dpi)):
         if not 0 < value < np.inf:

@@ -25,7 +25,7 @@ def arrow(target: Target) -> tuple[np.ndarray, np.ndarray]:
 
 
 def asked_of(target: Target) -> str:
-    """Return the required direction of the tip in words, for a legend."""
+    """Return a description of the required direction, for a legend."""
     return f"direction asked for, to {math.degrees(target.cone):g} degrees"
 
 
@@ -34,8 +34,8 @@ def draw_direction(ax: Axes, target: Target, shown: Sequence[int] = (0, 1)) -> N
 
     Args:
         ax: Axes to draw into.
-        target: See above.
-        shown: The two coordinates that the axes show.
+        target: The target.
+        shown: Indices of the two coordinates that the axes show.
     """
     if target.direction is None:
         return

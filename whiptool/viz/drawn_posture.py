@@ -11,17 +11,16 @@ from whiptool.models.parameters import Model
 
 
 def arm_and_whip(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places of the arm from the base to the hand, and of the whip from the hand to the tip.
+    """Return the points of the arm from base to hand, and of the whip from hand to tip.
 
     In the plane the arm's first joint is the base.
 
     Args:
-        model: With an arm of a joints and a whip of N nodes, in d dimensions.
-        q: Joint positions, (..., n), or of rods a trajectory's.
+        model: Model with an arm with a joints and a whip with N nodes, in d dimensions.
+        q: Joint positions, (..., n), for rods as in a trajectory.
 
     Returns:
-        The base, the joints and the hand [m], (..., a + 1, 2), in space (..., a + 2, 3); the hand and the nodes [m],
-        (..., N + 1, d).
+        Base, joints and hand [m], (..., a + 1, 2), in space (..., a + 2, 3); hand and nodes [m], (..., N + 1, d).
     """
     points, a = joint_points(model, q), model.arm.n
     arm, whip = points[..., : a + 1, :], points[..., a:, :]
@@ -33,14 +32,15 @@ def _from_base(arm: np.ndarray) -> np.ndarray:
 
 
 def at_times(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return rows of x (T, n) between instants t (T,): (len(times), n)."""
+    """Return x (T, n) at times t (T,), interpolated linearly at `times`, (len(times), n)."""
     return np.stack([np.interp(times, t, column) for column in x.T], axis=1)
 
 
 def as_mujoco_shows(model: Model, q: np.ndarray) -> tuple[Model, np.ndarray]:
-    """Return a model that MuJoCo has joints for, and its joint positions (..., n) where its bodies are in these places.
+    """Return a model with joints that MuJoCo supports, and its joint positions (..., n) with the bodies at the same
+    positions.
 
-    A whip of rods becomes one of universal joints, others stay as they are.
+    A whip of rods is converted to universal joints; other models are unchanged.
     """
     if model.whip.kind.hinges:
         return model, q

@@ -22,7 +22,7 @@ _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path wher
 
 @dataclass(frozen=True)
 class Film:
-    """What is to be seen in F frames, whoever draws it."""
+    """Content of the F frames of a film of a strike, independent of the renderer."""
 
     model: Model  # as MuJoCo shows it: its rods are universal joints
     q: np.ndarray  # its joint positions [rad or m], (F, n)
@@ -36,7 +36,7 @@ class Film:
     size: tuple[int, int]  # width and height [pixels]
 
     def box(self, target: Target) -> np.ndarray:
-        """Corners of a box in space that holds the base, arm and whip in all frames, and the target [m], (8, 3)."""
+        """Return the corners of a box that contains base, arm and whip in all frames, and the target [m], (8, 3)."""
         points, place = joint_points(self.model, self.q).reshape(-1, 3), np.array(target.position)
         radius = target.hit_radius
         every = np.concatenate([points, self.trail.reshape(-1, 3), [place - radius, place + radius, np.zeros(3)]])
@@ -45,11 +45,11 @@ class Film:
 
     @property
     def type_size(self) -> float:
-        """Height [pixels] that type and lines go by."""
+        """Reference height for font sizes and line widths [pixels]."""
         return min(self.size[1], 0.8 * self.size[0])
 
     def text(self, frame: int) -> Iterator[tuple[float, float, str]]:
-        """Words and where they start, as shares of width and height from the lower left."""
+        """Yield the texts of a frame with their positions, as fractions of width and height from the lower left."""
         yield 0.02, 0.03, self.note
         for row, (name, values) in enumerate(self.readings.items()):
             y = 0.94 - row * max(0.05 * self.type_size, 17) / self.size[1]
@@ -67,17 +67,17 @@ def film_of(
     size: tuple[int, int] = (960, 540),
     beyond: bool = False,
 ) -> Film:
-    """Return the film of a strike.
+    """Return the content of a film of a strike.
 
     Args:
-        trajectory, model: The strike, and the model that it was rolled out with.
+        trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike.
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels].
-        beyond: The strike is beyond its limits: it is shown as no hit.
+        beyond: Whether the strike exceeds its limits; it is then not shown as a hit.
 
     Raises:
-        InputError: The target has other coordinates than the model.
+        InputError: The target has a wrong number of coordinates.
     """
     target.check_fits(model)
     place = np.array(target.position)

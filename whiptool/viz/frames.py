@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 def drawn_frames(
     figure: Figure, moving: Sequence[Artist], count: int, show: Callable[[int], None]
 ) -> Iterator[np.ndarray]:
-    """Yield frames (height, width, 3) of uint8; only what moves is drawn for each frame, the rest once.
+    """Yield frames (height, width, 3) uint8; only moving artists are redrawn for each frame.
 
     Args:
-        figure: Figure that is drawn; what moves is drawn above all else.
-        moving: The artists that move, in the order in which they are drawn.
+        figure: Figure to draw; moving artists are drawn on top.
+        moving: Artists that move, in drawing order.
         count: Number of frames.
-        show: Called with the number of each frame, puts the artists where they are then.
+        show: Called with each frame's number; sets the artists to that frame.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # not needed for films that MuJoCo draws
 
@@ -52,12 +52,12 @@ def write_film(
 
     Args:
         path: MP4 file to write.
-        frames, count: What the film shows, and how many there are.
+        frames, count: Frames of the film, and their number.
         size: Width and height [pixels], both even.
         fps: Frames per second.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: The file cannot be written.
     """
     writer = imageio_ffmpeg.write_frames(
         path,

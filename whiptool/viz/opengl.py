@@ -14,9 +14,9 @@ from whiptool.rollout.mujoco_import import mujoco
 
 
 def gl_context(width: int, height: int):
-    """Return an off-screen OpenGL context, chosen by MUJOCO_GL, or EGL where there is no display.
+    """Return an off-screen OpenGL context, chosen by the environment variable MUJOCO_GL, or EGL if there is no display.
 
-    MuJoCo itself reads that variable only once, when it is imported, and without it insists on a display.
+    MuJoCo itself reads the variable only when it is imported, and without it requires a display.
     """
     backend = os.environ.get("MUJOCO_GL", "").strip().lower()
     if backend in ("disable", "disabled", "off", "false", "0"):
@@ -28,7 +28,7 @@ def gl_context(width: int, height: int):
 
 
 def draws_in_software() -> bool:
-    """Whether the current OpenGL context draws with the processor, for want of a graphics card."""
+    """Whether the current OpenGL context renders in software, without a graphics card."""
     from OpenGL.raw.GL.VERSION.GL_1_0 import GL_RENDERER, glGetString
 
     name = ctypes.string_at(glGetString(GL_RENDERER)).decode()
@@ -39,11 +39,11 @@ def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float
     """Add a flat bar to a scene: far cheaper to render than a capsule.
 
     Args:
-        scene: Has room for it.
+        scene: Scene that has room for another object.
         ends: Ends [m], (2, 2), in the strike plane.
-        y: How far behind that plane [m].
+        y: Distance behind the plane [m].
         thickness: Thickness [m].
-        rgb: Colour.
+        rgb: Colour, (3,), 0 to 1.
     """
     along = ends[1] - ends[0]
     length = np.hypot(*along)
@@ -65,10 +65,10 @@ def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequen
     """Add a round rod to a scene.
 
     Args:
-        scene: Has room for it.
+        scene: Scene that has room for another object.
         ends: Ends [m], (2, 3), in space.
         radius: Radius [m].
-        rgb: Colour.
+        rgb: Colour, (3,), 0 to 1.
     """
     geom = scene.geoms[scene.ngeom]
     kind = mujoco.mjtGeom.mjGEOM_CAPSULE

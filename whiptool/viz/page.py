@@ -27,13 +27,13 @@ def strike_page(
     label: str = "",
     beyond: str | None = None,
 ) -> str:
-    """Return the page: the strike at an instant that a slider chooses, and its speed, angles and torques over time.
+    """Return an interactive HTML page: the strike at the instant of a slider, and speed, angles and torques over time.
 
     Args:
-        model, trajectory: The strike, and the model that it was rolled out with.
+        model, trajectory: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike, or its position (2,) or (3,) [m].
-        label: The controller, in words.
-        beyond: Limit that the strike exceeds, in words: it is shown as no hit; None: it is within all.
+        label: Description of the controller.
+        beyond: Description of the limit that the strike exceeds, which is then not shown as a hit; None: it keeps all.
     """
     goal = as_target(target)
     data = strike_data(model, trajectory, goal)
@@ -51,9 +51,9 @@ def strike_page(
 
 
 def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str, Any]:
-    """What the page draws, as plain data: instants of the trajectory, and the closest approach between two of them.
+    """Return the data of the page: samples of the trajectory, and the closest approach.
 
-    Numbers have six digits; numbers that are not finite become None.
+    Numbers are rounded to six digits; those that are not finite become None.
     """
     near, a, whole, target = trajectory.approach(goal), model.arm.n, trajectory, np.array(goal.position)
     parts = {

@@ -18,15 +18,15 @@ from whiptool.models.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Pictures:
-    """What is drawn of one strike.
+    """Pictures to draw of one strike.
 
     Args:
-        folder: Where figures are written, see `whiptool.viz.plots.save_strike_figures`.
+        folder: Folder for the figures, see `whiptool.viz.plots.save_strike_figures`.
         film: MP4 file to write, see `whiptool.viz.video.render_video`.
-        trajectory, model: The strike, and the model that it was rolled out with.
+        trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike.
         title: Title of the figures.
-        beyond: Whether the strike is beyond its limits, which is not a hit.
+        beyond: Whether the strike exceeds its limits, so that it is not shown as a hit.
     """
 
     folder: Path
@@ -39,9 +39,9 @@ class Pictures:
 
 
 class PictureProcess:
-    """A process that imports what draws as soon as it is made, and draws the pictures that it is sent.
+    """A separate process that imports the drawing libraries at once, and draws the pictures that it is sent.
 
-    It ends with this one, and where nothing is sent once nothing refers to it any more.
+    It ends with this process, or, if nothing was sent to it, when this object is no longer referenced.
     """
 
     def __init__(self) -> None:
@@ -53,16 +53,16 @@ class PictureProcess:
         there.close()
 
     def draw(self, pictures: Pictures) -> None:
-        """Begin to draw."""
+        """Start to draw pictures."""
         with suppress(BrokenPipeError):  # it died, as `wait` says
             self._pipe.send(pictures)
 
     def wait(self) -> None:
-        """Wait until all is written.
+        """Wait until all pictures are written.
 
         Raises:
             OSError: A file cannot be written.
-            WhiptoolError: The process ended without a word, as where a graphics driver crashed.
+            WhiptoolError: The process ended unexpectedly, such as by a crash of a graphics driver.
         """
         try:
             error = self._pipe.recv()
@@ -75,7 +75,7 @@ class PictureProcess:
             raise error
 
     def stop(self) -> None:
-        """End it, whatever it has drawn."""
+        """Terminate the process, whether it has finished or not."""
         self._process.terminate()
         self._process.join()
 

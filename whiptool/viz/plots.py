@@ -45,15 +45,15 @@ def planned_end(trajectory: Trajectory) -> float | None:
 
 
 def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
-    """Draw the miss distance of every trial [m], in the order of the search, and the nearest so far.
+    """Draw the miss distance of every trial [m], in the order of the search, and the smallest so far.
 
-    Hits are those of the trials' outcomes: a tip that comes near, but not as the target asks, does not count.
+    Hits are those of the trials' outcomes, so a required direction and speed count as well.
 
     Args:
         ax: Axes to draw into.
-        trials: Such as a `Result`'s trace.
-        target: Target of the strike, or its place [m].
-        label: Leads the title.
+        trials: Trials, such as the `trace` of a `Result`.
+        target: Target of the strike, or its position [m].
+        label: Beginning of the title.
     """
     hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
     miss = np.array([np.nan if one.outcome.lost else one.outcome.miss_distance for one in trials])
@@ -117,11 +117,12 @@ def _joints(trajectory: Trajectory, model: Model | None) -> tuple[Sequence[str],
 def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
     """Draw positions [deg] and velocities [deg/s] of the arm's joints and their references.
 
-    Joints that slide are drawn in mm and mm/s.
+    Prismatic joints are drawn in mm and mm/s.
 
     Args:
-        trajectory: The strike.
-        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        trajectory: Trajectory of the strike.
+        model: Model with which it was simulated, for the joints' names and kinds; None: joints are numbered and taken
+            as revolute.
         axes: Axes to draw into, (2,); None: axes of a new figure.
 
     Returns:
@@ -160,11 +161,12 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
 
 
 def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes | None = None) -> Axes:
-    """Draw the torques of the arm's joints [N m] over time; of joints that slide, forces [N].
+    """Draw the torques of the arm's joints [N m] over time, or forces [N] of prismatic joints.
 
     Args:
-        trajectory: The strike.
-        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        trajectory: Trajectory of the strike.
+        model: Model with which it was simulated, for the joints' names and kinds; None: joints are numbered and taken
+            as revolute.
         ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
@@ -187,10 +189,10 @@ def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes 
 
 
 def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
-    """Draw the speed of the tip [m/s] over time, and mark its largest.
+    """Draw the speed of the tip [m/s] over time, and mark its maximum.
 
     Args:
-        trajectory: The strike.
+        trajectory: Trajectory of the strike.
         ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
@@ -214,7 +216,7 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
 
 
 def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
-    """Return which units an axis of all joints has: of those that turn, and of those that slide if there are some."""
+    """Return the units for an axis of all joints: of revolute joints, and of prismatic ones if there are any."""
     if not slides:
         return turning
     return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
@@ -223,12 +225,13 @@ def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: 
 def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
     """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d).
 
-    The own entries of joints that slide are in N/m and N s/m. Of arms of more than three joints, those that couple
-    joints are thin and have one name.
+    Diagonal entries of prismatic joints are in N/m and N s/m. For more than three joints, off-diagonal entries are thin
+    lines with one common label.
 
     Args:
-        trajectory: The strike.
-        model: The model that it was rolled out with, which names its joints; None: they have numbers, and turn.
+        trajectory: Trajectory of the strike.
+        model: Model with which it was simulated, for the joints' names and kinds; None: joints are numbered and taken
+            as revolute.
         axes: Axes to draw into, (2,); None: axes of a new figure.
 
     Returns:
@@ -269,7 +272,7 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     """Draw the distance of the tip from the target over time (Fig. 10b), with the closest approach.
 
     Args:
-        trajectory: The strike.
+        trajectory: Trajectory of the strike.
         target: Target of the strike, or (x, y), in space (x, y, z) [m].
         ax: Axes to draw into; None: axes of a new figure.
 
@@ -314,9 +317,9 @@ def save_strike_figures(
     """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and, if there are gains, `gains.png`.
 
     Args:
-        folder: Folder to write to; it is made if missing.
-        trajectory: The strike.
-        model: The model that it was rolled out with.
+        folder: Folder to write to, created if missing.
+        trajectory: Trajectory of the strike.
+        model: Model with which it was simulated.
         target: Target of the strike.
         controller_label: Name of the controller in the figures.
 

@@ -18,14 +18,15 @@ from whiptool.viz.plots import COLORS
 
 
 def along_whip(model: Model) -> np.ndarray:
-    """Distance of hand, nodes and tip from the hand along the whip [m], (N + 1,)."""
+    """Return the distances of hand, nodes and tip from the hand along the whip [m], (N + 1,)."""
     return np.r_[0.0, np.cumsum(model.whip.per_node("l"))]
 
 
 def plot_energy_flow(ax: Axes, energies: Energies, model: Model) -> Axes:
-    """Kinetic energy of every node [mJ] over time [s] and distance from the hand [m], as an image with a colour bar.
+    """Draw the kinetic energy of every node [mJ] over time [s] and distance from the hand [m], as an image with a
+    colour bar.
 
-    The line follows the centre of the whip's kinetic energy, where it has at least 2 % of its largest.
+    A line shows the centroid of the whip's kinetic energy, at times when the energy is at least 2 % of its maximum.
     """
     s, kinetic = along_whip(model), energies.kinetic[:, model.arm.n :]  # (T, N)
     # each node's cell reaches halfway to its neighbours; the hand's own half has no node
@@ -49,7 +50,8 @@ def plot_energy_flow(ax: Axes, energies: Energies, model: Model) -> Axes:
 
 
 def plot_energy_balance(ax: Axes, energies: Energies) -> Axes:
-    """Work of the motors, what it became, and what was lost [J] over time [s]; potential energy from its start."""
+    """Draw the work of the motors, kinetic and potential energy (less its initial value), and losses [J] over time
+    [s]."""
     potential = (energies.weight + energies.springs).sum(axis=1)
     curves = (
         ("work of the motors", energies.work, "black", "-"),
@@ -65,14 +67,14 @@ def plot_energy_balance(ax: Axes, energies: Energies) -> Axes:
 
 
 def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) -> Axes:
-    """The hanging whip bent into its lowest modes: sideways displacement, largest 1, and depth below the hand [m].
+    """Draw the lowest modes of the hanging whip: lateral displacement, scaled to 1, over the depth below the hand [m].
 
     In space each mode is seen along the direction in which it moves most.
 
     Args:
-        ax: To draw into.
+        ax: Axes to draw into.
         modes: Modes of the whip on a fixed arm.
-        model: The same.
+        model: Model of the whip.
         count: Number of modes.
 
     Raises:
@@ -106,12 +108,12 @@ def plot_mode_shapes(ax: Axes, modes: Modes, model: Model, *, count: int = 4) ->
 def plot_speed_along_whip(
     ax: Axes, trajectory: Trajectory, model: Model, *, label: str = "", color: str = "blue", marker: str = "o"
 ) -> Axes:
-    """Largest speed [m/s] that hand, nodes and tip reach in a strike, against their distance from the hand [m].
+    """Draw the largest speed [m/s] of hand, nodes and tip in a strike over their distance from the hand [m].
 
     Args:
-        ax: To draw into; call again for another strike.
-        trajectory, model: The strike, and the model that it was rolled out with.
-        label: In the legend; the caller draws it.
+        ax: Axes to draw into; call again for another strike.
+        trajectory, model: Trajectory of the strike, and the model with which it was simulated.
+        label: Label for a legend, which the caller adds.
         color: A key of `whiptool.viz.plots.COLORS`.
         marker: Marker of matplotlib.
     """

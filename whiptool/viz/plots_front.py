@@ -14,14 +14,14 @@ from whiptool.viz.style import COLORS, STYLE, save_figure, verbatim
 
 
 def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str]) -> Axes:
-    """Draw a front as steps from hit to hit, over all hits that were tried: between two hits none was found.
+    """Draw a Pareto front as steps from hit to hit, over all hits of the search.
 
-    The axes show the front and a part of what lies behind it, as hits far behind would flatten it.
+    The axes are limited to the front and its surroundings, so that hits far behind do not compress it.
 
     Args:
         ax: Axes to draw into.
-        front: Two criteria of its hits, in order, (P, 2).
-        tried: Values of all hits, (Q, 2).
+        front: Values of the two criteria of the front's hits, in order, (P, 2).
+        tried: Values of the two criteria of all hits, (Q, 2).
         labels: Labels of the two criteria, with units.
     """
     ax.plot(*tried.T, linestyle="", marker="o", markersize=2.4, color="0.6", label="other hits", rasterized=True)

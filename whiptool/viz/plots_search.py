@@ -23,11 +23,12 @@ _HIT, _LOST = COLORS["vermilion"], "0.75"
 
 
 def axis_label(name: str, slides: Sequence[str] = ()) -> str:
-    """A strike parameter with its unit, such as `$q_{sf}$ [rad]`.
+    """Return the axis label of a strike's coordinate with its unit, such as `$q_{sf}$ [rad]`.
 
     Args:
-        name: As a space of strikes has it; `x_f` is a place of the hand.
-        slides: Names of those that are positions of joints that slide, as `whiptool.models.strike.sliding_names` says.
+        name: Name of the coordinate; `x_f` is a position of the hand.
+        slides: Names of the coordinates that are positions of prismatic joints, see
+            `whiptool.models.strike.sliding_names`.
     """
     if name == "D":
         return "$D$ [s]"
@@ -46,14 +47,15 @@ def plot_landscape(
     names: Sequence[str],
     slides: Sequence[str] = (),
 ) -> Axes:
-    """Draw the miss distance over two strike parameters, all others held, with a line around what hits.
+    """Draw the miss distance over two coordinates of a strike, with all others fixed, and the contour of the hit
+    radius.
 
     Args:
         ax: Axes to draw into; a colour bar is set next to it.
-        x: First parameter, (X,), in its own unit.
-        y: Second parameter, (Y,).
-        near: Closest approaches of the Y X strikes, those of the first `y` first; what diverged is drawn grey.
-        target: Target of the strike, or its place [m].
+        x: Values of the first coordinate, (X,), in its own unit.
+        y: Values of the second coordinate, (Y,).
+        near: Closest approaches of the Y X strikes, row by row of `y`; strikes that diverged are grey.
+        target: Target of the strike, or its position [m].
         names: Names of the two parameters, as `whiptool.models.strike.strike_names` has them.
         slides: See `axis_label`.
 
@@ -95,14 +97,14 @@ def plot_trials(
     names: Sequence[str],
     slides: Sequence[str] = (),
 ) -> Axes:
-    """Where a search struck, seen along the other parameters, over a landscape or alone; hits are filled.
+    """Draw the trials of a search over two coordinates, on a landscape or alone; hits are filled.
 
-    Both kinds are labelled for a legend, which is left to the caller.
+    Hits and misses have labels for a legend, which the caller adds.
 
     Args:
         ax: Axes to draw into.
-        trials: Trials in order.
-        columns: Two entries of the strike vector.
+        trials: Trials of the search.
+        columns: Indices of the two coordinates in the strike vector.
         names: Names of the two parameters.
         slides: See `axis_label`.
     """

@@ -48,12 +48,12 @@ class Drawn:
         arms, whips: Postures at equal intervals up to the closest approach, the last is the one there, see
             `arm_and_whip`: the arm, (P, ..., d), the whip from the hand to the tip, (P, N + 1, d).
         path: Path of the tip, (S, d).
-        path_times: [s], (S,).
+        path_times: Times of the path [s], (S,).
         speed: Speed of the tip [m/s], (S,).
-        until: When the closest approach is, or the end where that is at the start [s].
+        until: Time of the closest approach [s], or the end time if that is the start.
         target: Target of the strike.
         title: Title with the miss distance.
-        when: The time of the closest approach [s].
+        when: Time of the closest approach [s].
     """
 
     arms: np.ndarray
@@ -73,18 +73,19 @@ class Drawn:
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of what is shown [m], (d,) each; no side is much shorter than the widest."""
+        """Lowest and highest corner of the visible region [m], (3,) each, with no side much shorter than the
+        longest."""
         moved = [self.arms.reshape(-1, self.dimension), self.whips.reshape(-1, self.dimension), self.path]
         return box_around(np.concatenate(moved), self.target)
 
     @property
     def norm(self) -> Normalize:
-        """Speeds of the tip as shares of the colours, up to the fastest that is shown in colour."""
+        """Mapping from the tip's speed to colours, up to the largest speed that is drawn in colour."""
         return Normalize(0, max(float(np.nanmax(self.before[1])), 1e-3))
 
     @property
     def before(self) -> tuple[np.ndarray, np.ndarray]:
-        """Path of the tip up to the closest approach [m], (S', d), and its speed there [m/s], (S',)."""
+        """Path of the tip up to the closest approach [m], (S', 3), and its speed [m/s], (S',)."""
         seen = self.path_times <= self.until
         return self.path[seen], self.speed[seen]
 
@@ -98,7 +99,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
     """Return what is drawn of a strike.
 
     Args:
-        trajectory: The strike.
+        trajectory: Trajectory of the strike.
         model: The model that it was rolled out with.
         target: Target of the strike, or (x, y) or (x, y, z) [m].
 
@@ -129,7 +130,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
 
 
 def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
-    """Draw two coordinates of a strike, to the right and up; see `VIEWS`."""
+    """Draw a projection of a strike on a plane: `xz` from the side, `xy` from above, `yz` from the front."""
     (i, j), axes = seen, AXES[strike.dimension]
     shown, place, radius = [i, j], np.array(strike.target.position), strike.target.hit_radius
     for posture, style in _posture_styles(strike):
@@ -175,7 +176,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
 def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
     """Return the lowest and the highest corner (d,) [m] of what shows all places (..., d) and a target.
 
-    There is some room around them, and no side is much shorter than the widest.
+    The box has a margin, and no side is much shorter than the longest.
     """
     place, radius = np.array(target.position), target.hit_radius
     every = np.concatenate([places, [place - radius, place + radius]])
@@ -185,7 +186,7 @@ def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarr
 
 
 def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
-    """Draw what counts as a hit."""
+    """Draw the ball of the hit radius around a target."""
     around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
     unit = np.stack([np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)])
     ball = np.array(target.position)[:, None, None] + target.hit_radius * unit
@@ -193,7 +194,7 @@ def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
 
 
 def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: float = 1.12) -> None:
-    """Show a box between two corners (3,) [m] in perspective, every axis to the same scale; zoom is matplotlib's."""
+    """Show a box between two corners (3,) [m] in perspective with equal scales; `zoom` is matplotlib's."""
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set_proj_type("persp", focal_length=0.8)
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
@@ -212,18 +213,18 @@ def plot_strike(
     A strike in space gets four views in a new figure: side, top, front and perspective.
 
     Args:
-        trajectory: The strike.
-        model: The model that it was rolled out with.
+        trajectory: Trajectory of the strike.
+        model: Model with which it was simulated.
         target: Target of the strike, or (x, y) or (x, y, z) [m].
-        ax: Axes to draw into; None: axes of a new figure of a size that fits. Of a figure with several axes,
-            `layout="constrained"` keeps room for legend and colour bar. A strike in space is drawn in perspective into
-            3-D axes, and as seen from the side into others.
+        ax: Axes to draw into; None: axes of a new figure. In a figure with several axes, `layout="constrained"` keeps
+            room for legend and colour bar. A strike in space is drawn in perspective into 3-D axes, and from the side
+            into others.
 
     Returns:
-        The axes; of four views those in perspective.
+        The axes; for four views the one in perspective.
 
     Raises:
-        InputError: The target has other coordinates than the model.
+        InputError: The target has a wrong number of coordinates.
     """
     expect(Trajectory, trajectory=trajectory)
     expect(Model, model=model)

@@ -30,7 +30,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells, the first being the header; of a table that judges the last column is the verdict."""
+    """Rows of cells, the first being the header; if `judges`, the last column is a verdict."""
 
     template: ClassVar[str] = "table.html"
     rows: Sequence[Sequence[str]]
@@ -40,7 +40,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A matplotlib figure, as vectors unless it has too many of them."""
+    """A matplotlib figure, as vector graphics unless `vector` is false or it has too many elements."""
 
     template: ClassVar[str] = "picture.html"
     figure: Figure
@@ -49,26 +49,26 @@ class Picture:
 
     @property
     def broad(self) -> bool:
-        """Whether its words would be too small on a telephone."""
+        """Whether the figure is so wide that its text would be too small on a telephone."""
         return bool(self.figure.get_figwidth() > _BROAD)
 
     @cached_property
     def source(self) -> str:
-        """The picture as an address that holds it whole; the same for the same figure, which is drawn once."""
+        """The picture as a data URL; drawn once for each figure."""
         kind, data = _image(self)
         return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper says, and what was measured.
+    """A claim of a paper, and the measurement that tests it.
 
     Args:
-        claim: The claim in words.
-        paper: Its number, or its place in the paper.
+        claim: Text of the claim.
+        paper: Value in the paper, or the section where it is.
         ours: Our measurement, with numbers.
-        verdict: Begins with one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH`, `NO_VERDICT`.
-        reason: Measurement that decides it.
+        verdict: Verdict, which begins with one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH`, `NO_VERDICT`.
+        reason: Measurement that decides the verdict.
     """
 
     claim: str
@@ -79,7 +79,7 @@ class Claim:
 
     @property
     def kind(self) -> str:
-        """Return which of these words the verdict begins with."""
+        """Return the word with which the verdict begins, such as `REPRODUCED`."""
         return next(name for name in (ONLY_WITH, *_STYLE) if self.verdict.startswith(name))
 
     @property
@@ -90,7 +90,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Claims:
-    """Claims, one below the other."""
+    """A list of claims, as a part of a report."""
 
     template: ClassVar[str] = "claims.html"
     claims: Sequence[Claim]
@@ -105,7 +105,7 @@ class Section:
 
     @property
     def claims(self) -> list[Claim]:
-        """Return all claims of the report, in order."""
+        """Return all claims of the section, in order."""
         return [claim for part in self.parts if isinstance(part, Claims) for claim in part.claims]
 
 
@@ -118,7 +118,9 @@ def verdict_over(holds: Mapping[str, bool]) -> str:
 
 
 def without_verdicts(sections: Sequence[Section], why: str) -> list[Section]:
-    """Return the sections with claims on which no verdict is given, and why: a quick form is too short to judge by."""
+    """Return the sections with all verdicts removed, and the reason `why`, for quick runs that are too short to judge
+    by.
+    """
 
     def open_to(part: Text | Table | Picture | Claims) -> Text | Table | Picture | Claims:
         if isinstance(part, Table) and part.judges:
@@ -135,9 +137,9 @@ def to_html(title: str, subtitle: str, facts: Mapping[str, str], sections: Seque
 
     Args:
         title: Title of the page.
-        subtitle: A line below.
-        facts: What was run, by name.
-        sections: In order; their claims are summed up at the top.
+        subtitle: Line below the title.
+        facts: Facts about the run, by name.
+        sections: Sections in order; their claims are summarised at the top.
     """
     claims = [claim for section in sections for claim in section.claims]
     count = _count(claims) if claims else ""

@@ -62,7 +62,7 @@ SPEED = TIME.reversed()  # what is fast is dark
 
 
 def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None) -> None:
-    """Put a legend between title and axes, where it cannot cover data; of these handles, or of all with a label."""
+    """Put a legend between title and axes, with the given handles or all labelled artists."""
     legend = ax.legend(
         handles=ax.get_legend_handles_labels()[0] if handles is None else handles,
         loc="lower left",
@@ -77,17 +77,17 @@ def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None =
 
 
 def ticks(step: float, extent: float) -> Locator:
-    """Return ticks at multiples of a step [m], or a few of them along what is much longer."""
+    """Return ticks at multiples of a step [m], or about ten ticks if the extent [m] is much larger."""
     return MultipleLocator(step) if extent <= _MOST_TICKS * step else MaxNLocator(10)
 
 
 def verbatim(text: str) -> str:
-    """Return a text from outside as it is to be drawn: a dollar sign begins no formula."""
+    """Escape dollar signs in a text, so that matplotlib does not read formulas in it."""
     return text.replace("$", r"\$")
 
 
 def save_figure(figure: Figure, path: Path | str) -> Path:
-    """Write a figure as a whole file, into a folder that is made if missing; return the file."""
+    """Write a figure to a file, whose folder is created if missing; return the file."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as unfinished, warnings.catch_warnings():
@@ -97,5 +97,5 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
 
 
 def length_text(meters: float) -> str:
-    """Return a length in words, in mm or m."""
+    """Return a length [m] as text, in mm or m."""
     return f"{1e3 * meters:.2g} mm" if meters < 0.0995 else f"{meters:.3f} m"

@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 
 def filled(template: str, **values: Any) -> str:
-    """Return a template of the folder, by its name, with values filled in."""
+    """Return a template of the folder `templates` with values filled in, which are escaped."""
     return _environment().get_template(template).render(values)
 
 

@@ -38,21 +38,21 @@ def render_video(
 ) -> str:
     """Write a film of a strike, seen from the side, or in space from the front right and above.
 
-    The trail is the tip's path so far, the redder the faster; the target turns green once it has been hit.
+    The tip's path so far is drawn with colours from slow to fast (red); the target turns green when it is hit.
 
     Args:
-        path: MP4 file to write; missing folders are made.
-        trajectory, model: The strike, and the model that it was rolled out with.
+        path: MP4 file to write; missing folders are created.
+        trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike, or its position (2,) or (3,) [m].
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
         size: Width and height [pixels], both even; of what matplotlib draws, the height is what the strike asks for.
-        beyond: The strike is beyond its limits: it is shown as no hit.
+        beyond: Whether the strike exceeds its limits; it is then not shown as a hit.
 
     Returns:
-        `"mujoco"` or `"matplotlib"`: what drew the frames.
+        `"mujoco"` or `"matplotlib"`, by which the frames were drawn.
 
     Raises:
-        InputError: fps or speed is not positive, a size is odd, or the target has other coordinates than the model.
+        InputError: fps or speed is not positive, a size is odd, or the target has a wrong number of coordinates.
         OSError: The file cannot be written.
     """
     for name, value in (("fps", fps), ("speed", speed)):
@@ -80,7 +80,7 @@ def render_video(
 
 
 def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
-    """Frames (height, width, 3) of uint8."""
+    """Yield the frames of a film (height, width, 3) uint8, drawn with matplotlib."""
     (width, height), model, reach = film.size, film.model, film.model.reach
     spec = build_spec(model, target=np.array(target.position), target_radius=target.hit_radius)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height

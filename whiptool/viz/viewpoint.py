@@ -11,12 +11,12 @@ from whiptool.rollout.mujoco_import import mujoco
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole camera.
+    """A pinhole camera for drawings.
 
     Args:
-        place: Place of the pinhole [m], (3,).
-        axes: Unit vectors to the right, up and back from where it looks, (3, 3).
-        fovy: Angle between the lower and the upper edge of the picture [deg].
+        place: Position of the pinhole [m], (3,).
+        axes: Unit vectors of the camera's right, up and backward directions, in rows, (3, 3).
+        fovy: Vertical field of view [deg].
     """
 
     place: np.ndarray
@@ -31,25 +31,26 @@ class Viewpoint:
 
     @property
     def slope(self) -> float:
-        """Half the picture's height at a depth of 1 m [m]."""
+        """Half the visible height at a depth of 1 m [m]."""
         return float(np.tan(np.deg2rad(self.fovy) / 2))
 
     def seen(self, places: np.ndarray) -> np.ndarray:
-        """Return where places (..., 3) [m] are in the picture, (..., 3); NaN behind the camera.
+        """Project points (..., 3) [m] into the picture, (..., 3); NaN behind the camera.
 
-        To the right and up from the picture's middle, in half heights of it, and how many of these a metre is there.
+        The first two entries are the distances to the right and up from the picture's centre, in half heights of the
+        picture; the third is the scale there [half heights per metre].
         """
         right, up, back = np.moveaxis((places - self.place) @ self.axes.T, -1, 0)
         size = 1 / (self.slope * np.where(back < 0, -back, np.nan))
         return np.stack([right * size, up * size, size], axis=-1)
 
     def fitted(self, places: np.ndarray, aspect: float, *, filled: float = 0.9) -> Viewpoint:
-        """Return the camera moved, not turned, to the nearest place from which it sees all places.
+        """Return the camera translated to the nearest position from which it sees all points.
 
         Args:
-            places: (..., 3) [m]
+            places: Points [m], (..., 3).
             aspect: Width of the picture over its height.
-            filled: Share of the picture, from its middle, that they may take.
+            filled: Fraction of the picture, around its centre, that the points may occupy.
         """
         right, up, back = (places.reshape(-1, 3) @ self.axes.T).T
         # seen where |right - x| <= tall aspect (z - back), |up - y| <= tall (z - back), for the pinhole at x, y, z

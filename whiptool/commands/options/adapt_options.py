@@ -48,16 +48,16 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     }
 
     port: str = "twin"
-    """Serial device, twin, or robot. The device is such as /dev/ttyUSB0; twin is the emulated servos behind the same
-    protocol; robot is a position-controlled robot of yours. A robot takes each strike as a trajectory from the run
-    folder; put its recording there as recorded.csv and use --resume."""
+    """Serial device of servos, twin (a simulated rig), or robot. The device is such as /dev/ttyUSB0; twin is the
+    emulated servos behind the same protocol; robot is a position-controlled robot of yours. A robot takes each strike
+    as a trajectory from the run folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera. With the twin: points (the tip with the error of tracked images), twin or d435-infrared (rendered and
-    tracked images), d435-color (the same in colour), or tip (60 frames a second, 5 mm noise, no servos). With a real
-    arm: realsense, or a RealSense recording."""
+    """Camera; points: positions of the tip without images. With the twin: points (the tip with the error of tracked
+    images), twin or d435-infrared (rendered and tracked images), d435-color (the same in colour), or tip (60 frames a
+    second, 5 mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
-    """Family from which the twin's whip is drawn. kin: uniform; strange: tapered, with a bead, a soft joint and more;
-    stranger: the same deviations, doubled."""
+    """How much the twin's whip differs from the model: little (kin) to most (stranger). kin: uniform; strange: tapered,
+    with a bead, a soft joint and more; stranger: the same deviations, doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
     """Material of the whip. The prior mean is then that of the material, otherwise that of --model; the prior
     covariance is that of materials in general."""
@@ -87,7 +87,8 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     @property
     def material_of_model(self) -> dict[str, float]:
-        """The numbers of the material that replaces the model's; with --material the diameter is not one of them."""
+        """Material parameters that the options give to the model's whip, by name; with --material without
+        `diameter`."""
         given = super().material_of_model
         return {name: x for name, x in given.items() if self.material is None or name != "diameter"}
 
@@ -126,7 +127,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe; of an arm in space it is position control, as robots have it."""
+        """Return the controller that the options describe; for an arm in space, position control."""
         from whiptool.models.files import load_model
 
         if self.port != ROBOT and load_model(self.model).dimension == 2:
@@ -137,10 +138,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
 
 def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
-    """The adaptation that options describe, ready to run.
+    """Return the adaptation that the options describe, ready to run.
 
     Args:
-        options: See there; `out`, `resume` and `json` are not looked at.
+        options: Options of the command; `out`, `resume` and `json` are ignored.
         folder: Run folder; None: nothing is kept.
 
     Raises:

@@ -26,7 +26,7 @@ LONGEST_PERIOD = 0.1  # [s]; an arm that is looked at more rarely is not control
 
 @dataclass(frozen=True, kw_only=True)
 class LawOptions(OptionGroup):
-    """Options that choose the impedance law."""
+    """Options that choose the control law."""
 
     heading: ClassVar[str] = "controller"
     first: ClassVar[tuple[str, ...]] = ("controller",)
@@ -35,9 +35,9 @@ class LawOptions(OptionGroup):
     only_with: ClassVar[Conditions] = {"preset": (_NOT_IN_FILE, _NOT_POSITION)}
 
     controller: LawName | None = None
-    """Control law, or a TOML file with one. The file has a table [controller], as config.toml of a run has. With
-    position the joints follow their path exactly, as those of stiff robots do. Default: position for a robot's arm,
-    constant for nah2023, oiac for planar arms."""
+    """Control law, or a TOML file with one. oiac is online impedance adaptation. The file has a table [controller], as
+    config.toml of a run has. With position the joints follow their path exactly, as those of stiff robots do. Default:
+    position for a robot's arm, constant for nah2023, oiac for planar arms."""
     preset: Preset | None = None
     """Parameters of the law. OIAC: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default:
     table4. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
@@ -50,7 +50,7 @@ class LawOptions(OptionGroup):
 
     @property
     def law_or_file(self) -> str:
-        """The law or file as given, or else the law of the preset that is given, or that goes with the model."""
+        """The given law or file; else the law of the given preset, or the default law of the model."""
         from whiptool.impedance import CONSTANT_PRESETS, LAWS, default_controller
 
         if self.controller is not None:
@@ -69,14 +69,15 @@ class LawOptions(OptionGroup):
 
     @property
     def in_file(self) -> bool:
-        """Whether the controller, with all its options, stands in a file."""
+        """Whether the controller is given by a file."""
         return self.law_or_file.endswith(".toml")
 
     def build_controller(self) -> Controller:
-        """The controller of that law, or that of the file.
+        """Return the controller with the chosen law, or that of the file.
 
         Raises:
-            InputError: No controller has that name, the file holds none, or an option is given that the file has.
+            InputError: No controller has that name, the file contains none, or an option is given that belongs in the
+                file.
         """
         from whiptool.impedance import Controller
         from whiptool.impedance.controller_files import read_controller
@@ -122,7 +123,7 @@ class LawOptions(OptionGroup):
         return self.preset or (model.name if model is not None and model.name in CONSTANT_PRESETS else "nah2020")
 
     def law_label(self) -> str:
-        """The law in words, for people."""
+        """Return a description of the control law."""
         if self.in_file:
             return f"the controller of {Path(self.law_or_file).name}"
         if self.law_or_file == "position":
@@ -136,7 +137,7 @@ class LawOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerOptions(LawOptions):
-    """The law, and what a real motor adds."""
+    """Options for the control law, feedforward and torque limit."""
 
     only_with: ClassVar[Conditions] = dict.fromkeys(("feedforward", "torque_limit"), (_NOT_IN_FILE, _NOT_POSITION))
 
@@ -153,13 +154,13 @@ class ControllerOptions(LawOptions):
         return replace(controller, feedforward=self.feedforward, torque_limit=self.torque_limit)
 
     def controller_label(self) -> str:
-        """The controller in words, for people."""
+        """Return a description of the controller."""
         return self.law_label() + (" with feedforward" if self.feedforward else "")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedControllerOptions(ControllerOptions):
-    """The controller of a simulated arm; a rig's holds its torque for a cycle in any case."""
+    """Options for the controller of a simulated arm, with its control period, which a rig determines itself."""
 
     only_with: ClassVar[Conditions] = {"control_period": (_NOT_IN_FILE, _NOT_POSITION)}
 

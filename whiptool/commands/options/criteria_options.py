@@ -17,7 +17,7 @@ CriterionName = Annotated[str, Names("whiptool.goals.criteria:CRITERIA")]
 
 @dataclass(frozen=True, kw_only=True)
 class CriteriaOptions(OptionGroup):
-    """What a strike is judged by besides the hit."""
+    """Options for the criteria by which hits are ranked."""
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("minimise",)
@@ -53,11 +53,11 @@ class CriteriaOptions(OptionGroup):
 
     @property
     def judged(self) -> bool:
-        """Whether hits are judged by more than the cost."""
+        """Whether hits are ranked by a criterion other than the miss distance."""
         return self.pareto is not None or self.minimise != "miss"
 
     def build_criteria(self, bounds: StrikeBounds) -> tuple[Criterion, ...]:
-        """Return what hits are judged by: two criteria for a front, one, or none for the cost alone.
+        """Return the criteria: two for a Pareto front, one, or none if only the cost counts.
 
         Args:
             bounds: Bounds of the strikes.

@@ -110,7 +110,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
 
     @property
     def number_of_nodes(self) -> None:
-        """None: `--nodes` are those that the fit tries."""
+        """None: `--nodes` lists the numbers of nodes that the fit tries, and does not set the model's."""
         return
 
     def check(self) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitOptions(OptionGroup):
-    """What a strike has to keep."""
+    """Options for the limits that strikes have to keep."""
 
     heading: ClassVar[str] = "limits"
     first: ClassVar[tuple[str, ...]] = (
@@ -33,8 +33,9 @@ class LimitOptions(OptionGroup):
     }
 
     limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS", others=("arm", "none"))] | None = None
-    """Limits that strikes have to keep. arm: those of the joints; xm430: the speed-torque line of that motor. optimize
-    counts strikes beyond a limit as misses; simulate reports them. Default: arm, if its joints have limits."""
+    """Limits that strikes have to keep: of a motor (xm430) or of the arm. arm: those of the joints; xm430: the
+    speed-torque line of that motor. optimize counts strikes beyond a limit as misses; simulate reports them. Default:
+    arm, if its joints have limits."""
     keep_free: float = 0.0
     """Fraction of those limits to keep free, such as 0.1."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
@@ -65,8 +66,8 @@ class LimitOptions(OptionGroup):
         """Return the limits that strikes have to keep.
 
         Raises:
-            InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
-                could be kept.
+            InputError: The arm has no limits, its torques are not available, or --keep-free or --clearance is given
+                without limits to apply to.
         """
         from whiptool.limits.all_limits import named_limits
 

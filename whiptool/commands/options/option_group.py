@@ -51,7 +51,7 @@ class Names:
         return [name for name in every if name not in self.without]
 
     def name(self, option: str, written: str) -> str:
-        """Return the name that is meant by one as it is written.
+        """Return the option's name for one in any spelling.
 
         Raises:
             InputError: There is no such name; the message lists them.
@@ -116,13 +116,13 @@ def _is(options: OptionGroup, option: str, values: tuple, of: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class OptionGroup:
-    """Options of a command, which it composes from groups such as `TargetOptions`; they check themselves.
+    """Base of groups of command-line options, such as `TargetOptions`, of which commands are composed.
 
-    A group may name some of its fields in class variables, and a command has what all its groups name:
-    `of_this_call`, what is not kept with a run; `changeable`, what may be given again where a run is resumed;
-    `may_be_empty`, options of several values that may be given without one; `first`, what `--help` tells of a command
-    that has more options than fit on a screen. `heading` is that of the group in help. `only_with` says of options
-    when they have an effect: help leaves out those that have none, and giving one is refused.
+    A group may list some of its fields in class variables, which a command collects from all its groups:
+    `of_this_call`, not stored with a run; `changeable`, may be given again when a run is resumed; `may_be_empty`,
+    options with several values that may be given without any; `first`, shown by `--help` of a command with many
+    options. `heading` is the group's heading in the help. `only_with` says of options when they have an effect: help
+    leaves out those that have none, and giving one is refused.
     """
 
     of_this_call: ClassVar[tuple[str, ...]] = ()
@@ -157,23 +157,25 @@ class OptionGroup:
         return None
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options, so that it asks before any work."""
+        """Return the optional modules that the command imports with these options, so that missing ones are reported
+        first.
+        """
         return ()
 
     @classmethod
     def named(cls, which: str) -> set[str]:
-        """Return what all groups name in a class variable, such as `changeable`."""
+        """Return the fields that all groups list in a class variable, such as `changeable`."""
         return {name for group in cls.__mro__ for name in group.__dict__.get(which, ())}
 
     def kept(self) -> Self:
-        """Return the options of the run: those of this call alone are as if they had not been given."""
+        """Return the options to store with a run: those in `of_this_call` are reset to their defaults."""
         passing = self.named("of_this_call")
         return replace(self, **{f.name: f.default for f in fields(self) if f.name in passing})
 
 
 @dataclass(frozen=True, kw_only=True)
 class SeedOptions(OptionGroup):
-    """Seed of what is random."""
+    """Option for the seed of all random numbers."""
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("seed",)
@@ -189,7 +191,7 @@ class SeedOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions(OptionGroup):
-    """How the result is printed."""
+    """Options for how the result is printed."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("json", "quiet")
     heading: ClassVar[str] = "result"
@@ -203,7 +205,7 @@ class JsonOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions(JsonOptions):
-    """Where the result goes."""
+    """Option for the run folder."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("out",)
     first: ClassVar[tuple[str, ...]] = ("out",)
@@ -214,7 +216,7 @@ class OutputOptions(JsonOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ResumableOptions(OutputOptions):
-    """Where the result of a run goes that can be resumed."""
+    """Options for the run folder of a run that can be resumed."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("resume",)
     first: ClassVar[tuple[str, ...]] = ("resume",)
@@ -224,7 +226,7 @@ class ResumableOptions(OutputOptions):
 
 
 def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:
-    """Return a whole number of a range.
+    """Return a whole number after checking its range.
 
     Raises:
         InputError: It is out of the range.
@@ -238,7 +240,7 @@ def check_place(name: str, path: Path) -> None:
     """Refuse a file that could not be written, before anything is computed for it.
 
     Raises:
-        InputError: It is a folder, or its own folder is not there or cannot be written to.
+        InputError: The path is a folder, or its parent folder does not exist or is not writable.
     """
     folder = path.parent
     try:
@@ -254,12 +256,12 @@ def check_place(name: str, path: Path) -> None:
 
 
 def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:
-    """Refuse options that would have no effect, so that a user does not assume an effect.
+    """Refuse options that were given but would have no effect.
 
     Args:
-        options: As parsed.
-        idle: Names of fields that say nothing here, and what is allowed instead of them.
-        usual: The same options where none is given; default: the class's defaults.
+        options: Parsed options.
+        idle: Names of the fields without effect, each with a text on when it is allowed.
+        usual: Options with default values; default: those of the class.
 
     Raises:
         InputError: One of them is not at its default.
@@ -272,7 +274,7 @@ def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> Non
 
 
 def flag(name: str) -> str:
-    """Return how a field is given on the command line: `--t-stay` of `t_stay`."""
+    """Return the command-line flag of a field: `--t-stay` for `t_stay`."""
     return "--" + name.replace("_", "-")
 
 
@@ -285,14 +287,14 @@ def flags(options: OptionGroup) -> Iterator[tuple[str, str]]:
 
 @contextmanager
 def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
-    """Name options in the errors that come from within, where the library names arguments.
+    """Rename, in an InputError raised within the `with` block, the library's argument to the command's option.
 
     Args:
-        options: Those of the command: the library's `t_stay` or `t stay` is its `--t-stay`.
-        others: Options by names of the library that are not their own.
+        options: Options of the command: the library's `t_stay` or `t stay` becomes `--t-stay`.
+        others: Options whose names differ, by the library's names.
 
     Raises:
-        InputError: One that came from within; the option is named.
+        InputError: The error that was raised in the block, with the option's name.
     """
     try:
         with renaming({**dict(flags(options)), **others}):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RegionOptions(ZoneGoalOptions):
-    """Where goals are drawn; a disc or ball around --target, or one of these."""
+    """Options for the region of goals: a disc or ball around --target, a sector, or a region from a file."""
 
     first: ClassVar[tuple[str, ...]] = ("region", "sector")
     only_with: ClassVar[Conditions] = {

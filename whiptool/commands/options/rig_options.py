@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, TargetOptions):
-    """Options of the arm that strikes: a rig or its twin."""
+    """Options of the arm that strikes: a rig, or its simulated twin."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("yes",)
     heading: ClassVar[str] = "rig"
@@ -34,8 +34,8 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Parameters of the law. OIAC: printed, or table4, which is stable only at rates far above 500; default: printed.
     Constant impedance: nah2020 (Eq. 22) or the others; default: that of the model, otherwise nah2020."""
     port: str = "twin"
-    """Serial device, or twin. The device is such as /dev/ttyUSB0; twin is the emulated servos behind the same
-    protocol."""
+    """Serial device of servos, or twin (a simulated rig). The device is such as /dev/ttyUSB0; twin is the emulated
+    servos behind the same protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
     """Camera, or none. With a real arm: realsense, or a RealSense recording. With the twin: twin or d435-infrared
     (rendered infrared images), d435-color, or points (positions of the tip with the error of tracked images, without
@@ -93,10 +93,10 @@ def loop_options(options: ArmOptions) -> LoopOptions:
 
 
 def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, interlock: Interlock):
-    """The real arm and camera that the options name; a stop leaves a mark for later calls with this port.
+    """Return the hardware rig that the options describe; after a stop, a file blocks later calls with this port.
 
     Raises:
-        InputError: There is no such serial device, or no such camera. Neither is opened yet.
+        InputError: The serial device or the camera does not exist. Neither is opened yet.
     """
     from whiptool.rig.dynamixel.port import check_present
     from whiptool.rig.session import HardwareRig, ServoLine
@@ -119,7 +119,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
 
 
 def mark_of_port(port: str) -> Path:
-    """The file that tells later calls of a fault of the servos on a serial device."""
+    """Return the file that records a fault of the servos on a serial device for later calls."""
     from platformdirs import user_state_path
 
     return (
@@ -130,11 +130,11 @@ def mark_of_port(port: str) -> Path:
 
 
 def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
-    """After a stop, have a person say that its cause is gone, whatever the options are; nothing moves before.
+    """After a stop, ask a person to confirm that its cause is removed; nothing moves before.
 
     Args:
         interlock: Interlock of the rig.
-        run_folder: Run folder of the run; it keeps the mark of a stop.
+        run_folder: Run folder, in which a stop is recorded.
 
     Raises:
         Locked: The question was not answered with yes.

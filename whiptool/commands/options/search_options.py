@@ -24,10 +24,10 @@ Methods = tuple[Annotated[str, METHODS], ...]
 
 
 def spell_methods(options: OptionGroup, name: str) -> None:
-    """Give methods their own spelling, whose names were written with capital letters or hyphens.
+    """Replace method names that were given with capital letters or hyphens by their standard spelling.
 
     Args:
-        options: Options that are being made.
+        options: Options that are being constructed.
         name: Name of the field that holds one method or several.
     """
     written = getattr(options, name)
@@ -36,7 +36,7 @@ def spell_methods(options: OptionGroup, name: str) -> None:
 
 
 def learned_with(methods: Iterable[str]) -> tuple[str, ...]:
-    """Return the modules of extras that some methods need: learners need PyTorch."""
+    """Return the optional modules that some methods need: learners need PyTorch."""
     from whiptool.rl.settings import SETTINGS
 
     return ("torch",) if SETTINGS.keys() & set(methods) else ()
@@ -44,7 +44,7 @@ def learned_with(methods: Iterable[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(OptionGroup):
-    """Within which bounds strikes are searched, and how many are tried."""
+    """Options for the bounds of a search and its number of trials."""
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("max_trials",)
@@ -63,14 +63,14 @@ class SearchOptions(OptionGroup):
         whole("--max-trials", self.max_trials)
 
     def build_bounds(self, model: Model, space: StrikeSpace | None = None) -> StrikeBounds:
-        """Return the box of strikes that `--lower` and `--upper` give; the usual bounds where they are not given.
+        """Return the box of strikes from `--lower` and `--upper`, or the default bounds.
 
         Args:
             model: Model with the arm that strikes.
-            space: Space of the strikes; default: that of the arm's joints.
+            space: Coordinates of the strikes; default: joint space.
 
         Raises:
-            InputError: They are not of this arm, or cross.
+            InputError: A bound has a wrong length, or a lower bound is not below the upper one.
         """
         from whiptool.models.hand_space import numbers_of
         from whiptool.models.joint_space import JointSpace
@@ -98,7 +98,7 @@ class SearchOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions(OptionGroup):
-    """How long learners are trained (Algorithm 1)."""
+    """Options for the length of a training (Algorithm 1)."""
 
     heading: ClassVar[str] = "training"
     first: ClassVar[tuple[str, ...]] = ("episodes",)
@@ -113,7 +113,7 @@ class TrainingOptions(OptionGroup):
     """Number of relabelled copies of every strike (sac, td3, ddpg with observation goal)."""
 
     def check(self) -> None:
-        """Refuse lengths of a training in which nothing is learned, or that no machine holds."""
+        """Refuse lengths of a training with which nothing would be learned, or that need too much memory."""
         super().check()
         whole("--episodes", self.episodes)
         whole("--trials", self.trials, low=2, high=MANY_TARGETS)

@@ -20,7 +20,7 @@ MANY_COARSE = 0.1  # share of random strikes that a step may get wrong by more t
 
 @dataclass(frozen=True, kw_only=True)
 class StepOptions(OptionGroup):
-    """How finely the compiled simulator steps."""
+    """Options for the accuracy of the compiled simulator."""
 
     heading: ClassVar[str] = "simulation"
     first: ClassVar[tuple[str, ...]] = ("tolerance",)
@@ -43,7 +43,7 @@ class StepOptions(OptionGroup):
             number("--tolerance", self.tolerance, low=FINEST, high=COARSEST)
 
     def warn_if_coarse(self, model: Model, controller: Controller, target: tuple[float, ...], t_stay: float) -> None:
-        """Say so on stderr where random strikes miss by other distances at the step that was asked for."""
+        """Warn on stderr if, with the given time step, the miss distances of random strikes are not accurate."""
         import numpy as np
 
         from whiptool.models.strike import default_bounds
@@ -72,7 +72,7 @@ class StepOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatorOptions(StepOptions):
-    """Which simulator, and how finely it steps."""
+    """Options for the simulator and its accuracy."""
 
     only_with: ClassVar[Conditions] = {
         "tolerance": unless("simulator", "reference"),
@@ -88,7 +88,7 @@ class SimulatorOptions(StepOptions):
     """Integrator of the reference simulator; default: RK4 unless the whip is too stiff for it."""
 
     def build_rollout(self, model: Model, controller: Controller) -> Rollout:
-        """The simulator that `--simulator` names."""
+        """Return the simulator that `--simulator` names."""
         if self.simulator == "compiled":
             return self.build_compiled(model, controller)
         from whiptool.rollout.reference import ReferenceRollout

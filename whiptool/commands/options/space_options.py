@@ -24,7 +24,7 @@ Space = Literal["joint", "hand", "pose"]
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceOptions(SimulatedControllerOptions):
-    """What describes strikes, and the controller that goes with it."""
+    """Options for the coordinates of strikes (joint or hand space), and the controller that goes with them."""
 
     first: ClassVar[tuple[str, ...]] = ("space",)
     takes_hand: ClassVar[bool] = True
@@ -64,10 +64,10 @@ class SpaceOptions(SimulatedControllerOptions):
         super().check()
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe, or that of the file.
+        """Return the controller that the options or the file describe.
 
         Raises:
-            InputError: An option is given that the file has, or that has no meaning in hand space.
+            InputError: An option is given that belongs in the file, or that has no effect in hand space.
         """
         controller = super().build_controller()
         if self.space == "joint":
@@ -78,7 +78,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return replace(controller, hand=self._hand())
 
     def law_label(self) -> str:
-        """The law in words, for people; constant impedance of the hand has no presets."""
+        """Return a description of the control law; constant impedance of the hand has no presets."""
         if self.space == "joint":
             return super().law_label()
         named = "constant impedance" if self.law_or_file == "constant" else super().law_label()

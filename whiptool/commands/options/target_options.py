@@ -25,7 +25,7 @@ ModelName = Annotated[str, Names("whiptool.models.presets:PRESETS", beside="|FIL
 
 @dataclass(frozen=True, kw_only=True)
 class TargetOptions(OptionGroup):
-    """What is struck at, and for how long the tip is watched."""
+    """Options for the target, and for how long the tip is observed."""
 
     heading: ClassVar[str] = "target"
     first: ClassVar[tuple[str, ...]] = (
@@ -50,7 +50,7 @@ class TargetOptions(OptionGroup):
         number("--t-stay", self.t_stay, low=0, high=LONGEST_STAY)
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target position and hit radius; by default the usual target of the model, without one that in the plane."""
+        """Return the target; default: the usual target of the model, or without a model the one in the plane."""
         from whiptool.goals.target import TARGET, Target, usual_target
 
         if self.target is not None:
@@ -69,7 +69,7 @@ DIRECTED = {
 
 @dataclass(frozen=True, kw_only=True)
 class GoalOptions(TargetOptions):
-    """What is struck at, and how the tip has to arrive there."""
+    """Options for the target and the required arrival of the tip."""
 
     first: ClassVar[tuple[str, ...]] = ("direction",)
     only_with: ClassVar[Conditions] = DIRECTED
@@ -94,10 +94,11 @@ class GoalOptions(TargetOptions):
         super().check()
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target with the required arrival of the tip.
+        """Return the target with the required arrival of the tip.
 
         Raises:
-            InputError: The direction is zero or of another dimension, or the arrival angle is not defined there.
+            InputError: The direction is zero or has a wrong dimension, or the arrival angle is not defined at the
+                target.
         """
         from whiptool.goals.target import Target
 
@@ -114,7 +115,7 @@ class GoalOptions(TargetOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ZoneOptions(TargetOptions):
-    """Where targets are drawn; the middle of a disc is --target."""
+    """Options for the zone from which targets are drawn; --target is its centre."""
 
     of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
     first: ClassVar[tuple[str, ...]] = ("zone_radius",)
@@ -131,11 +132,7 @@ class ZoneOptions(TargetOptions):
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_arrival(self) -> ArrivalRule:
-        """Return the required arrival of the tip.
-
-        Raises:
-            InputError: The direction is zero, or the speed is not positive.
-        """
+        """Return the rule for the tip's arrival, which allows any."""
         from whiptool.goals.arrival_rule import named_rule
 
         return named_rule(vars(self))
@@ -154,7 +151,7 @@ class ZoneOptions(TargetOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(WhipOptions):
-    """Which whip and arm."""
+    """Options for the model of whip and arm."""
 
     heading: ClassVar[str] = "model"
     first: ClassVar[tuple[str, ...]] = (
@@ -180,7 +177,7 @@ class ModelOptions(WhipOptions):
     and yaw [rad]."""
 
     def build_model(self) -> Model:
-        """The model that `--model` names, with the arm that `--arm` names; what was assumed of that is said on stderr.
+        """Return the model of `--model` with the arm of `--arm`; assumptions about the arm are printed on stderr.
 
         Raises:
             InputError: No model has that name, the arm does not fit the whip, or the command takes no models in space.
@@ -191,7 +188,7 @@ class ModelOptions(WhipOptions):
         return model
 
     def find_model(self) -> Model:
-        """The same, and nothing is said; files are read once."""
+        """Return the model as `build_model` does, without printing; files are read only once."""
         return self._model_found
 
     @cached_property

@@ -23,7 +23,7 @@ _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryOptions(OptionGroup):
-    """The strike as a joint trajectory for a robot."""
+    """Options for writing the strike as a joint trajectory for a robot."""
 
     heading: ClassVar[str] = "trajectory for a robot"
     first: ClassVar[tuple[str, ...]] = ("export_trajectory",)
@@ -58,10 +58,10 @@ class TrajectoryOptions(OptionGroup):
         check_place("--export-trajectory", self.export_trajectory)
 
     def check_posture(self, model: Model) -> None:
-        """Refuse a posture of another number of joints than the model's arm has.
+        """Refuse a posture whose number of joints is not that of the model's arm.
 
         Raises:
-            InputError: It is one.
+            InputError: The numbers differ.
         """
         if self.posture is not None and len(self.posture) != model.arm.n:
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
@@ -69,16 +69,16 @@ class TrajectoryOptions(OptionGroup):
     def build_trajectory(
         self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = ()
     ) -> JointTrajectory | None:
-        """Return a strike with the way to its start and a rest before it; None: the options ask for none.
+        """Return the trajectory of a strike with the movement to its start and a rest; None if no option asks for one.
 
         Args:
-            model: Model of the arm, whose own limits the samples always keep.
+            model: Model whose arm's limits the trajectory always has to keep.
             strike: The strike.
             t_stay: Time after the strike [s].
-            given: What it has to keep besides; what the whip does is not looked at, see `refuse_beyond`.
+            given: Further limits for the arm; the motion of the whip is not checked, see `refuse_beyond`.
 
         Raises:
-            InputError: It is beyond a limit, or the arm touches on its way what it must not.
+            InputError: The trajectory exceeds a limit, or the arm collides on its movement to the start.
         """
         if self.export_trajectory is None:
             return None
@@ -97,10 +97,13 @@ class TrajectoryOptions(OptionGroup):
         return found
 
     def refuse_beyond(self, words: str | None) -> None:
-        """Refuse to write a strike that is beyond a limit, which stands in words; None: it is within all.
+        """Refuse to write a strike that exceeds a limit.
+
+        Args:
+            words: Description of the exceeded limit; None: all are kept.
 
         Raises:
-            InputError: It is not, and the options ask for it.
+            InputError: A limit is exceeded, and the options ask for a trajectory.
         """
         if words is not None and self.export_trajectory is not None:
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")

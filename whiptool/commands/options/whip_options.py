@@ -17,13 +17,13 @@ _FLAGS = {"length": "--whip-length", "nodes": "--nodes", "taper": "--taper"} | {
 
 @dataclass(frozen=True, kw_only=True)
 class WhipOptions(OptionGroup):
-    """The model's whip, changed."""
+    """Options that change the model's whip: length, nodes, taper and material."""
 
     heading: ClassVar[str] = "model"
     first: ClassVar[tuple[str, ...]] = ("whip_length", "nodes")
 
     whip_length: float | None = None
-    """Length of the whip [m], of the same material; default: that of the model."""
+    """Length of the whip [m], whose material stays the same; default: that of the model."""
     nodes: int | None = None
     """Number of nodes of the whip; default: that of the model."""
     taper: float | None = None
@@ -37,10 +37,11 @@ class WhipOptions(OptionGroup):
     """Mass per volume of that whip [kg/m^3]."""
 
     def changed_whip(self, model: Model) -> Model:
-        """Return a model with the whip that the options describe.
+        """Return the model with its whip changed as the options say.
 
         Raises:
-            InputError: A number is out of range, the material is not whole, or the model's whip cannot be changed so.
+            InputError: A number is out of range, the material is incomplete, or the model's whip cannot be changed in
+                this way.
         """
         material = self.material_of_model
         missing = [flag(name) for name in _MATERIAL if name not in material]
@@ -58,10 +59,10 @@ class WhipOptions(OptionGroup):
 
     @property
     def material_of_model(self) -> dict[str, float]:
-        """The numbers of the material that replaces the model's, as far as they are given."""
+        """The given parameters of the material that replaces that of the model's whip, by name."""
         return {name: getattr(self, name) for name in _MATERIAL if getattr(self, name) is not None}
 
     @property
     def number_of_nodes(self) -> int | None:
-        """The number of nodes that is asked for; None: the model's."""
+        """The number of nodes that the options set; None: the model's."""
         return self.nodes

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ZoneGoalOptions(ZoneOptions):
-    """Where targets are drawn, and how the tip has to arrive there."""
+    """Options for the zone of targets and the required arrival of the tip."""
 
     only_with: ClassVar[Conditions] = DIRECTED
 

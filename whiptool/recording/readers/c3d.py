@@ -35,11 +35,11 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
 
     Args:
         path: The file.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: It is damaged, has no points or no rate, does not say its units or axes, a label is missing, or a
-            value breaks its rule; or ezc3d is not installed.
+        InputError: The file is damaged, has no points or no rate, does not state its units or axes, lacks a label, or a
+            value is not allowed; or ezc3d is not installed.
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "sigma")
@@ -127,7 +127,9 @@ def _check_header(path: Path) -> None:
 
 
 def parse(path: str) -> dict[str, np.ndarray]:
-    """Points (T, M, 3) as they stand in the file, NaN where missing, and what is said of them; run where it may crash.
+    """Return points (T, M, 3) in the file's units, NaN where missing, and their metadata, by name.
+
+    It runs in a separate process, as ezc3d may crash on damaged files.
 
     Raises:
         InputError: There are no points.

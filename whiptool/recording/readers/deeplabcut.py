@@ -26,15 +26,15 @@ COORDS = ("x", "y", "likelihood")
 
 
 def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read DeepLabCut's CSV for one animal.
+    """Read the tracks in a CSV file that DeepLabCut wrote for one animal.
 
     Args:
         path: The CSV file.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: The header is another one, a cell is not a number, the clock or the way to metres is missing, or
-            what they say breaks a rule.
+        InputError: The header is not DeepLabCut's, a cell is not a number, the times or the conversion to metres are
+            missing, or a value is not allowed.
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *CLOCK, *PIXELS, "markers", "likelihood", "sigma_pixels", "rows")

@@ -45,22 +45,22 @@ SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """Images over time, with what turns pixels into metres and rows into times.
+    """A sequence of images with the data that convert pixels to metres and rows to times.
 
     Args:
-        frames: Gives a new iterator over the F images each time it is called: (H, W, 3) uint8 in the order BGR, or
-            (H, W) uint8 or uint16. It raises an InputError where an image cannot be decoded.
-        times: Middle of the first row's exposure in each image [s], (F,), strictly increasing, 0 the command's start.
+        frames: Returns a new iterator over the F images at each call: (H, W, 3) uint8 in the order BGR, or (H, W) uint8
+            or uint16. It raises an InputError if an image cannot be decoded.
+        times: Middle of the first row's exposure in each image [s], (F,), strictly increasing, relative to the
+            command's start.
         shape: Height and width [pixels].
-        homography: Pixel (u, v, 1) -> strike plane (x, y) [m], (3, 3); pixel (0, 0) is the centre of the first. None
-            where the camera is not calibrated yet.
+        homography: Homography from pixels (u, v, 1) to the strike plane (x, y) [m], (3, 3); (0, 0) is the centre of the
+            first pixel. None: not calibrated.
         exposure: Exposure of every row [s].
         readout: Time from the first row's exposure to the last's [s]; 0 with a global shutter.
-        kind: Kind of light, `color` or `infrared`; empty where the images themselves show it by their number of
-            channels.
-        synthetic: Whether no real camera took them.
+        kind: `color` or `infrared`; empty: determined by the number of channels.
+        synthetic: Whether the images were rendered.
         fps: Images per second, the inverse of the median step of `times`.
-        view: The camera in space that took them, with their exposure, readout and rate; None where they are of a plane.
+        view: The camera in space, with exposure, readout and rate of these images; None for images of the strike plane.
         about: Further arguments of `StrikeRecording`: strike, controller, target, t_stay, joints_t,
             joints_q, camera, source, sha256, exposure.
     """
@@ -92,15 +92,17 @@ class VideoSource:
         return zip(self.times.tolist(), self.frames(), strict=True)
 
     def time_of(self, frame: np.ndarray | int, v: np.ndarray | float) -> np.ndarray:
-        """Middle of the exposure of row v (a fraction allowed) of an image [s], broadcast over both."""
+        """Return the middle of the exposure of row v (may be fractional) of an image [s], broadcast over both
+        arguments.
+        """
         return self.times[frame] + self.readout * np.asarray(v) / max(self.shape[0] - 1, 1)
 
 
 def video_frames(path: Path | str) -> Generator[np.ndarray, None, None]:
-    """The images of a video file, (H, W, 3) uint8, BGR.
+    """Yield the images of a video file, (H, W, 3) uint8, BGR.
 
     Raises:
-        InputError: It cannot be opened or decoded, its images differ in size; or OpenCV is not installed.
+        InputError: The file cannot be opened or decoded, or its images differ in size; or OpenCV is not installed.
     """
     for image, _ in _shown(path):
         yield image
@@ -129,15 +131,15 @@ def _shown(path: Path | str) -> Generator[tuple[np.ndarray, float], None, None]:
 
 
 def read_video(path: Path | str, **options: Any) -> VideoSource:
-    """A video file with its sidecar; the images are counted by decoding them once.
+    """Read a video file with its sidecar; the images are decoded once to count them.
 
     Args:
         path: The file.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: It cannot be decoded, has fewer than two images, there are no times or not one per image, or a key
-            breaks its rule; or OpenCV is not installed.
+        InputError: The file cannot be decoded or has fewer than two images, there is not one time for each image, or a
+            value is not allowed; or OpenCV is not installed.
     """
     path = whole_file(path, largest=np.inf)
     side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM)
@@ -164,10 +166,10 @@ def source(
     digest: str,
     log: JointLog | None = None,
 ) -> VideoSource:
-    """A source of images with what its sidecar says of the camera and the strike.
+    """Return a source of images with the camera and strike that its sidecar describes.
 
     Raises:
-        InputError: A key breaks its rule, the times do not increase, or the images are not of the camera's size.
+        InputError: A value is not allowed, the times do not increase, or the images do not have the camera's size.
     """
     about = {**side.fields(clock.notes, log), "source": str(path), "sha256": digest}
     about["exposure"] = side.exposure()
@@ -205,10 +207,10 @@ def _in_space(video: VideoSource, camera: Camera) -> VideoSource:
 
 
 def segment(path: Path, first: float, count: int, fps: float) -> Iterator[np.ndarray]:
-    """The `count` images of a file with `fps` images per second, from the time `first` [s] on.
+    """Yield `count` images of a file with `fps` images per second, starting at the time `first` [s].
 
     Raises:
-        InputError: There are fewer.
+        InputError: There are fewer images.
     """
     skip = round(first * fps)
     got = 0

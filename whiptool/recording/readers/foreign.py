@@ -14,13 +14,13 @@ _TABLE = "write it as CSV as DeepLabCut does, or with the columns t, tip_x, tip_
 
 @dataclass(frozen=True)
 class Foreign:
-    """A format that is recognised and not read.
+    """A file format that is recognised but not supported.
 
     Args:
-        what: It is.
-        cure: Correction.
-        suffixes: Suffixes of its files; empty: any.
-        head: A regular expression that its first bytes match.
+        what: Description of the format.
+        cure: What the user can do.
+        suffixes: File suffixes; empty: any.
+        head: Regular expression for the first bytes of a file.
     """
 
     what: str
@@ -29,7 +29,7 @@ class Foreign:
     head: bytes = b""
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Whether a path with these first bytes is of it."""
+        """Whether a path with these first bytes has this format."""
         right = not self.suffixes or path.suffix.lower() in self.suffixes
         return right and re.match(self.head, head.removeprefix(b"\xef\xbb\xbf"), re.IGNORECASE | re.DOTALL) is not None
 
@@ -61,7 +61,7 @@ def refuse_foreign(path: Path, head: bytes) -> None:
     """Refuse a file of another program by its first bytes.
 
     Raises:
-        InputError: It is one of `FOREIGN`; the message says what to do.
+        InputError: The format is one of `FOREIGN`; the message says what to do.
     """
     for form in FOREIGN:
         if form.matches(path, head):

@@ -22,9 +22,9 @@ class FrameClock:
     """Times of frames.
 
     Args:
-        times: Middle of the first row's exposure of each frame that is kept [s], 0 the command's start.
-        keep: Numbers of the frames that are kept, (F,).
-        notes: The clock that was used, and the frames that were left out.
+        times: Middle of the first row's exposure of each kept frame [s], (F,), relative to the command's start.
+        keep: Which frames are kept, (count,).
+        notes: Sentences on the clock that was used and on frames that were left out.
     """
 
     times: np.ndarray
@@ -36,18 +36,18 @@ def frame_clock(
     side: Sidecar, count: int, *, stamps: np.ndarray | None = None, of: str = "", numbers: np.ndarray | None = None,
     hint: float = 0.0,
 ) -> FrameClock:  # fmt: skip
-    """Times of `count` frames.
+    """Return the times of `count` frames.
 
     Args:
-        side: Its keys `timestamps` (numbers, or a CSV file) and `fps`, `stamp`, `exposure` and `start`.
+        side: Sidecar with the keys `timestamps` (numbers, or a CSV file), `fps`, `stamp`, `exposure` and `start`.
         count: Number of frames.
-        stamps: Time stamps in the file (count,) [s]; None without any.
-        of: Owner of the stamps, for messages.
+        stamps: Time stamps in the file (count,) [s]; None for a file without time stamps.
+        of: Source of the stamps, for messages.
         numbers: Numbers of the frames, (count,); default: from 0 on.
-        hint: Frames per second as the file says, for the message only: it knows nothing of frames that were dropped.
+        hint: Frame rate in the file [1/s], for messages only, because it does not account for dropped frames.
 
     Raises:
-        InputError: There is no clock, there are not as many timestamps as frames, or stamps cannot be right.
+        InputError: There is no clock, the number of timestamps differs from that of frames, or stamps are implausible.
     """
     if "timestamps" in side.table:
         times, note = _timestamps(side)
@@ -96,14 +96,14 @@ def _timestamps(side: Sidecar) -> tuple[np.ndarray, str]:
 
 
 def stamps_of_film(played: np.ndarray, fps: float | None) -> tuple[np.ndarray | None, str]:
-    """Return when a film's images were taken, as far as their stamps say, (F,) [s], and whose stamps these are.
+    """Return the times at which a film's images were taken, (F,) [s], or None, and the source of these times.
 
-    An even clock whose stamps are rounded to milliseconds is taken as even. A film that plays much slower than it was
-    taken (`fps`) is in slow motion: its stamps are scaled. Stamps that are merely evenly counted say no more than the
-    rate, which a writer may have made up: without `fps` they are not a clock.
+    Even stamps that were rounded to milliseconds are made even again. If a film plays much more slowly than `fps`, it
+    is in slow motion, and its stamps are scaled. Perfectly even stamps may have been invented by the program that wrote
+    the file, and are not used without `fps`.
 
     Args:
-        played: When each image is to be shown [s], (F,).
+        played: Presentation time of each image [s], (F,).
         fps: Frame rate of the images [1/s], if it is given.
     """
     steps = np.diff(played)

@@ -25,14 +25,14 @@ PREFIX = POSITION + "_"  # of a joint's name, as in the trajectories that whipto
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
-    """Positions of joints over time, as they stand in a file.
+    """Positions of joints over time, as read from a file.
 
     Args:
         t: Times [s], (S,), strictly increasing.
         q: Positions in the unit of the file, (S, n).
         names: Names of the n joints; empty where their order alone says which is which.
         columns: Names of their columns in the file.
-        unit: `rad` or `deg` where the columns' names say it; empty: they do not.
+        unit: `rad` or `deg` if the columns' names state it; else empty.
         listed: Whether the columns were listed in the arm's order.
         notes: Assumptions, and columns and rows that were left out.
     """
@@ -47,15 +47,14 @@ class JointLog:
 
 
 def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None = None) -> JointLog:
-    """Read a log.
+    """Read a joint log.
 
     Args:
         path: The file.
         columns: As of `joint_log`.
 
     Raises:
-        InputError: It is not such a file, has no joints, a column is missing, their units differ, or stamps cannot be
-            right.
+        InputError: The file is not a joint log, a column is missing, units differ, or time stamps are implausible.
     """
     names, table = read_columns(path)
     at, scale, said = time_column(names)

@@ -45,11 +45,11 @@ class Episode:
     """One episode of a dataset, of T rows.
 
     Args:
-        t: `timestamp` [s], (T,), 0 at the episode's first row.
-        columns: Features that are numbers, by name, (T, n), as `observation.state` and `action`.
-        names: Names of the n columns of each feature, as far as `info.json` has them.
-        videos: For each camera its MP4 file, and when the episode begins in it [s].
-        fps: Rows and images per second.
+        t: Times (`timestamp`) [s], (T,), 0 at the episode's first row.
+        columns: Numeric features by name, (T, n), such as `observation.state` and `action`.
+        names: Names of the n columns of each feature, if `info.json` states them.
+        videos: For each camera its MP4 file, and the time at which the episode begins in it [s].
+        fps: Rate of rows and images [1/s].
         files: Files that were read.
     """
 
@@ -62,10 +62,10 @@ class Episode:
 
 
 def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
-    """Read one episode's rows, and where its images are.
+    """Read the rows of an episode, and the location of its images.
 
     Raises:
-        InputError: It is not a dataset of version 3, damaged, or has no such episode; or pyarrow is not installed.
+        InputError: It is not a dataset of version 3, is damaged, or has no such episode; or pyarrow is not installed.
     """
     folder = Path(folder)
     info_file = whole_file(folder / "meta/info.json")
@@ -91,7 +91,7 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
         wanted = sorted(present & {*numbers, "timestamp", "episode_index"})
         table = parquet.read_table(data_file, columns=wanted, filters=[("episode_index", "=", episode)])
         if table.num_rows < 2 or table.num_rows != int(row.get("length", table.num_rows)):
-            raise InputError("rows", table.num_rows, f"{row.get('length', 'at least 2')}, as the episodes' table says")
+            raise InputError("rows", table.num_rows, f"{row.get('length', 'at least 2')}, as in the table of episodes")
         columns = {name: _matrix(name, table.column(name)) for name in wanted}
     videos = {
         name: (_inside(folder, info.get("video_path", VIDEO), row, f"videos/{name}", name), _time(row, name))
@@ -109,16 +109,16 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
 
 
 def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> StrikeRecording:
-    """One episode of a dataset that holds places of markers.
+    """Read one episode of a dataset that contains marker positions.
 
     Args:
         folder: The dataset.
-        episode: Its index.
-        options: Keys of the sidecar, which they override.
+        episode: Index of the episode.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As `lerobot_episode`; there are no markers (then its cameras must be tracked), or a value breaks
-            its rule.
+        InputError: As in `lerobot_episode`; or there are no markers (then its images must be tracked), or a value is
+            not allowed.
     """
     folder = Path(folder)
     side = _sidecar(folder, episode, options)
@@ -139,17 +139,17 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
 
 
 def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
-    """One camera's images of one episode, with the measured joints in `about`.
+    """Return one camera's images of one episode, with the measured joints in `about`.
 
     Args:
         folder: The dataset.
-        camera: The feature, as `observation.images.front`; None if there is only one.
-        episode: Its index.
-        options: Keys of the sidecar, which they override.
+        camera: Name of the feature, such as `observation.images.front`; None: the only one.
+        episode: Index of the episode.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As `lerobot_episode`; there is no such camera, its file is missing or too short, or a value breaks
-            its rule; or OpenCV is not installed.
+        InputError: As in `lerobot_episode`; or there is no such camera, its file is missing or too short, or a value is
+            not allowed; or OpenCV is not installed.
     """
     folder = Path(folder)
     side = _sidecar(folder, episode, options)

@@ -40,11 +40,11 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
 
     Args:
         path: The file.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: It is of another version (7.3 is HDF5), damaged, holds objects or functions of MATLAB, a variable is
-            missing, or a value is not allowed.
+        InputError: The file has another version (7.3 is HDF5), is damaged, contains MATLAB objects or functions, lacks
+            a variable, or a value is not allowed.
     """
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "fps")
@@ -154,10 +154,13 @@ def _points(data: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def parse(path: str) -> dict[str, np.ndarray]:
-    """All variables, the fields of structs as `struct.field`, cell arrays of texts as arrays; run where it may crash.
+    """Return all variables by name, fields of structs as `struct.field`, cell arrays of texts as arrays.
+
+    It runs in a separate process, as the parser may crash on damaged files.
 
     Raises:
-        InputError: An object, a function, an array of structs, or a cell array of anything but texts.
+        InputError: The file contains an object, a function, an array of structs, or a cell array of other things than
+            texts.
     """
     from scipy.io import loadmat
 

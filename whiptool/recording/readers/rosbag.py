@@ -44,29 +44,29 @@ ENCODINGS = {  # type of a number, how many a pixel, whether red comes first
 
 
 def db3_topics(path: Path | str) -> dict[str, int]:
-    """Topics of images, and how many each has.
+    """Return the topics with images, and the number of images of each.
 
     Raises:
-        InputError: It is not a bag, or damaged; or rosbags is not installed.
+        InputError: The file is not a bag or is damaged; or rosbags is not installed.
     """
     with _opened(path) as bag:
         return {c.topic: c.msgcount for c in bag.connections if c.msgtype == IMAGE}
 
 
 def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[float, np.ndarray]]:
-    """Time stamp [s] and image of each message of a topic, in the order of recording.
+    """Yield time stamp [s] and image of each message of a topic, in the order of recording.
 
     Args:
         path: The `.db3` file, or the bag's folder.
         topic: Topic of the images; None if only one topic has images.
 
     Yields:
-        The message's stamp, by the clock that its header has, and the image: (H, W, 3) uint8 in the order BGR, or
-        (H, W) uint8 or uint16.
+        The time stamp in the message's header, and the image: (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or
+            uint16.
 
     Raises:
-        InputError: It is not a bag, or damaged; the topic is not there; an image is of another encoding (allowed are
-            16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8, bgra8) or cut off; or rosbags is not installed.
+        InputError: The file is not a bag or is damaged; the topic does not exist; an image has another encoding
+            (allowed are 16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8, bgra8) or cut off; or rosbags is not installed.
     """
     topic = _one_topic(path, topic)
     for _, message in _messages(path, topic, IMAGE):
@@ -76,10 +76,10 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
 
 
 def decode_image(message: Any) -> np.ndarray:
-    """A `sensor_msgs/Image` as (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16.
+    """Convert a `sensor_msgs/Image` to an array: (H, W, 3) uint8 in the order BGR, or (H, W) uint8 or uint16.
 
     Raises:
-        InputError: Its encoding is another one, or its data do not fit its size.
+        InputError: The encoding is not supported, or the data do not fit the image size.
     """
     if message.encoding not in ENCODINGS:
         raise InputError("encoding", message.encoding, "one of " + ", ".join(ENCODINGS))
@@ -98,14 +98,15 @@ def decode_image(message: Any) -> np.ndarray:
 
 
 def read_db3(path: Path | str, **options: Any) -> VideoSource:
-    """The images of one topic of a bag.
+    """Return the images of one topic of a bag.
 
     Args:
         path: The `.db3` file, or the bag's folder.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As `db3_frames`; there are fewer than two images, they differ in size, or a key breaks its rule.
+        InputError: As in `db3_frames`; or there are fewer than two images, they differ in size, or a value is not
+            allowed.
     """
     path = Path(path)
     folder = path.is_dir()

@@ -25,10 +25,10 @@ REFUSED, FAILED = 3, 4  # its exit status after an InputError, and after any oth
 
 
 def unpack(path: Path, kind: str) -> dict[str, np.ndarray]:
-    """The arrays of numbers and texts in a file of a kind (`mat`, `c3d`), by name.
+    """Parse a file of a kind (`mat`, `c3d`) in a separate process, and return its arrays of numbers and texts by name.
 
     Raises:
-        InputError: The file is damaged, holds what is not allowed, or takes too long or too much memory.
+        InputError: The file is damaged, has content that is not allowed, or takes too long or too much memory.
     """
     code = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as sealed; sealed.main()"
     command = [sys.executable, "-c", code, kind, str(path)]
@@ -50,7 +50,7 @@ def unpack(path: Path, kind: str) -> dict[str, np.ndarray]:
 
 
 def main() -> NoReturn:
-    """The child: parse the file named on the command line, write its arrays to stdout as NPZ."""
+    """Entry point of the separate process: parse the file in the arguments, and write its arrays to stdout as NPZ."""
     import resource
 
     kind, path = sys.argv[1:]

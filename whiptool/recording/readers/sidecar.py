@@ -64,12 +64,12 @@ STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp 
 
 @dataclass(frozen=True)
 class Sidecar:
-    """Checked access to the keys of a sidecar, with the options laid over it.
+    """Checked access to the keys of a sidecar file, a TOML file next to a recording, with options that override them.
 
     Args:
-        table: Key and value.
-        folder: Folder of the files that it names.
-        place: Prefix of error messages.
+        table: Values by key.
+        folder: Folder to which file names in it are relative.
+        place: Prefix of names in error messages.
     """
 
     table: Mapping[str, Any]
@@ -78,13 +78,13 @@ class Sidecar:
 
     @classmethod
     def of(cls, path: Path, options: Mapping[str, Any], *keys: str, file: Path | None = None) -> Sidecar:
-        """The sidecar of a recording, if there is one, and the options.
+        """Return the sidecar of a recording, if there is one, combined with options.
 
         Args:
-            path: The recording.
-            options: Those of its reader.
+            path: File of the recording.
+            options: Options of the reader, which override the sidecar.
             keys: Keys of the format in addition to the common keys.
-            file: The sidecar, if it is not `NAME.toml`.
+            file: File of the sidecar, if it is not `NAME.toml`.
 
         Raises:
             InputError: The sidecar is not TOML, or a key is unknown.
@@ -100,32 +100,32 @@ class Sidecar:
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
 
     def refuse(self, key: str, allowed: str, fix: str = "") -> InputError:
-        """The error that a value is not allowed."""
+        """Return the error that a key's value is not allowed."""
         return InputError(self.place + key, self.table.get(key), allowed, fix)
 
     def number(self, key: str, default: float, *, low: float = -np.inf, high: float = np.inf) -> float:
-        """A number from `low` to `high`."""
+        """Return a key's value as a number from `low` to `high`; `default` if the key is missing."""
         value = self.table.get(key, default)
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not low <= value <= high:
             raise self.refuse(key, f"a number from {low:g} to {high:g}")
         return float(value)
 
     def word(self, key: str, words: Mapping[str, Any] | tuple[str, ...], default: str) -> str:
-        """One of several words."""
+        """Return a key's value, which has to be one of several words; `default` if the key is missing."""
         value = self.table.get(key, default)
         if not isinstance(value, str) or value not in words:
             raise self.refuse(key, "one of " + ", ".join(words))
         return value
 
     def flag(self, key: str) -> bool:
-        """True or false; false if the key is not there."""
+        """Return a key's value, true or false; false if the key is missing."""
         value = self.table.get(key, False)
         if not isinstance(value, bool):
             raise self.refuse(key, "true or false")
         return value
 
     def array(self, key: str, *shape: int | None) -> np.ndarray | None:
-        """Numbers of a shape, None in it standing for any length; None if the key is not there."""
+        """Return a key's value as an array of a shape, in which None means any length; None if the key is missing."""
         if key not in self.table:
             return None
         try:
@@ -138,7 +138,9 @@ class Sidecar:
         return array
 
     def names(self, key: str) -> dict[str, str] | None:
-        """A table `our name = "name in the file"`, or a list of names to take unchanged; None if the key is missing."""
+        """Return a key's table `name in whiptool = "name in the file"`, or list of unchanged names, as a dict; None if
+        missing.
+        """
         value = self.table.get(key)
         if value is None:
             return None
@@ -149,7 +151,7 @@ class Sidecar:
         return dict(value)
 
     def file(self, key: str) -> Path | None:
-        """A file in the sidecar's folder; None if the key is not there."""
+        """Return the path of a file in the sidecar's folder; None if the key is missing."""
         name = self.table.get(key)
         if name is None:
             return None
@@ -158,14 +160,15 @@ class Sidecar:
         return self.folder / name
 
     def fields(self, notes: Sequence[str] = (), log: JointLog | None = None) -> dict[str, Any]:
-        """What the common keys say of a recording, as arguments of `StrikeRecording`; times without `start`.
+        """Return the values of the common keys as arguments of `StrikeRecording`; `start` is not yet subtracted from
+        times.
 
         Args:
             notes: Further remarks on how it was read.
-            log: Joints that the recording holds itself, where no file of them is named.
+            log: Joint log in the recording itself, used if the sidecar names no file.
 
         Raises:
-            InputError: A value breaks its rule.
+            InputError: A value is not allowed.
         """
         fields: dict[str, Any] = {key: self.table[key] for key in ("target", "t_stay", "exposure") if key in self.table}
         camera, strike, controller = (self.table.get(key) for key in ("camera", "strike", "controller"))
@@ -224,12 +227,12 @@ class Sidecar:
         return StrikeRecording(**{**source, **read, **self.fields(notes, log)})
 
     def view(self) -> Camera:
-        """The camera in space that a recording in pixels is of: the one called `camera` in the file `cameras`.
+        """The camera in space of a recording in pixels: the one with the name `camera` in the file `cameras`.
 
-        The file is next to the sidecar; an option may name any.
+        The file is next to the sidecar; an option may name a file elsewhere.
 
         Raises:
-            InputError: A key is missing, or the file holds no cameras or none of that name.
+            InputError: A key is missing, or the file has no camera of that name.
         """
         name, cameras = self.table.get("camera"), self.table.get("cameras")
         if cameras is None:
@@ -241,24 +244,25 @@ class Sidecar:
 
     @cached_property
     def filmed_by(self) -> Camera | None:
-        """The camera in space that took frames; None where the key `cameras` is not there."""
+        """The camera in space of a film; None if the key `cameras` is missing."""
         return None if self.table.get("cameras") is None else self.view()
 
     @property
     def joint_columns(self) -> Mapping[str, str] | None:
-        """Which columns of the joint log are the arm's joints, by their names; None if the sidecar does not say."""
+        """Columns of the joint log by the arm's joints; None if the sidecar does not state them."""
         return self.names("joint_columns")
 
     @property
     def start(self) -> float:
-        """When the command started, by the file's clock [s]."""
+        """Time at which the command started, by the file's clock [s]."""
         return self.number("start", 0.0)
 
     def angles(self, log: JointLog) -> tuple[np.ndarray, list[str]]:
-        """Joint angles of a log in rad (S, a), whole turns between two samples undone, and sentences about both.
+        """Return the joint angles of a log in rad (S, a), with jumps by full turns removed, and sentences on this and
+        on the unit.
 
         Raises:
-            InputError: The unit is another one than the columns' names say, or normalized without the joints' ranges.
+            InputError: The unit contradicts the columns' names, or is `normalized` without the joints' ranges.
         """
         unit, said = self.word("joint_units", ANGLES, log.unit or "rad"), []
         if log.unit and unit != log.unit:
@@ -291,10 +295,10 @@ class Sidecar:
         return low + (log.q + 100) / 200 * (high - low)
 
     def metres(self, points: np.ndarray, units: str = "m", axes: tuple[str, ...] | None = None) -> np.ndarray:
-        """Places (..., 2 or 3) as they stand in the file, in metres in our axes.
+        """Convert positions (..., 2 or 3) in the file's units and axes to metres in whiptool's axes.
 
-        The keys: `units` (m, cm, mm, in); `axes`, which of the file's axes point forward, up and, in space, out of the
-        plane, such as `["x", "z", "-y"]`; `origin`, the shoulder in the file's axes and units.
+        The keys are `units` (m, cm, mm, in); `axes`, the file's axes that point forward, up and, in space, out of the
+        plane, such as `["x", "z", "-y"]`; `origin`, the shoulder's position in the file's axes and units.
         """
         factor = UNITS[self.word("units", UNITS, units)]
         d = points.shape[-1]
@@ -312,7 +316,9 @@ class Sidecar:
         return points * factor
 
     def homography(self) -> np.ndarray | None:
-        """Pixels to metres (3, 3), from `homography`, `known_points`, or `scale` and `origin`; None without them."""
+        """Return the homography (3, 3) from pixels to metres, by `homography`, `known_points`, or `scale` and `origin`;
+        else None.
+        """
         matrix, known = self.array("homography", 3, 3), self.table.get("known_points")
         given = [key for key in ("homography", "known_points", "scale") if key in self.table]
         if len(given) > 1:
@@ -334,12 +340,14 @@ class Sidecar:
         return None
 
     def exposure(self) -> float:
-        """How long each row collected light [s]; where it is not stated that of the camera in space, 0 without one."""
+        """Return the exposure time of each row [s]; default: that of the camera in space, or 0."""
         camera = self.filmed_by
         return self.number("exposure", 0.0 if camera is None else camera.exposure, low=0.0, high=1.0)
 
     def readout(self) -> float:
-        """Time from the first row's exposure to the last's [s], 0 with a global shutter; not stated: likewise."""
+        """Return the time from the first row's exposure to the last's [s], 0 for a global shutter; default: as for
+        `exposure`.
+        """
         camera = self.filmed_by
         usual = 0.0 if camera is None else float(camera.row_delay(camera.height - 1))
         readout = self.number("readout", usual, low=0.0, high=1.0)

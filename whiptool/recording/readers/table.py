@@ -22,10 +22,10 @@ LARGEST_TABLE = 2**27  # [bytes] of text, which takes about ten times as much in
 
 
 def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
-    """A CSV file of numbers under one row of names: the names, and the numbers (rows, columns); empty cells are NaN.
+    """Read a CSV file with one row of names: return the names, and the numbers (rows, columns); empty cells are NaN.
 
     Raises:
-        InputError: The file cannot be read, has no rows, a row is of another length, or a cell is not a number.
+        InputError: The file cannot be read, has no rows, a row has another length, or a cell is not a number.
     """
     path = whole_file(path, largest=LARGEST_TABLE)
     with parsing(path, "CSV"):
@@ -39,10 +39,10 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def time_column(names: Sequence[str]) -> tuple[int, float, str]:
-    """Which column is the time's: its index, its unit in seconds, and a sentence about it.
+    """Return the index of the time column, its unit in seconds, and a sentence about it.
 
     Raises:
-        InputError: There are several.
+        InputError: There are several time columns.
     """
     columns = [Column.of(name) for name in names]
     found = [i for i, column in enumerate(columns) if column.kind == TIME and not column.words]
@@ -56,14 +56,14 @@ def time_column(names: Sequence[str]) -> tuple[int, float, str]:
 
 
 def without_repeated_rows(table: np.ndarray) -> tuple[np.ndarray, int]:
-    """The rows (R, columns) that are not the row before again, stamp included, as some robots' recorders write it."""
+    """Return the rows (R, columns) without exact repetitions of the previous row, time included, and their number."""
     same = (table[1:] == table[:-1]) | (np.isnan(table[1:]) & np.isnan(table[:-1]))
     new = np.concatenate([[True], ~same.all(axis=1)])
     return table[new], int((~new).sum())
 
 
 def csv_rows(path: Path) -> list[list[str]]:
-    """The rows of a CSV file in UTF-8 that are not blank, at least one.
+    """Return the non-blank rows of a CSV file in UTF-8, at least one.
 
     Raises:
         InputError: The file has no columns, or another program's format is recognised.
@@ -81,7 +81,7 @@ def csv_rows(path: Path) -> list[list[str]]:
 
 
 def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:
-    """Rows of text as numbers (rows, width), from row `first` on; empty cells are NaN."""
+    """Return rows of text, from row `first` on, as numbers (rows, width); empty cells are NaN."""
     table = np.empty((len(rows) - first, width))
     for i, row in enumerate(rows[first:]):
         if len(row) != width:

@@ -50,10 +50,10 @@ def read_csv(path: Path | str, **options: Any) -> StrikeRecording:
 
     Args:
         path: The CSV file.
-        options: Keys of the sidecar, which they override.
+        options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: A column is missing or unknown, a cell is not a number, or what they say breaks a rule.
+        InputError: A column is missing or unknown, a cell is not a number, or a value is not allowed.
     """
     path = whole_file(path)
     names, table = read_columns(path)
@@ -122,11 +122,12 @@ def split_columns(
 
     Args:
         names: Names of the columns.
-        more: Further columns of a marker besides its coordinates; of two that end alike, the longer is meant.
-        axes: Names of its coordinates.
+        more: Further columns of a marker; if a name ends with two of them, the longer one counts.
+        axes: Names of the coordinates.
 
     Raises:
-        InputError: A name does not end in `_x`, ..., a marker lacks one of the first two axes, or only some have a z.
+        InputError: A name has no such ending, a marker lacks one of the first two axes, or only some markers have the
+            third.
     """
     columns: dict[str, dict[str, int]] = {}
     for i, name in enumerate(names):
@@ -162,14 +163,15 @@ def stacked(
 
 
 def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
-    """Write a recording as `NAME.csv`, `NAME.toml` and, with a joint log, `NAME.joints.csv`; all numbers exact.
+    """Write a recording as `NAME.csv`, `NAME.toml` and, with a joint log, `NAME.joints.csv`, at full precision.
 
-    With a view, the camera is written as `NAME.cameras.toml`, and times of points are those of the camera's rows.
+    For a recording in pixels, the camera is written as `NAME.cameras.toml`, and the times of points are computed from
+    the camera's rows.
 
-    Provenance is not written: read back, the recording comes from this file.
+    The original source is not written; when read back, the source is this file.
 
     Returns:
-        The files.
+        The written files.
 
     Raises:
         InputError: The name does not end in .csv, a marker's name cannot be a column, or a file cannot be written.
@@ -199,7 +201,7 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
 
 
 def _said(recording: StrikeRecording) -> dict[str, Any]:
-    """What the sidecar of a recording says, but for the files that belong to it."""
+    """What the sidecar of a recording says, except for the files that belong to it."""
     table: dict[str, Any] = {"units": "m"} if recording.view is None else {}
     table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
     table |= {"camera": recording.camera} if recording.camera else {}

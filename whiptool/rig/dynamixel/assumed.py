@@ -14,13 +14,13 @@ NO_SECONDARY_ID = 253  # and above: the servo listens to its own id alone
 
 @dataclass(frozen=True)
 class Assumed:
-    """What strikes assume of a register.
+    """A servo register and the value that strikes require.
 
     Args:
         name: Name of the register.
-        value: Value that `--for-strikes` sets, the maker's default.
+        value: Value that `--for-strikes` sets, which is the manufacturer's default.
         meaning: Purpose of the register, for messages.
-        holds: Whether a value will do; None: only `value` does.
+        holds: Returns whether a value is acceptable; None: only `value` is.
     """
 
     name: str
@@ -29,7 +29,7 @@ class Assumed:
     holds: Callable[[int], bool] | None = None
 
     def fits(self, found: int) -> bool:
-        """Whether strikes may be made with the value that a servo has."""
+        """Whether the value found in a servo is acceptable."""
         return found == self.value if self.holds is None else self.holds(found)
 
 
@@ -49,7 +49,7 @@ ASSUMED = (
 
 
 def mismatches(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
-    """Return the registers of a servo that are not as strikes assume, with the values found.
+    """Return the registers of a servo whose values strikes do not accept, with these values.
 
     Raises:
         NoReply, Refused, Unplugged: The servo does not answer.
@@ -59,10 +59,11 @@ def mismatches(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
 
 
 def check_registers(bus: DynamixelBus) -> None:
-    """Refuse servos that are set up otherwise than strikes assume.
+    """Refuse servos with register values that strikes do not accept.
 
     Raises:
-        InputError: It names the first servo and register, both values, and the command that mends it.
+        InputError: A register has another value; the message names servo, register, both values, and the command that
+            corrects it.
         NoReply, Refused, Unplugged: A servo does not answer.
     """
     for id in bus.ids:
@@ -75,10 +76,10 @@ def check_registers(bus: DynamixelBus) -> None:
 
 
 def set_registers(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
-    """Set those registers of a servo that are not as strikes assume, its torque off.
+    """Set, with torque off, the registers of a servo whose values strikes do not accept.
 
     Returns:
-        They, with the values that they had.
+        These registers, with their previous values.
 
     Raises:
         NoReply, Refused, Unplugged: The servo does not answer.

@@ -33,19 +33,19 @@ _STATE = f"for its state ({BLOCK[0]} to {BLOCK[-1]})"
 class DynamixelBus(Line):
     """Servos on one serial port.
 
-    Not used of the SDK: its group classes (they drop the error byte, give 0 for what did not come, and forget signs)
-    and its `read1ByteTxRx` kin (they decode an error status that has no data). Every reply is checked here: checksum,
-    id, error, length. Protocol 2.0 does not number its packets: a late reply would be taken for the next answer.
-    After a failure the line is therefore drained until it is quiet, and then a ping is sent: replies come in order, and
-    none but a ping's has its form, so that once it is there nothing older is under way. For the same reason a reply
-    with more bytes behind it is thrown away.
+    The SDK's group classes are not used (they drop the error byte, return 0 for missing replies, and ignore signs), nor
+    its functions such as `read1ByteTxRx` (they decode an error status without data). Every reply is checked here:
+    checksum, id, error, length. Protocol 2.0 does not number its packets, so a late reply could be taken for the next
+    answer. After a failure the line is therefore drained until it is quiet, and a ping is sent: replies come in order,
+    and only a ping's reply has its form, so that no older reply can follow it. For the same reason a reply that is
+    followed by more bytes is discarded.
 
     Args:
-        device: Such as /dev/ttyUSB0.
+        device: Serial device, such as /dev/ttyUSB0.
         ids: Ids of the servos, in the order of the joints.
         baud: Bits per second.
-        timeout: A reply takes no longer than this after the adapter's latency [s].
-        fast: Use fast sync reads (firmware 45 and newer) for the block.
+        timeout: Largest time for a reply, in addition to the adapter's latency [s].
+        fast: Use fast sync reads (firmware 45 and newer) for `read_block`.
 
     Raises:
         InputError: The port cannot be opened.
@@ -66,10 +66,11 @@ class DynamixelBus(Line):
     # -- opening -------------------------------------------------------------------------------------------------
 
     def check(self, rate: float) -> None:
-        """Refuse servos that are not there or not XM430-W350, and a line too slow for `rate` cycles per second.
+        """Refuse servos that do not answer or are not XM430-W350, and a line that is too slow for `rate` cycles per
+        second.
 
         Raises:
-            InputError: The message has the cause and the command that mends it.
+            InputError: The message states the cause and the command that corrects it.
         """
         for id in self.ids:
             try:
@@ -93,7 +94,7 @@ class DynamixelBus(Line):
         )
 
     def absent(self, id: int) -> InputError:
-        """Whether the servo answers at another baud rate, and what to do."""
+        """Return the error that a servo does not answer, with the baud rate at which it does, if any."""
         for other in (r for r in sorted(BAUD_RATES.values()) if r != self.baud):
             try:
                 with self._guarded():
@@ -111,10 +112,10 @@ class DynamixelBus(Line):
         return InputError(f"servo {id}", "no reply at any baud rate", "a servo with power", "check id, power and cable")
 
     def prepare_block(self) -> None:
-        """Lead the indirect data to the registers of `BLOCK`, and see that it stuck.
+        """Map the indirect data registers to the registers of `BLOCK`, and verify the mapping.
 
         Raises:
-            BusError: A servo did not take it.
+            BusError: A servo did not accept it.
         """
         addresses = [r.address + i for name in BLOCK for r in [register(name)] for i in range(r.size)]
         start = register("indirect_address_1").address
@@ -127,7 +128,7 @@ class DynamixelBus(Line):
     # -- one servo, one register ---------------------------------------------------------------------------------
 
     def ping(self, id: int, *, timeout: float | None = None) -> tuple[int, int]:
-        """Model number and firmware version.
+        """Return the model number and firmware version of a servo.
 
         Raises:
             NoReply, Unplugged: As named.
@@ -136,7 +137,7 @@ class DynamixelBus(Line):
         return data[0] | data[1] << 8, data[2]
 
     def read(self, id: int, name: str) -> int:
-        """Value of a register, with its sign.
+        """Return the value of a register, with its sign.
 
         Raises:
             NoReply, Refused, Unplugged: As named.
@@ -145,7 +146,7 @@ class DynamixelBus(Line):
         return r.decode(self._read_bytes(id, r.address, r.size, name))
 
     def write(self, id: int, name: str, value: int) -> None:
-        """Set a register, and see that the servo took it.
+        """Set a register, and verify that the servo accepted it.
 
         Raises:
             InputError: The register is read-only or does not take the value.
@@ -175,10 +176,11 @@ class DynamixelBus(Line):
     # -- all servos, every cycle ---------------------------------------------------------------------------------
 
     def read_block(self) -> list[tuple[int, ...]]:
-        """The registers of `BLOCK` of every servo, as counts with their signs.
+        """Return the registers of `BLOCK` of every servo, as signed counts.
 
         Raises:
-            NoReply: A reply is missing, broken or doubtful; the sample is lost, the line is drained before the next.
+            NoReply: A reply is missing, damaged or doubtful; the sample is lost, and the line is drained before the
+                next one.
             Refused: A servo answered with an error.
             Unplugged: The port is gone.
         """

@@ -50,12 +50,12 @@ class Register:
     """One item of the control table.
 
     Args:
-        address: First byte.
-        size: Bytes, little-endian.
-        writable: Access RW, else R.
+        address: Address of the first byte.
+        size: Number of bytes, little-endian.
+        writable: Whether it can be written (access RW).
         default: Initial value.
         low, high: Range of values that may be written.
-        signed: Two's complement.
+        signed: Whether the value is signed, in two's complement.
     """
 
     name: str
@@ -73,14 +73,14 @@ class Register:
         return self.address < RAM
 
     def decode(self, data: bytes) -> int:
-        """The value of its bytes, with its sign."""
+        """Return the value of a register's bytes, with its sign."""
         return int.from_bytes(data, "little", signed=self.signed)
 
     def encode(self, value: int) -> bytes:
-        """The bytes of a value.
+        """Return the bytes of a value.
 
         Raises:
-            InputError: The value is not a whole number, or outside what the register takes.
+            InputError: The value is not a whole number, or out of the register's range.
         """
         low, high = (self.low, self.high) if self.writable else (-(2**31), 2**32)
         if isinstance(value, bool) or int(value) != value or not low <= value <= high:
@@ -162,7 +162,7 @@ TICKS = 32_768  # Realtime Tick(120) counts milliseconds modulo this
 
 
 def register(name: str) -> Register:
-    """The register called `name`.
+    """Return the register called `name`.
 
     Raises:
         InputError: The control table has none of that name.
@@ -174,33 +174,33 @@ def register(name: str) -> Register:
 
 @dataclass(frozen=True)
 class Units:
-    """What one count of a register is worth, in SI; the manual's, unless `fineness` is given.
+    """SI value of one count of the servo's registers, by the manual unless `fineness` is given.
 
     Args:
-        fineness: Counts are this many times finer, current at most 16 times (its register has two bytes). The real
-            servo has 1; an emulated one can be asked for more, to see what quantisation costs.
+        fineness: Factor by which counts are finer, for current at most 16 (its register has two bytes). It is 1 for a
+            real servo; an emulated one may have more, to study the effect of quantisation.
     """
 
     fineness: int = 1
 
     @property
     def current(self) -> float:
-        """Of currents [A]: 2.69 mA."""
+        """Current per count [A]: 2.69 mA."""
         return 2.69e-3 / min(self.fineness, 16)
 
     @property
     def velocity(self) -> float:
-        """Of velocities [rad/s]: 0.229 rev/min."""
+        """Velocity per count [rad/s]: 0.229 rev/min."""
         return 0.229 * 2 * math.pi / 60 / self.fineness
 
     @property
     def position(self) -> float:
-        """Of positions [rad]: 1/4096 rev."""
+        """Angle per count [rad]: 1/4096 rev."""
         return 2 * math.pi / 4096 / self.fineness
 
     @property
     def current_scale(self) -> int:
-        """Counts of current per count of the real servo."""
+        """Number of current counts per count of the real servo."""
         return min(self.fineness, 16)
 
 
@@ -208,5 +208,5 @@ VOLTAGE_UNIT = 0.1  # [V], of Present Input Voltage(144)
 
 
 def in_words(flags: int) -> str:
-    """What Hardware Error Status(70) says."""
+    """Return the flags of Hardware Error Status(70) as text."""
     return ", ".join(text for bit, text in HARDWARE_ERRORS.items() if flags >> bit & 1) or f"0x{flags:02x}"

@@ -15,11 +15,11 @@ from whiptool.rig.dynamixel.control_table import VOLTAGE_UNIT, XM430_W350, Units
 
 @dataclass(frozen=True)
 class JointSample:
-    """What all servos said in one cycle; arrays of shape (n,), one value per joint.
+    """Measurements of all servos in one control cycle; arrays (n,), one value per joint.
 
     Args:
         q, v: Position [rad], velocity [rad/s].
-        current: Present current [A], positive with positive torque.
+        current: Measured current [A], positive for positive torque.
         voltage: Voltage of the supply [V].
         temperature: Temperature [deg C].
         hardware_error: Flags of Hardware Error Status(70).
@@ -40,12 +40,12 @@ class JointSample:
 
 
 class Joints:
-    """Servos as joints.
+    """Servos as joints of the arm, in rad and N m.
 
     Args:
-        bus: The line.
-        zero: Counts of Present Position at q = 0, the arm hanging straight down; default: 2048 each.
-        direction: +1 or -1 each: whether counts grow with the joint's angle; default: +1.
+        bus: Bus with the servos.
+        zero: Counts of Present Position at q = 0, with the arm hanging straight down, (n,); default: 2048 each.
+        direction: +1 if counts increase with the joint's angle, else -1, (n,); default: +1.
         torque_constant: Torque constant at the output [N m/A]; default: stall torque over stall current, 1.78.
         units: Units of the counts.
     """
@@ -71,7 +71,7 @@ class Joints:
         self.current_limit = XM430_W350["current_limit"].high * units.current_scale  # counts; lowered by arming
 
     def read(self) -> JointSample:
-        """One sample of all joints.
+        """Measure all joints once.
 
         Raises:
             NoReply, Refused, Unplugged: See `DynamixelBus.read_block`.
@@ -92,10 +92,10 @@ class Joints:
         )
 
     def counts(self, torque: np.ndarray) -> np.ndarray:
-        """Goal Current [counts] for joint torques [N m], (n,), no more than the current limit."""
+        """Return Goal Current [counts] for joint torques [N m], (n,), clipped to the current limit."""
         counts = np.rint(torque * self._per_torque)
         return np.clip(counts, -self.current_limit, self.current_limit).astype(int)
 
     def torque(self, counts: np.ndarray) -> np.ndarray:
-        """Joint torques [N m] that these Goal Currents ask for."""
+        """Return the joint torques [N m], (n,), that correspond to Goal Currents [counts]."""
         return counts / self._per_torque

@@ -27,13 +27,13 @@ T = TypeVar("T")
 
 
 class Line:
-    """An open port with the SDK's handler of Protocol 2.0, and its traps closed.
+    """An open port with the SDK's handler of Protocol 2.0, and checks of what the SDK does not check.
 
     Args:
-        device: Such as /dev/ttyUSB0.
-        first: Id of a servo to bring the line back into step with.
+        device: Serial device, such as /dev/ttyUSB0.
+        first: Id of a servo to ping for resynchronising the line after a failure.
         baud: Bits per second.
-        timeout: A reply takes no longer than this after the adapter's latency [s].
+        timeout: Largest time for a reply, in addition to the adapter's latency [s].
 
     Raises:
         InputError: The port cannot be opened.
@@ -50,7 +50,7 @@ class Line:
         self.failures: dict[str, int] = {}  # how often, by kind
 
     def follow(self, peer: Peer) -> None:
-        """Run in lock-step with an emulator, which says whether a reply is missing, so that no timeout is needed."""
+        """Run in lock step with an emulator, which says whether a reply is missing, so that no timeout is needed."""
         self._port.peer = peer
         peer.follow(self._port)
 
@@ -95,10 +95,10 @@ class Line:
         self._dirty = False
 
     def drain(self) -> int:
-        """Throw away what is still coming, until the line is quiet; how many bytes that were.
+        """Discard incoming bytes until the line is quiet, and return their number.
 
-        It gives up after 20 quiet times: a line that babbles is not drained, and the next reply will be refused. With
-        a peer in lock-step, it throws away what that has sent.
+        It gives up after 20 times the quiet period if bytes keep coming; the next reply is then refused. In lock step
+        it discards what the emulator has sent.
         """
         if self._port.peer is not None:
             return self._port.swallow()
@@ -188,8 +188,10 @@ class Line:
 
 
 def accept(error: int, id: int, asked: str) -> None:
-    """Refuse a status with an error number. The alert bit alone is not a refusal: what it is about stands in the
-    block."""
+    """Raise `Refused` if a status packet has an error number.
+
+    The alert bit alone is not an error; its cause is among the values of `DynamixelBus.read_block`.
+    """
     number = error & 0x7F
     if number:
         raise Refused(f"servo {id}, asked {asked}: {STATUS_ERRORS.get(number, f'error {number}')}")

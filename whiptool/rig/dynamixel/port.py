@@ -19,15 +19,15 @@ class BusError(WhiptoolError):
 
 
 class NoReply(BusError):
-    """Nothing whole came back in time."""
+    """No complete reply came in time."""
 
 
 class Damaged(NoReply):
-    """Something came back that is not a whole answer."""
+    """Bytes came back that are not a complete reply."""
 
 
 class Unplugged(BusError):
-    """The serial port is gone."""
+    """The serial port no longer exists."""
 
 
 class Refused(BusError):
@@ -44,18 +44,18 @@ def sdk() -> Any:
 
 
 class Peer(Protocol):
-    """What is at the other end of a line in lock-step: it knows what is under way, so that no clock has to."""
+    """The other end of a line in lock step (an emulator), which knows which bytes are still under way."""
 
     def given(self) -> int:
-        """Bytes that it has answered in all, once it has handled every byte that was sent to it.
+        """Return the total number of bytes that it has sent, after it has processed all bytes sent to it.
 
         Raises:
-            OSError: It is gone.
+            OSError: The emulator has ended.
         """
         ...
 
     def follow(self, client: Any) -> None:
-        """Begin to count with a port."""
+        """Start to count the bytes of a port."""
         ...
 
 
@@ -63,7 +63,7 @@ OPENS = "a serial device that can be opened"
 
 
 def check_present(device: str) -> None:
-    """Refuse a serial device that is not there; nothing is opened.
+    """Refuse a serial device that does not exist, without opening it.
 
     Raises:
         InputError: There is no such file.
@@ -78,7 +78,7 @@ def make_port(device: str, baud: int) -> Any:
     """Return an open port, see `port_class`; no other program can open the device meanwhile.
 
     Raises:
-        InputError: The device cannot be opened, or does not do the baud rate.
+        InputError: The device cannot be opened, or does not support the baud rate.
     """
     check_present(device)
     port = port_class()(device)
@@ -105,9 +105,9 @@ def _cure(error: Exception) -> str:
 def port_class() -> type[Any]:
     """Return a class of ports that differ from the SDK's `PortHandler` in four things.
 
-    They wait in the kernel instead of spinning, and take all bytes that are there at once; times come from the
-    monotonic clock (the SDK's are of the day, which a time server may set); an end of file is an error, not silence.
-    With a `peer`, a reply is missing only if the peer has not sent it: how long that takes does not matter.
+    They wait in the kernel instead of polling, and read all available bytes at once; they use the monotonic clock
+    instead of the time of day; an end of file is an error. With a `peer`, a reply counts as missing only if the peer
+    has not sent it, however long that takes.
 
     Raises:
         InputError: The SDK is not installed.
@@ -178,11 +178,10 @@ def port_class() -> type[Any]:
 
 
 def make_handler() -> Any:
-    """The SDK's handler of Protocol 2.0 with byte stuffing that works.
+    """Return the SDK's handler of Protocol 2.0 with corrected byte stuffing.
 
-    `Protocol2PacketHandler.addStuffing` puts the stuffed packet into a new list that its caller never sees, so that
-    FF FF FD goes out unstuffed; `removeStuffing` overwrites what it still compares with, and leaves the length of the
-    list as it was.
+    The SDK's `addStuffing` writes the stuffed packet to a new list that its caller never gets, so FF FF FD is sent
+    unstuffed; `removeStuffing` overwrites bytes that it still compares, and does not shorten the list.
     """
 
     usual: Any = sdk().Protocol2PacketHandler
@@ -203,7 +202,7 @@ def make_handler() -> Any:
 
 
 def latency_timer(device: str, *, sysfs: Path = Path("/sys/class/tty")) -> float | None:
-    """How long the USB adapter keeps back a short reply [s]; None where the driver has no such timer."""
+    """Return how long the USB adapter delays a short reply [s]; None if its driver has no such timer."""
     path = sysfs / Path(device).resolve().name / "device" / "latency_timer"
     try:
         return int(path.read_text()) * 1e-3
@@ -214,18 +213,18 @@ def latency_timer(device: str, *, sysfs: Path = Path("/sys/class/tty")) -> float
 def check_rate(
     rate: float, *, device: str, baud: int, bytes_per_cycle: int, delays: float = 0.0, latency: float | None = None
 ) -> float:
-    """Time on the wire of one control cycle [s]; refuses a rate that the line cannot carry.
+    """Return the transmission time of one control cycle [s]; refuse a rate that the line cannot support.
 
     Args:
-        rate: Wanted cycles per second [Hz].
-        device: For the command that mends it.
+        rate: Desired cycles per second [Hz].
+        device: Serial device, for the command in the message.
         baud: Bits per second; a byte is ten bits.
         bytes_per_cycle: Bytes per cycle of the read, its reply, and the write.
-        delays: The servos' own return delays, in all [s].
+        delays: Sum of the servos' return delays [s].
         latency: The adapter's latency timer [s], or None.
 
     Raises:
-        InputError: A cycle takes longer than 1 / rate. The message has what to change, and how.
+        InputError: A cycle takes longer than 1 / rate. The message says what to change.
     """
     if not rate > 0:
         raise InputError("rate", rate, "a number > 0 Hz")

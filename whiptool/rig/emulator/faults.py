@@ -27,14 +27,14 @@ OF_THE_LINE = ("drop", "corrupt", "late", "split", "duplicate", "lose")
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault.
+    """One fault of the emulated bus or of a servo.
 
     Args:
         kind: Kind of the fault.
         at: Simulated time from which it occurs [s].
-        count: Number of packets that a fault of the line affects.
-        servo: Number of the servo that a fault affects, from 0.
-        seed: Seed of what is random about it: the bit that flips, where a reply is split.
+        count: Number of packets that a fault of the bus affects.
+        servo: Index of the servo that a fault affects, from 0.
+        seed: Seed of the fault's random choices: which bit flips, where a reply is split.
 
     Raises:
         InputError: There is no such kind.
@@ -52,7 +52,7 @@ class Fault:
 
 
 def random_faults(rng: np.random.Generator, *, duration: float, servos: int, most: int = 3) -> list[Fault]:
-    """Up to `most` faults at random times of a run of `duration` seconds."""
+    """Return up to `most` faults at random times within `duration` [s]."""
     kinds = get_args(Kind)
     return [
         Fault(
@@ -67,18 +67,18 @@ def random_faults(rng: np.random.Generator, *, duration: float, servos: int, mos
 
 
 class Faults:
-    """The faults that are due, and what is left of those at work."""
+    """The pending faults, and the active ones of the bus."""
 
     def __init__(self) -> None:
         self.waiting: list[Fault] = []
         self.line: list[tuple[Fault, int, np.random.Generator]] = []
 
     def add(self, fault: Fault) -> None:
-        """Have a fault happen when its time comes."""
+        """Schedule a fault."""
         self.waiting.append(fault)
 
     def due(self, t: float) -> list[Fault]:
-        """Faults whose time has come, once each; those of the line are taken care of here."""
+        """Return, once each, the faults due at time t [s]; those of the bus are activated here."""
         if not self.waiting:
             return []
         now = [f for f in self.waiting if f.at <= t + 1e-12]
@@ -90,7 +90,9 @@ class Faults:
         return [f for f in now if f.kind not in OF_THE_LINE]
 
     def strike(self, *, instruction: bool) -> tuple[str, np.random.Generator] | None:
-        """The fault that strikes this packet, if any; `instruction`: it comes from the client."""
+        """Return the bus fault that affects the next packet, if any; `instruction`: whether the packet comes from the
+        client.
+        """
         for i, (fault, left, rng) in enumerate(self.line):
             if (fault.kind == "lose") == instruction:
                 if left > 1:

@@ -23,12 +23,12 @@ def _words(data: bytes) -> list[int]:
 
 
 class ServoChain:
-    """Servos on one line.
+    """Servos on one bus.
 
     Args:
         servos: Servos in their order on the line.
-        on_goal: Called after any write to Goal Current, by whichever instruction, whether a servo took it or not, while
-            a servo's torque is on: the beat of the lock-step mode.
+        on_goal: Called after any write to Goal Current, accepted or not, while a servo's torque is on; it advances time
+            in lock step.
     """
 
     def __init__(self, servos: Sequence[Servo], on_goal: Callable[[], None] | None = None) -> None:
@@ -39,11 +39,11 @@ class ServoChain:
             self._beat()
 
     def find(self, id: int) -> Servo | None:
-        """The servo of that id, if it lives."""
+        """Return the servo with that id, unless it is dead or deaf; else None."""
         return next((s for s in self.servos if s.get("id") == id and not (s.dead or s.deaf)), None)
 
     def handle(self, packet: Packet) -> list[bytes]:
-        """Replies to an instruction, in the order in which they go over the line; none where silence is right."""
+        """Return the replies to an instruction, in the order of transmission; empty if no reply is due."""
         for servo in self.servos:
             servo.heard()
         if packet.instruction in (*_READS, SYNC_WRITE, BULK_WRITE):
@@ -205,7 +205,7 @@ def _reaches_goal(parameters: bytes) -> bool:
 
 
 def beats(packet: Packet) -> bool:
-    """Whether this instruction writes Goal Current: one control period in lock-step."""
+    """Whether an instruction writes Goal Current, which advances time by one control period in lock step."""
     data = packet.parameters
     if packet.instruction == SYNC_WRITE and len(data) >= 4:
         address, length = _words(data[:4])

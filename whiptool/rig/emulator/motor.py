@@ -14,19 +14,20 @@ RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
 
 @dataclass(frozen=True)
 class Motor:
-    """Parameters of the motor, all at the output shaft; by default the XM430-W350's at 12 V.
+    """Parameters of a motor, all at the output shaft; by default those of the XM430-W350 at 12 V.
 
     The manual gives stall torque, stall current and no-load speed. They fix the winding's resistance `V / i_stall`,
     the back EMF `V / w_0`, and, since an ideal gear would give as many N m/A as V s/rad, the gear's efficiency 0.72.
 
     Args:
-        voltage: Supply [V].
-        resistance: Winding [ohm].
-        back_emf: Per speed [V s/rad]; an ideal gear's torque constant [N m/A] is the same number.
-        efficiency: Torque behind the gear over torque before it.
+        voltage: Supply voltage [V].
+        resistance: Resistance of the winding [ohm].
+        back_emf: Back EMF per speed [V s/rad], equal to the torque constant [N m/A] with an ideal gear.
+        efficiency: Efficiency of the gear.
         viscous_friction: Viscous friction [N m s/rad].
-        dry_friction: Torque at speeds far above `friction_velocity` [N m].
-        friction_velocity: Friction velocity [rad/s]; the torque is `-dry_friction v / sqrt(v^2 + friction_velocity^2)`.
+        dry_friction: Dry friction torque at speeds far above `friction_velocity` [N m].
+        friction_velocity: Speed below which dry friction is smoothed [rad/s]; the torque is `-dry_friction v / sqrt(v^2
+            + friction_velocity^2)`.
         inertia: Inertia of rotor and gear [kg m^2].
 
     Raises:
@@ -56,12 +57,12 @@ class Motor:
         return self.efficiency * self.back_emf
 
     def current(self, goal: float, speed: float) -> float:
-        """Current [A] for a goal [A] at a speed of the output [rad/s]: no more than the supply drives."""
+        """Return the current [A] for a goal [A] at a speed of the output [rad/s], limited by the supply voltage."""
         emf = self.back_emf * speed
         return min(max(goal, (-self.voltage - emf) / self.resistance), (self.voltage - emf) / self.resistance)
 
     def torque(self, current: float, speed: float) -> float:
-        """Torque at the output [N m] for a current [A] at a speed [rad/s], friction taken off."""
+        """Return the torque at the output [N m] for a current [A] at a speed [rad/s], less friction."""
         friction = self.viscous_friction * speed
         if self.dry_friction:
             friction += self.dry_friction * speed / math.sqrt(speed * speed + self.friction_velocity**2)

@@ -38,7 +38,7 @@ def crc16(data: bytes | bytearray, crc: int = 0) -> int:
 
 @dataclass(frozen=True)
 class Packet:
-    """What a packet says: `instruction` 0x55 is a status, whose first parameter is the error byte."""
+    """Content of a packet; `instruction` 0x55 is a status, whose first parameter is the error byte."""
 
     id: int
     instruction: int
@@ -46,7 +46,7 @@ class Packet:
 
 
 def stuff(body: bytes) -> bytes:
-    """FF FF FD inside a packet becomes FF FF FD FD, so that it is not taken for a header."""
+    """Replace FF FF FD in a packet by FF FF FD FD, so that it is not taken for a header."""
     return body.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
 
 
@@ -56,7 +56,7 @@ def unstuff(body: bytes) -> bytes:
 
 
 def encode(packet: Packet, *, stuffed: bool = True) -> bytes:
-    """The bytes of a packet. The reply to a fast read is not stuffed."""
+    """Return the bytes of a packet; replies to fast reads are not stuffed."""
     body = bytes([packet.instruction]) + packet.parameters
     body = stuff(body) if stuffed else body
     head = HEADER + bytes([packet.id]) + (len(body) + 2).to_bytes(2, "little") + body
@@ -69,14 +69,14 @@ def status(id: int, error: int, data: bytes = b"") -> bytes:
 
 
 def fast_length(parts: list[tuple[int, int, bytes]]) -> int:
-    """What stands in the length field of `fast_status` [bytes]."""
+    """Return the value of the length field of `fast_status` [bytes]."""
     return 1 + sum(len(data) + 4 for _, _, data in parts)
 
 
 def fast_status(parts: list[tuple[int, int, bytes]]) -> list[bytes]:
-    """The reply to a fast read, as each of the servos (id, error, data) sends its part.
+    """Return the reply to a fast read, one part for each servo (id, error, data).
 
-    The first part carries the header; each ends in the CRC of everything sent so far, and nothing is stuffed.
+    The first part contains the header; each part ends with the CRC of everything sent so far. Nothing is stuffed.
     """
     piece = HEADER + bytes([BROADCAST]) + fast_length(parts).to_bytes(2, "little") + bytes([STATUS])
     pieces, crc = [], 0
@@ -91,10 +91,10 @@ def fast_status(parts: list[tuple[int, int, bytes]]) -> list[bytes]:
 
 
 class Parser:
-    """Takes bytes as they come, in pieces of any size, and gives the packets among them.
+    """Extracts packets from a stream of bytes that arrives in pieces of any size.
 
-    Whatever is not a packet is skipped: a wrong CRC, a length beyond `LONGEST`, an unescaped header inside. After
-    skipping it looks for the next header from the second byte on, so that a good packet behind a broken one is found.
+    Bytes that are not a valid packet are skipped: wrong CRC, length above `LONGEST`, unescaped header inside. The
+    search for the next header then starts at the second byte, so that a good packet after a damaged one is found.
 
     Args:
         stuffed: Whether packets are stuffed; the replies to fast reads are not.
@@ -108,16 +108,16 @@ class Parser:
 
     @property
     def pending(self) -> int:
-        """Bytes of a packet that has not come whole."""
+        """Number of bytes of an incomplete packet."""
         return len(self._buffer)
 
     def reset(self) -> None:
-        """Forget the beginning of a packet: the line was silent for too long."""
+        """Discard an incomplete packet, because the line was silent for too long."""
         self.skipped += len(self._buffer)
         self._buffer.clear()
 
     def feed(self, data: bytes) -> Iterator[Packet]:
-        """Packets that these bytes complete, in order."""
+        """Yield the packets that these bytes complete, in order."""
         buffer = self._buffer
         buffer += data
         while True:

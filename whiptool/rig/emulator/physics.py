@@ -20,11 +20,11 @@ STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; 
 
 
 class Physics:
-    """Arm and whip, driven by servos' motors.
+    """Simulated arm and whip, driven by the servos' motors.
 
-    The equations are the reference rollout's: the same compiled MuJoCo model, integrator and step, the same forces of
-    drag and friction. The motors add a limit of current, friction, and inertia. Where time runs with the wall clock, it
-    passes without integration while torque is off and nothing moves.
+    Model, integrator, step, drag and friction are those of `ReferenceRollout`; the motors add a current limit, friction
+    and inertia. Where time runs with the wall clock, it passes without integration while torque is off and nothing
+    moves.
 
     Args:
         options: What is emulated.
@@ -43,7 +43,7 @@ class Physics:
         self.reset(options.start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
-        """Back to time 0 and rest."""
+        """Return to time 0, at rest in the posture `start` [rad], (a,)."""
         a = self.model.arm.n
         q_i = np.zeros(a) if start is None else np.asarray(start, float)
         if q_i.shape != (a,):
@@ -67,7 +67,8 @@ class Physics:
 
     @property
     def at_rest(self) -> bool:
-        """Whether time passes without integration; slower than `STILL` is stiction, not movement."""
+        """Whether integration is skipped because torque is off and nothing moves; speeds below `STILL` count as
+        zero."""
         if self.options.lockstep or any(self.currents) or any(servo.torque_on for servo in self.servos):
             return False  # the acceleration of a step with current says nothing of the next one without
         speed, acceleration = STILL
@@ -147,7 +148,7 @@ class Physics:
         return self._acting
 
     def show(self) -> None:
-        """Bring the servos' registers up to date."""
+        """Update the servos' registers."""
         a = len(self.servos)
         q, v, t = self.data.qpos[:a], self.data.qvel[:a], self.t
         if self.options.sample_delay and self._past:
@@ -162,7 +163,9 @@ class Physics:
         self._rows.append((self.t, data.qpos.copy(), data.qvel.copy(), tuple(self.currents), tuple(self.torques)))
 
     def trajectory(self) -> dict[str, np.ndarray]:
-        """What happened so far: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip (T, 2)."""
+        """Return the stored trajectory: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip
+        (T, 2) [m].
+        """
         from whiptool.models.kinematics import joint_points
 
         t, q, v, current, torque = (np.array(x) for x in zip(*self._rows, strict=True))

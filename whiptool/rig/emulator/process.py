@@ -32,12 +32,12 @@ class Client(Protocol):
 
 
 class Emulator:
-    """A rig that is not there: a process that serves the protocol on a pseudo-terminal.
+    """An emulated rig: a process that implements the servos' protocol on a pseudo-terminal.
 
     `port` is the device to open, as `/dev/ttyUSB0` would be. Use it as a context manager, or call `close`.
 
     Args:
-        options: Emulated arm, and how its time runs.
+        options: Options of the emulated arm.
 
     Raises:
         WhiptoolError: The process did not start.
@@ -66,15 +66,15 @@ class Emulator:
     def bus(
         self, *, ids: Sequence[int] = (), baud: int | None = None, timeout: float = 0.05, fast: bool = True
     ) -> DynamixelBus:
-        """A bus to its servos. In lock-step no clock is asked whether a reply is missing: runs repeat on any machine.
+        """Return a bus to the servos. In lock step no timeouts are used, so that runs are reproducible on any machine.
 
         Args:
             ids: Ids of the servos; default: all.
-            baud: Bits per second; default: that of the servos.
-            timeout, fast: As `DynamixelBus` has them; in lock-step, a reply that is under way is waited for.
+            baud: Baud rate [bit/s]; default: that of the servos.
+            timeout, fast: As in `DynamixelBus`; in lock step the timeout is not used.
 
         Returns:
-            A `DynamixelBus`; the one before it is not in step any more.
+            A `DynamixelBus`; a bus returned earlier is no longer in lock step.
         """
         o = self.options
         bus = DynamixelBus(self.port, ids or o.ids, baud=baud or o.baud, timeout=timeout, fast=fast)
@@ -83,7 +83,9 @@ class Emulator:
         return bus
 
     def follow(self, client: Client) -> None:
-        """Do what is asked for here after every byte that this client has sent until then; it counts from now on."""
+        """Count this client's bytes from now on, and execute later calls only after all its earlier bytes were
+        processed.
+        """
         self._ask("count")
         client.sent = client.received = 0
         self._client = client
@@ -101,24 +103,24 @@ class Emulator:
             return self._control.recv()
 
     def inject(self, *faults: Fault) -> None:
-        """Have the emulator commit these faults."""
+        """Schedule faults in the emulator."""
         for fault in faults:
             self._ask("add", fault)
 
     def advance(self, dt: float) -> None:
-        """Let simulated time pass [s] without any write: for lock-step."""
+        """Advance simulated time by dt [s] without a write, in lock step."""
         self._ask("advance", float(dt))
 
     def state(self) -> dict[str, Any]:
-        """Time, motors and registers, as an outside observer sees them; see `Server.state`."""
+        """Return time, motors and registers; see `Server.state`."""
         return self._ask("state")
 
     def trajectory(self) -> dict[str, np.ndarray]:
-        """What arm and whip did: t (T,) [s], q, v (T, n), current [A], torque [N m] (T, a), tip (T, 2) [m]."""
+        """Return the true motion: t (T,) [s], q, v (T, n), current [A], torque [N m] (T, a), tip (T, 2) [m]."""
         return self._ask("trajectory")
 
     def reset(self, start: Sequence[float] | None = None) -> None:
-        """As new, at time 0, all faults mended; `port` may change."""
+        """Return to the initial state at time 0 without faults; `port` may change."""
         self.port = self._ask("reset", None if start is None else tuple(map(float, start)))
         if self._client is not None:
             self._client.sent = self._client.received = 0
@@ -144,7 +146,7 @@ class Emulator:
 
 
 def serve_child(fd: int) -> None:
-    """The emulator's process: options come first, the port goes back, then commands."""
+    """Main function of the emulator's process: receive the options, send the port, then serve commands."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     control = Connection(fd)
     server = Server(control.recv(), control)
@@ -153,10 +155,10 @@ def serve_child(fd: int) -> None:
 
 
 def serve_alone(options: TwinOptions, link: str | None) -> None:
-    """Serve in the foreground until interrupted; `link` is a symbolic link to make to the device.
+    """Serve in the foreground until interrupted; `link` is the path of a symbolic link to create to the device.
 
     Raises:
-        InputError: The link cannot be made, or something else has its name.
+        InputError: The link cannot be created, or its name is taken.
     """
     server = Server(options)
     if link:

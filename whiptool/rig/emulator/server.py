@@ -28,14 +28,14 @@ from whiptool.rig.emulator.twin_options import TwinOptions
 
 @dataclass(frozen=True)
 class Waits:
-    """How time passes while the servos are asked [s].
+    """Timing of the server [s].
 
     Args:
-        silence: A packet that stops for longer is given up (the servo's 1.5 ms, with room for a busy host).
-        at_once: Simulated time that is caught up with before the next answer.
-        lag: Simulated time that falls further behind is lost.
-        pause: How long bytes are waited for before time goes on.
-        pause_at_rest: Likewise while nothing moves: registers are brought up to date when bytes come.
+        silence: Pause within a packet after which it is discarded (1.5 ms for the servo, more for a busy host).
+        at_once: Largest simulated time that is integrated before the next answer.
+        lag: Largest delay of simulated time behind real time; more is dropped.
+        pause: Time to wait for bytes before the simulation continues.
+        pause_at_rest: The same while nothing moves; registers are updated when bytes come.
     """
 
     silence: float = 0.02
@@ -60,8 +60,8 @@ class Server:
 
     Args:
         options: Emulated arm.
-        control: A `multiprocessing.connection.Connection` on which commands come. None: no commands, and no one can ask
-            what happened, and so nothing is kept of it.
+        control: A `multiprocessing.connection.Connection` for commands. None: there are no commands, and no trajectory
+            is stored.
         clock: Source of the wall-clock time [s].
     """
 
@@ -107,7 +107,7 @@ class Server:
         return self.physics.t
 
     def advance(self, dt: float) -> None:
-        """Let simulated time pass."""
+        """Advance simulated time by dt [s]."""
         self.physics.advance_to(self.t + dt)
         self._happen()
 
@@ -170,7 +170,7 @@ class Server:
     # -- bytes ---------------------------------------------------------------------------------------------------
 
     def serve(self) -> None:
-        """Answer until the control connection says `quit` or goes away."""
+        """Answer until the control connection sends `quit` or is closed."""
         while self._round():
             pass
 
@@ -309,8 +309,11 @@ class Server:
         return self.port
 
     def state(self) -> dict[str, Any]:
-        """What an outside observer knows: time, motors, registers, when a motor was last asked for current [s], and,
-        after every write of Goal Current, the largest of a servo with torque on: (time [s], counts)."""
+        """Return time, motors, registers, and the history of commands.
+
+        The history is the time at which a motor was last commanded a current [s], and, after every write of Goal
+        Current, the largest value of a servo with torque on: (time [s], counts).
+        """
         physics = self.physics
         return {
             "t": self.t,

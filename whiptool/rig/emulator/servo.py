@@ -37,14 +37,14 @@ OVERLOAD, OVERHEATING, INPUT_VOLTAGE = 1 << 5, 1 << 2, 1 << 0
 
 @dataclass(frozen=True)
 class Protection:
-    """When the servo shuts itself down. The manual names the errors, not their thresholds: these are estimates.
+    """Thresholds at which a servo shuts itself down; they are estimates, as the manual states only the errors.
 
     Args:
-        overload_current: More than this [A] ..
-        overload_time: .. for this long [s] is an overload.
+        overload_current: Current above which a servo is overloaded [A].
+        overload_time: Duration of an overload after which it shuts down [s].
         ambient: Temperature of a servo at rest [deg C].
-        heating: Steady rise per power lost in the winding [K/W].
-        warming_time: Time constant of that [s].
+        heating: Steady temperature rise per power dissipated in the winding [K/W].
+        warming_time: Time constant of the temperature [s].
     """
 
     overload_current: float = 1.9
@@ -55,14 +55,14 @@ class Protection:
 
 
 class Servo:
-    """Registers of one servo and the state behind them.
+    """An emulated servo: its registers and its state.
 
     Args:
         id: Id on the bus.
-        motor: For the supply's voltage.
+        motor: Motor, for its supply voltage.
         units: Units of the counts.
         baud: Value of Baud Rate(8).
-        return_delay: Value of Return Delay Time(9), in 2 us.
+        return_delay: Value of Return Delay Time(9) [2 us].
     """
 
     def __init__(
@@ -93,17 +93,17 @@ class Servo:
         self.boot()
 
     def get(self, name: str) -> int:
-        """Value of a register, as the servo's own firmware sees it."""
+        """Return the value of a register."""
         start, end, signed = _WHERE[name]
         return int.from_bytes(self.memory[start:end], "little", signed=signed)
 
     def set(self, name: str, value: int) -> None:
-        """Set a register, whatever the rules for clients."""
+        """Set a register, bypassing the access rules for clients."""
         start, end, signed = _WHERE[name]
         self.memory[start:end] = value.to_bytes(end - start, "little", signed=signed or value < 0)
 
     def boot(self) -> None:
-        """Power on: RAM to its initial values, EEPROM kept."""
+        """Power on: set RAM to its initial values; EEPROM is kept."""
         for r in XM430_W350.values():
             if not r.eeprom:
                 self.set(r.name, r.default)
@@ -111,7 +111,9 @@ class Servo:
         self.registered, self._silent, self._overloaded = None, 0.0, 0.0
 
     def factory_reset(self, option: int) -> bool:
-        """Defaults again; 0xFF: all, 1: all but the id, 2: all but id and baud rate. False: no such option."""
+        """Reset registers to their defaults; 0xFF: all, 1: all but the id, 2: all but id and baud rate. False: unknown
+        option.
+        """
         if option not in (0xFF, 1, 2):
             return False
         keep = {0xFF: (), 1: ("id",), 2: ("id", "baud_rate")}[option]
@@ -138,22 +140,22 @@ class Servo:
 
     @property
     def shut_down(self) -> bool:
-        """Whether a hardware error holds torque off until a reboot."""
+        """Whether a hardware error keeps torque off until a reboot."""
         return bool(self.memory[70] & self.memory[63])
 
     @property
     def alert(self) -> int:
-        """Bit 7 of every status packet's error byte."""
+        """Alert bit (bit 7) of every status packet's error byte."""
         return 0x80 if self.memory[70] else 0
 
     # -- what clients do -----------------------------------------------------------------------------------------
 
     def heard(self) -> None:
-        """An instruction came by, for whichever servo: the bus is alive."""
+        """Reset the bus watchdog, because an instruction for any servo was received."""
         self._silent = 0.0
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
-        """Error number and bytes; gaps between registers read as zero."""
+        """Return error number and bytes of a read; gaps between registers read as zero."""
         end = address + length
         if length < 1 or end > SIZE or not any(_OWNER[address:end]):
             return ACCESS_ERROR, b""
@@ -167,7 +169,7 @@ class Servo:
         return address if pointer is None else self.memory[pointer] | self.memory[pointer + 1] << 8
 
     def check(self, address: int, data: bytes) -> tuple[int, list[tuple[Register, int]]]:
-        """Error number of a write, and what it would set; nothing is set yet."""
+        """Return the error number of a write, and the registers that it would set, without setting them."""
         if not data or address + len(data) > SIZE:
             return ACCESS_ERROR, []
         bytes_at = {self._resolve(address + i): byte for i, byte in enumerate(data)}
@@ -204,7 +206,7 @@ class Servo:
         return 0
 
     def write(self, address: int, data: bytes) -> int:
-        """Error number of a write; all of it happens or nothing."""
+        """Perform a write completely or not at all, and return its error number."""
         error, writes = self.check(address, data)
         for r, value in writes:
             before = self.get(r.name)
@@ -221,10 +223,10 @@ class Servo:
     # -- what happens to it --------------------------------------------------------------------------------------
 
     def goal(self) -> float:
-        """Current that the firmware asks of the motor [A], by operating mode; 0 with torque off.
+        """Current that the firmware commands [A], by operating mode; 0 with torque off.
 
-        Current mode is exact. Position, velocity and PWM modes are plain proportional laws with fixed gains, enough
-        to hold and move an arm; they are not the firmware's controllers.
+        Current mode is exact. Position, velocity and PWM modes are proportional laws with fixed gains, not the
+        firmware's controllers.
         """
         if not self.torque_on:
             return 0.0
@@ -248,7 +250,7 @@ class Servo:
         return round(sign * self.q / self._per_tick) + 2048 * self.units.fineness + self.get("homing_offset")
 
     def feel(self, q: float, v: float, current: float, t: float) -> None:
-        """Update what the sensors show: position [rad], speed [rad/s], current [A], time [s]."""
+        """Update the measured position q [rad], speed v [rad/s] and current [A] at time t [s]."""
         if not self.stuck:
             self.q, self.v = q, v
         sign = -1 if self.memory[10] & 1 else 1
@@ -264,7 +266,7 @@ class Servo:
         self.memory[122] = abs(v) > self.get("moving_threshold") * self._per_speed * self.units.fineness
 
     def age(self, dt: float) -> None:
-        """Let dt seconds pass: watchdog, temperature, overload."""
+        """Advance watchdog, temperature and overload by dt [s]."""
         p = self.protection
         power = self.current**2 * self.motor.resistance
         self.temperature += (p.ambient + p.heating * power - self.temperature) * min(dt / p.warming_time, 1.0)

@@ -14,24 +14,23 @@ from whiptool.rig.emulator.servo import Protection, Servo
 
 @dataclass(frozen=True)
 class TwinOptions:
-    """What is emulated, and how its time runs.
+    """Options of an emulated arm with servos.
 
     Args:
-        model: Whip, arm, gravity; default: the preset `lemon2024`.
-        motor: Motor of every joint; default: the XM430-W350 without friction. `HARDWARE` has friction and inertia.
-        start: Arm posture at time 0 [rad], the whip hanging; default: straight down.
-        lockstep: Time advances by `period` with every write of Goal Current, and not otherwise: runs repeat exactly.
-            False: it runs with the wall clock.
-        period: Control period in lock-step [s].
-        command_delay: A goal acts this long after it was written [s].
-        sample_delay: The servos show the state of this long ago [s].
-        fineness: Counts of the registers are this many times finer than the real ones (1); a power of 2, to see what
-            quantisation costs.
+        model: Model of arm and whip; default: the preset `lemon2024`.
+        motor: Motor of every joint; default: the XM430-W350 without friction. `HARDWARE` includes friction and inertia.
+        start: Posture of the arm at time 0 [rad], with the whip hanging; default: straight down.
+        lockstep: Time only advances with writes of Goal Current, by `period` each, so that runs are reproducible.
+            False: real time.
+        period: Control period in lock step [s].
+        command_delay: Delay from writing a goal to its effect [s].
+        sample_delay: Age of the state in the servos' registers [s].
+        fineness: Factor by which the registers' counts are finer than real ones, a power of 2, to study quantisation.
         ids: Ids of the servos, shoulder first; default: 1, 2, ..
-        baud: Bits per second that the servos are set to.
-        return_delay: Value of Return Delay Time(9), in 2 us; the factory's is 250.
-        timestep, integrator: MuJoCo's step [s], and how it steps; default: the reference rollout's.
-        protection: When a servo shuts itself down.
+        baud: Baud rate to which the servos are set [bit/s].
+        return_delay: Value of Return Delay Time(9) [2 us]; the factory setting is 250.
+        timestep, integrator: MuJoCo's time step [s] and integrator; default: as in `ReferenceRollout`.
+        protection: Thresholds at which a servo shuts itself down.
     """
 
     model: Model = field(default_factory=lambda: preset("lemon2024"))
@@ -61,7 +60,7 @@ class TwinOptions:
         object.__setattr__(self, "ids", ids)
 
     def make_servos(self) -> list[Servo]:
-        """The servos, as they are after power on."""
+        """Return the servos in their state after power-on."""
         rate = next(value for value, bps in BAUD_RATES.items() if bps == self.baud)
         return [
             Servo(
