@@ -278,7 +278,7 @@ _AHEAD = (0.55, 0.0, 0.0)  # of an arm that stands on no floor, such as a person
 def usual_target(model: Model) -> Target:
     """Return the default target of a model: in the plane the paper's, in space one that arms hit easily.
 
-    In space its distance is a fraction of the model's reach, rounded to two digits: in front of the base, and for a
+    In space its coordinates are fractions of the model's reach, rounded to two digits: in front of the base, and for a
     robot on a floor also to the side and above it.
     """
     if model.dimension == 2:

@@ -56,8 +56,8 @@ def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
     """Check that a zone and a hit radius [m] fit a model, and return the hit radius.
 
     Raises:
-        InputError: The zone is in the plane and the model in space, or the reverse; or the zone, or the hit radius
-            around its farthest corner, contains all points within the model's reach.
+        InputError: The zone is in the plane and the model in space, or the reverse; or a disc, or the hit radius
+            around the zone's farthest corner, contains all points within the model's reach.
     """
     if zone.dimension != model.dimension:
         raise InputError("coordinates of the zone", zone.dimension, f"{model.dimension}, as the model {model.name} has")

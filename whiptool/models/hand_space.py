@@ -205,8 +205,8 @@ class HandSpace:
         return np.concatenate([*blocks, identity[:, -1:]], axis=1)
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, 2 m + 1) are from feasible ones, (B,), a sum of distances [m] and angles [rad]; 0:
-        feasible.
+        """Return how far strikes (B, 2 m + 1) are from feasible ones, (B,), a measure without unit that grows
+        with the violation; 0: feasible.
         """
         found = self._solved(vectors)
         return found.reach + found.on_way + found.limits

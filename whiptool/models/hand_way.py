@@ -34,7 +34,7 @@ class HandWay:
 
     @property
     def motion(self) -> np.ndarray:
-        """Derivative of the hand's coordinates (velocity, angular velocity) by the fraction of the path, (..., m)."""
+        """Velocity and angular velocity of the hand per unit of the fraction of the path, (..., m)."""
         return np.concatenate([self.moves, self.turns], axis=-1) @ self.kinematics.rows.T
 
     def at(self, share: np.ndarray) -> HandPose:

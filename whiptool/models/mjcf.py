@@ -32,17 +32,18 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of an MJCF file, its base frame that of the world.
 
     Bodies without joints, or on locked ones, are part of the link that carries them. Mesh files may be missing if all
-    moving bodies have an `<inertial>`; a body without both is listed in `weightless`. Spheres, capsules, cylinders and
-    boxes that may collide become the arm's capsules. Dry friction and springs of joints, `gravcomp`, air drag and loops
-    beyond the tip are ignored, which the arm's `notes` state.
+    moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres, capsules, cylinders
+    and boxes that may collide become the arm's capsules. Dry friction and springs of joints, `gravcomp`, air drag and
+    loops beyond the tip are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.
-        choice: Chain of the robot; default: the whole robot, which must not branch.
+        choice: Chain of the robot; default: the whole robot if it does not branch, else the chain to its only tool
+            frame.
 
     Raises:
-        InputError: The file cannot be read; gravity is not along -z; the arm has a closed loop, coupled joints (also by
-            tendons) or joints of an unknown kind; or a chosen name does not exist.
+        InputError: The file cannot be read; gravity is not (0, 0, -9.81) m/s^2 to 1 %; the arm has a closed loop,
+            coupled joints (also by tendons) or joints of an unknown kind; or a chosen name does not exist.
     """
     try:
         return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()

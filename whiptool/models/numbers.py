@@ -19,7 +19,7 @@ ASK_UNIT = "lengths are in metres; are these millimetres?"
 def number(name: str, value: object, *, low: float = -math.inf, high: float = LARGEST, strict: bool = False) -> float:
     """Return `value` as a finite float from `low` to `high`, or refuse it.
 
-    With `strict` it has to be above `low`; positive numbers have to be at least `SMALLEST`.
+    With `strict` it has to be above `low`, and if `low` is 0 at least `SMALLEST`.
     """
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
     rule += "" if high == LARGEST else f" and <= {high:g}"

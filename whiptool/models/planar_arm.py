@@ -53,7 +53,7 @@ class ArmParameters(JointedArm):
 
     Args:
         links: The links in order.
-        joints: Names of the joints; default: shoulder and elbow for two joints, else joint1, joint2, ...
+        joints: Names of the joints; default: shoulder, elbow for up to two joints, else joint1, joint2, ...
     """
 
     links: tuple[ArmLink, ...]

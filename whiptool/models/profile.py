@@ -172,7 +172,7 @@ class WhipProfile(NoArray, instead="its numbers"):
 
 
 def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile | None:
-    """Return the profile without bead and waves from which a whip was computed; None for a whip without a profile.
+    """Return the profile without bead and waves from which a whip was computed; None if there is no such profile.
 
     With a geometric taper, inner neighbouring nodes differ by a factor that is the N-th root of the taper.
     """

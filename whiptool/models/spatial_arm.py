@@ -243,7 +243,7 @@ class SpatialArm(JointedArm):
 
     Args:
         links: The links in order.
-        joints: Names of the joints; default: joint1, joint2, ...
+        joints: Names of the joints; default: shoulder, elbow for up to two joints, else joint1, joint2, ...
         hand_position: Position of the whip's first joint in the last link's frame [m], (3,).
         hand_rotation: Rotation of the hand's frame in the last link's, (3, 3); the whip points along its -z if the
             whip's joints are at 0.

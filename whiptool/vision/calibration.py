@@ -48,7 +48,7 @@ def calibrate_points(
     camera_matrix: np.ndarray | None = None,
     distortion: Sequence[float] = (),
 ) -> PlaneCalibration:
-    """Calibrate from at least four known points of the strike plane, of which no three are on a line.
+    """Calibrate from at least four known points of the strike plane; of four points, no three may be on a line.
 
     Args:
         pixels: Positions in the image, (P, 2).

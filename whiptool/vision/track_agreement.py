@@ -47,8 +47,8 @@ def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
     """Return the pairs of cameras that disagree on the positions of markers.
 
     Args:
-        recordings: Recordings of any strikes. Those with the same joint log are of one strike; without joint logs, the
-            k-th recordings of a command by each camera are taken as of one strike.
+        recordings: Recordings of any strikes; those without a view are ignored. Those with the same joint log are of
+            one strike; without joint logs, the k-th recordings of a command by each camera are taken as of one strike.
     """
     found = []
     for strike in _by_strike([r for r in recordings if r.view is not None]):

@@ -47,8 +47,8 @@ def plot_landscape(
     names: Sequence[str],
     slides: Sequence[str] = (),
 ) -> Axes:
-    """Draw the miss distance over two coordinates of a strike, with all others fixed, and the contour of the hit
-    radius.
+    """Draw the miss distance over two coordinates of a strike, with all others fixed, and a contour around the
+    hits.
 
     Args:
         ax: Axes to draw into; a colour bar is set next to it.

@@ -50,7 +50,7 @@ class Drawn:
         path: Path of the tip, (S, d).
         path_times: Times of the path [s], (S,).
         speed: Speed of the tip [m/s], (S,).
-        until: Time of the closest approach [s], or the end time if that is the start.
+        until: Time of the closest approach [s], or the end time if that is in the first 30 % of the time.
         target: Target of the strike.
         title: Title with the miss distance.
         when: Time of the closest approach [s].
@@ -73,7 +73,7 @@ class Drawn:
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the visible region [m], (3,) each, with no side much shorter than the
+        """Lowest and highest corner of the visible region [m], (d,) each, with no side much shorter than the
         longest."""
         moved = [self.arms.reshape(-1, self.dimension), self.whips.reshape(-1, self.dimension), self.path]
         return box_around(np.concatenate(moved), self.target)
@@ -85,7 +85,7 @@ class Drawn:
 
     @property
     def before(self) -> tuple[np.ndarray, np.ndarray]:
-        """Path of the tip up to the closest approach [m], (S', 3), and its speed [m/s], (S',)."""
+        """Path of the tip up to the closest approach [m], (S', d), and its speed [m/s], (S',)."""
         seen = self.path_times <= self.until
         return self.path[seen], self.speed[seen]
 
@@ -130,7 +130,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
 
 
 def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
-    """Draw a projection of a strike on a plane: `xz` from the side, `xy` from above, `yz` from the front."""
+    """Draw the coordinates with the indices `seen` of a strike, to the right and up; see `VIEWS`."""
     (i, j), axes = seen, AXES[strike.dimension]
     shown, place, radius = [i, j], np.array(strike.target.position), strike.target.hit_radius
     for posture, style in _posture_styles(strike):

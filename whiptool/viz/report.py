@@ -40,7 +40,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A matplotlib figure, as vector graphics unless `vector` is false or it has too many elements."""
+    """A matplotlib figure, as SVG, or as PNG if `vector` is false, which suits figures with very many elements."""
 
     template: ClassVar[str] = "picture.html"
     figure: Figure

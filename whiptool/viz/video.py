@@ -80,7 +80,7 @@ def render_video(
 
 
 def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
-    """Yield the frames of a film (height, width, 3) uint8, drawn with matplotlib."""
+    """Yield the frames of a film (height, width, 3) uint8, rendered by MuJoCo."""
     (width, height), model, reach = film.size, film.model, film.model.reach
     spec = build_spec(model, target=np.array(target.position), target_radius=target.hit_radius)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
