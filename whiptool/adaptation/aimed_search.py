@@ -49,8 +49,8 @@ class AimedSearch(Search):
         return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
-        """Return the random strikes whose tips pass nearest to the goal with the belief's mean, within the limits, (B,
-        m).
+        """Return the random strikes whose tips pass the goal best with the belief's mean, those within the limits
+        first, (B, m).
 
         If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
         direction.
@@ -85,8 +85,8 @@ class AimedSearch(Search):
     def refined(self, starts: np.ndarray, steps: int) -> np.ndarray:
         """Return strikes (B, m) refined along derivatives until they hit with the belief's mean or improve no further.
 
-        Strikes without finite derivatives are dropped: where the tip is at rest at its closest approach, its direction
-        and the instant of that approach are not differentiable.
+        Strikes without finite and moderate derivatives are dropped, unless all are such: where the tip is at rest at
+        its closest approach, its direction and the instant of that approach are not differentiable.
         """
         slopes = self.striker.derivatives(starts, self.goals(len(starts)))
         size = np.abs(slopes).max(axis=(1, 2))

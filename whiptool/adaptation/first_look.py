@@ -80,7 +80,7 @@ def choose_wiggle(
     """Return the D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
 
     In space, a linearised prior overrates movements that it can hardly predict, and whose recordings many whips
-    explain; such movements are left out.
+    explain; such movements are left out if others remain.
 
     Args:
         belief: Belief before the movement.

@@ -61,7 +61,7 @@ class ModelError:
             goal: A single goal.
             miss: Predicted miss distances [m], any shape.
             velocity: Velocity of the tip at its closest approach [m/s], (..., d); None: see `Goals.hit_probability`.
-            blur: Smallest scale that is used [m]; a search needs one, for the probability is otherwise 1 for all
+            blur: Scale that is added in quadrature [m]; a search needs one, for the probability is otherwise 1 for all
                 strikes that hit with certainty.
 
         Returns:

@@ -57,7 +57,7 @@ def plan(
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
 
     Candidates are found with the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`. They are simulated
-    with every sampled whip, and a search with a shrinking normal distribution refines the best (`search_around`). The
+    with every sampled whip, and a search with a shrinking normal distribution refines the best (`CrossEntropy`). The
     miss with each sample is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at
     least 5 mm. Probability and expected miss are computed with samples that the search has not used.
 

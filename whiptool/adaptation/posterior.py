@@ -165,7 +165,7 @@ def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
 
 
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
-    """Return the recording up to shortly after the tip's closest approach to the target and "", or None and the reason.
+    """Return the tip's frames up to shortly after its closest approach to the target and "", or None and the reason.
 
     The standard errors include a model error, so that a precise camera does not drive the fit to implausible
     parameters. At rest this error is the same in all frames, which are therefore replaced by one: their median.

@@ -156,7 +156,7 @@ def importance_sample(
 
     Every round draws from a Student's t with the moments of all draws so far, and weights all draws by the mixture of
     all proposals. While few draws carry most of the weight, the log weights are tempered before the moments are
-    computed, and the moments are mixed with the first covariance.
+    computed, and the covariance is mixed with the first one.
 
     Args:
         log_density: Returns the log density (S,) of draws (S, m), up to a constant; minus infinity where it is zero.

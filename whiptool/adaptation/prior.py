@@ -35,13 +35,14 @@ class Spread:
     Args:
         thickness_taper: Error of the taper of the whip's thickness; density, stiffness and damping scale with powers of
             it.
-        own_taper: Additional independent error of the taper of each quantity that scales with the thickness squared.
+        own_taper: Additional independent error of the taper of density, which scales with the thickness squared;
+            stiffness and damping, which scale with its fourth power, have twice as much.
         rest_curvature: Error of the rest curvature [1/m]: a twentieth of that of a coil of 0.15 m radius, which a
             stored rope keeps.
         air_form: Error of drag in the plane, because the prior's drag is the same along and across the whip and real
             drag acts mostly across.
         along: Error of the ratio of drag along a whip in space to that across; the mean is 0.5.
-        bead: Error of the mass of a bead or knot in space, as a fraction of the whip's mass.
+        bead: Error of the mass of a bead or knot in space, and its mean, as a fraction of the whip's mass.
         bead_place: Error of the bead's position, as a fraction of the length.
         density_wave, stiffness_wave: In space, errors of the first Fourier component of density and stiffness along the
             whip beyond the taper; a thickness error of 7 % changes mass by 15 % and stiffness by 30 %.

@@ -27,7 +27,8 @@ def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag 
         recordings: Recordings of earlier strikes; those without measured joints are ignored.
 
     Returns:
-        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured.
+        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured,
+            or none deviated.
     """
     rows, torques = [], []
     for recording in recordings:

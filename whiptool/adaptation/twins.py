@@ -68,13 +68,13 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
     """Draw an unknown whip: length, density, stiffness, damping, drag and friction from a material, its structure by
     family.
 
-    `kin`: a uniform whip with the model's drag and friction, and slight friction in the arm. `strange`: 36 nodes; the
-    tip is 10 to 30 % thinner than the root, mass scales with the square of the thickness and bending stiffness with its
-    fourth power, with smooth random deviations; a bead; one soft joint; rest curvature; springs that stiffen with the
-    bending angle, by up to 30 % where a strike bends most; less drag along the whip than across; friction that differs
-    from joint to joint; arm mass, controller gain and arm friction differ from the model's; the camera's clock is off
-    by up to 8 ms. `stranger`: as `strange`, with every deviation doubled. In space the arm is a robot that follows its
-    commands: arm and gain are the model's, and rods have no rest curvature.
+    `kin`: a uniform whip, with the model's drag and friction if `stock` is None, and slight friction in the arm.
+    `strange`: 36 nodes; the tip is 10 to 30 % thinner than the root, mass scales with the square of the thickness and
+    bending stiffness with its fourth power, with smooth random deviations; a bead; one soft joint; rest curvature;
+    springs that stiffen with the bending angle, by up to 30 % where a strike bends most; less drag along the whip than
+    across; friction that differs from joint to joint; arm mass, controller gain and arm friction differ from the
+    model's; the camera's clock is off by up to 8 ms. `stranger`: as `strange`, with every deviation doubled. In space
+    the arm is a robot that follows its commands: arm and gain are the model's, and rods have no rest curvature.
 
     Args:
         family: One of `FAMILIES`.

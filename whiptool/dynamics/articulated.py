@@ -79,8 +79,8 @@ class Turned(NamedTuple):
 
 
 def turn(axis: Axis, angle: ca.SX) -> ca.SX:
-    """Return the rotation matrix (3, 3) about a constant unit vector; entries for a coordinate axis are exactly 0 or
-    1."""
+    """Return the rotation matrix (3, 3) about a constant unit vector; about a coordinate axis its constant entries are
+    exactly 0 or 1."""
     a, sin, cos = np.asarray(axis, float), ca.sin(angle), ca.cos(angle)
     main = np.flatnonzero(np.abs(a) == 1)
     R = ca.SX.zeros(3, 3)
@@ -99,7 +99,7 @@ def turn(axis: Axis, angle: ca.SX) -> ca.SX:
 
 
 class SpatialFrame(NamedTuple):
-    """Frame in which a link begins: orientation, angular velocity, velocity and position, (3, 1) each."""
+    """Frame in which a link begins: orientation, angular velocity, velocity and position; vectors are (3, 1)."""
 
     turned: Turned
     speed: ca.SX
@@ -179,7 +179,10 @@ class SpatialCarried(NamedTuple):
 
 
 class SpatialJoint(NamedTuple):
-    """Coefficients of K hinges at one point for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`."""
+    """Coefficients of K hinges at one point for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`.
+
+    `gains` is (6, K) and `free` (K, 1); row k of `among` (K, K) multiplies the accelerations of the hinges before k.
+    """
 
     gains: ca.SX
     free: ca.SX

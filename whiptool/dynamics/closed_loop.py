@@ -234,8 +234,8 @@ class ClosedLoop(System):
     # What drives the whip
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return the motion of the arm's hand and the frame in which the whip begins, for the arm's q, v and input u,
-        (a, 1).
+        """Return the frame in which the whip begins, the far ends of the arm's links, and the arm's motion, for its q
+        and v (a, 1) and the input u (n_inputs, 1).
         """
         arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
         share = ca.SX(1) if share is None else share
@@ -367,8 +367,8 @@ class ClosedLoop(System):
 
     @cached_property
     def energies(self) -> ca.Function:
-        """Function `energies(q, v, p)`: kinetic energy, and potential energy of gravity and springs [J], zero at the
-        base's height.
+        """Function `energies(q, v, p)`: kinetic energy, and potential energy of gravity and springs [J], with
+        height counted from the base.
         """
         a, K = self.n_drive, self.link_size
         q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)

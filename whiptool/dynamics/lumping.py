@@ -28,8 +28,8 @@ def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[
 def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
     """Return a profile's node parameters, the blocks of `LUMPED`, as a function of its parameters, and their Jacobians.
 
-    The arguments are in the order of the profile's fields. If the whip is clamped, the hinge has its share of the
-    bending stiffness.
+    Both functions take one vector, in the order of the profile's fields. If the whip is clamped, the hinge has its
+    share of the bending stiffness.
     """
     z = ca.SX.sym("profile", len(PROFILE))
     blocks = lump(dict(zip(PROFILE, ca.vertsplit(z), strict=True)), N, clamped=clamped, constant=ca.DM)

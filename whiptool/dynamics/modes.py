@@ -244,8 +244,8 @@ def hanging_modes(
 ) -> Modes:
     """Return the natural modes of the whip that hangs at rest below the arm.
 
-    In space modes come in pairs in two directions. If the whip is symmetric, the two frequencies are equal and the
-    directions arbitrary.
+    In space modes come in pairs in two directions. If nothing distinguishes the two directions, the two frequencies are
+    equal and the directions arbitrary.
 
     Args:
         model: Whip, arm and gravity.

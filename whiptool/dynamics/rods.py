@@ -81,8 +81,8 @@ class RodFrame(NamedTuple):
 
     @classmethod
     def at_hand(cls, hand: SpatialFrame, before: ca.SX) -> RodFrame:
-        """Return the frame at the hand, whose -z is the whip's axis; `before` is the hand's acceleration in the first
-        stage.
+        """Return the frame at the hand, whose -z is the whip's axis; `before` is the hand's angular acceleration in
+        the first stage (3, 1).
         """
         direction, sums = -hand.turned.matrix[:, 2], ca.vertcat(ca.SX(0), SWIVEL)
         return cls(direction, hand.speed, before, sums, ca.SX(1), ca.SX(0), hand.velocity, hand.place)

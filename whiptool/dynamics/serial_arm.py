@@ -57,9 +57,9 @@ class ArmMotion(NamedTuple):
         bias: Torques at zero joint acceleration [N m], (a, 1).
         jacobian: Velocity of the hand per unit of the joints' speeds, (6, a), angular first.
         drift: Acceleration of the hand at zero joint acceleration, (6, 1), angular first.
-        weight: Torques that hold the compensated weight [N m], (a, 1).
-        place, turned: For a law in the hand's coordinates, position of the hand (3, 1) and its rotation column by
-            column (9, 1); else empty.
+        weight: Torques that hold the weight of the compensated bodies, without the whip's [N m], (a, 1).
+        place, turned: For a continuous law in the hand's coordinates, position of the hand (3, 1) and, if the law
+            includes orientation, its rotation column by column (9, 1); else empty.
     """
 
     inertia: ca.SX

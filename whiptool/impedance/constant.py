@@ -101,7 +101,7 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         return law
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the flattened matrices `K` and `B` by name, row by row, as `expression` takes them."""
+        """Return `K` and `B` by name, flattened row by row, (1,) for one number, as `expression` takes them."""
         return {"K": np.ravel(self.K), "B": np.ravel(self.B)}
 
     @staticmethod

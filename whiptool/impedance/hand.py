@@ -63,7 +63,8 @@ def hand_space(arm: AnyArm, hand: HandControl, *, led: bool) -> HandSpace:
         led: Whether the joints follow the hand's path exactly (position control).
 
     Raises:
-        InputError: The arm cannot be controlled by its hand.
+        InputError: The posture does not fit the arm or is singular, or the arm has too few joints for the hand's
+            coordinates.
     """
     return HandSpace(arm, posture=hand.posture, orientation=hand.orientation, led=led)
 

@@ -31,7 +31,7 @@ class Batch:
         tolerance: Error per step of each strike [m], (B,), for adaptive steps; `h`, `h_last` and `steps` then define
             the instants of observation. None: they define the steps.
         knot: Time at which the reference of each strike ends [s], (B,).
-        weight: Largest displacement of the tip per unit of each coordinate [m], (n,).
+        weight: Scale of the tip's displacement per unit of each coordinate [m], (n,), see `displacements`.
         period: Time for which a torque is held [s]; 0: it is continuous.
         columns, stride: Observed columns (see `System.step`), (C,), and number of steps between observations.
     """
@@ -75,7 +75,7 @@ class Batch:
         """Return the batch for an engine without adaptive steps, with equal steps that meet the tolerances.
 
         The errors are of second order, so steps are proportional to the square root of the tolerances. The instants of
-        observation are unchanged, with a whole number of steps between them.
+        observation are unchanged, with a whole number of steps between them; for trajectories they are the steps.
         """
         if self.tolerance is None or self.with_rows:
             return self

@@ -141,11 +141,13 @@ class CompiledRollout(Rollout):
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1). A strike lasts `D + t_stay` seconds.
             target: A `Target` or a position for all, or one position for each strike, (B, 2) or in space (B, 3) [m].
             t_stay: Time after the movement during which the tip is followed [s].
-            models, controllers: One for each strike, if they differ; they must have this simulator's structure.
+            models, controllers: One for each strike, if they differ; each within this simulator's structure, and with
+                its control period.
             progress: Show a progress bar.
 
         Raises:
-            InputError: Shapes do not match, or a model has terms that this simulator does not have.
+            InputError: Shapes do not match, or a model has terms or a controller a period that this simulator does not
+                have.
         """
         strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
@@ -248,7 +250,7 @@ class CompiledRollout(Rollout):
     def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, ApproachSlopes]:
-        """Return closest approaches and the exact derivatives of all their quantities, by forward mode.
+        """Return closest approaches and the exact derivatives of the quantities of `ApproachSlopes`, by forward mode.
 
         Derivatives of the tip's position and velocity account for a shift of the closest approach within the segment
         between two steps, but not to another segment; for those of the largest torques their instants are fixed.
@@ -366,8 +368,8 @@ class CompiledRollout(Rollout):
         Args:
             strikes, t_stay: As in `approach`.
             names: Names of m parameters, as in `gradient`.
-            stride: Number of integration steps between samples. Since D shifts the sampling times, derivatives by D
-                include a part of the velocity.
+            stride: Number of steps of at most `timestep` between samples. Since D shifts the sampling times,
+                derivatives by D include a part of the velocity.
         """
         strikes = self.vectors(strikes)
         d = self.model.dimension

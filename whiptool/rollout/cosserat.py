@@ -108,7 +108,7 @@ class CosseratWhip:
 
         Args:
             hands: B paths of the hand, positions (3,) [m] over time from 0. The whip hangs at rest at first; after the
-                end of its path a hand is at rest.
+                end of its path a hand stays there.
             rate: Sampling rate of the result [1/s].
 
         Raises:

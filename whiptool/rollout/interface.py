@@ -134,7 +134,7 @@ class Rollout(ABC):
     def slopes(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, ApproachSlopes]:
-        """Return the closest approaches, and the exact derivatives of all their quantities.
+        """Return the closest approaches, and the exact derivatives of the quantities of `ApproachSlopes`.
 
         Raises:
             InputError: This simulator has no derivatives.

@@ -83,7 +83,7 @@ def cached(folder: Path, key: str) -> ctypes.CDLL | None:
 
 
 def keep(library: Path, folder: Path, key: str) -> None:
-    """Move a library that was built within the folder to its final name, readable by its user only."""
+    """Move a library that was built within the folder to its final name, atomically and readable by its user only."""
     library.chmod(0o700)
     library.replace(folder / _name(key, library.read_bytes()))
 

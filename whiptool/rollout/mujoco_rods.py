@@ -55,14 +55,14 @@ class MujocoRods:
         return np.r_[q[:a], np.concatenate(quaternions)]
 
     def coordinates(self, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rods' coordinates and their rates, (a + 3 N,) each, from MuJoCo's data."""
+        """Return the rods' coordinates and their rates, (a + 3 N,) each, from MuJoCo's data with current kinematics."""
         directions, spins = self._rods(data)
         rates = _cross(spins, directions)
         a = self._arm.n
         return np.r_[data.qpos[:a], directions[1:].ravel()], np.r_[data.qvel[:a], rates[1:].ravel()]
 
     def apply(self, data: mujoco.MjData) -> None:
-        """Write the joints' torques to the data's applied generalised forces."""
+        """Write the joints' torques at the data's positions and speeds to its applied generalised forces."""
         directions, spins = self._rods(data)
         before, d = directions[:-1], directions[1:]
         w, slope = half_square(1 - np.vecdot(before, d)[:, None])

@@ -267,7 +267,7 @@ class Replay:
     """Result of repeating a strike in MuJoCo.
 
     Args:
-        miss_distance: Miss distance [m]; None if it diverged with every time step.
+        miss_distance: Miss distance with the last time step [m]; None if the strike diverged with it.
         timestep: The last time step [s].
         confirmed: Whether the miss distance agrees with the expected one within `AGREEMENT`.
         velocity: Velocity of the tip at the closest approach [m/s], (d,); None if it diverged.

@@ -87,7 +87,10 @@ def stepped(
 
 
 def displacements(model: Model, n: int) -> np.ndarray:
-    """Return the largest displacement of the tip per unit of each of n coordinates (arm, then whip) [m], (n,)."""
+    """Return a scale of the tip's displacement per unit of each of n coordinates, arm then whip [m], (n,).
+
+    It is the length of the whip beyond the joint (for the arm's joints the whole whip), for rods the rod's own length.
+    """
     lengths, a = model.whip.per_node("l"), model.arm.n
     beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on
     of_whip = lengths if model.whip.joints == "rod" else beyond

@@ -24,7 +24,7 @@ ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo M
 
 
 def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: float = BANDWIDTH) -> Trajectory:
-    """Return the motion of arm and whip while position servos in MuJoCo follow a joint trajectory.
+    """Return the motion of arm and whip while position servos follow a joint trajectory, at every step of MuJoCo.
 
     Each joint has a servo with MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start
     including that of a geared motor, without which a light wrist could not be held against the whip. The servos
