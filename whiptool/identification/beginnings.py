@@ -42,8 +42,8 @@ def check_joints(recording: StrikeRecording, arm: AnyArm) -> None:
     """Refuse a joint log that cannot be the arm's.
 
     Raises:
-        InputError: An angle jumps by a full turn, or the arm does not start at the strike's start posture because of a
-            common mistake (units, sign, order), which is named.
+        InputError: An angle jumps by a full turn, or the arm does not start at the strike's start posture; the message
+            names the common mistake (units, sign, order, start time) that explains it, if any.
     """
     t, q, name = recording.joints_t, recording.joints_q, f"{recording.called}: joints"
     if t is None or q is None or q.shape[1] != arm.n:

@@ -56,7 +56,7 @@ def classify(
         uncertainty: Uncertainty at the best of the solutions.
         starts: Starting value of each unknown.
         level: Level of the intervals.
-        withdrawn: Whether the fit is invalid, so that all classes are `withdrawn`.
+        withdrawn: Whether the fit is invalid, so that all classes but `flat` and `at bound` become `withdrawn`.
     """
     U = uncertainty
     errors, alone = np.sqrt(np.diag(U.stated)), _alone(U)

@@ -169,7 +169,7 @@ def spread(
     Args:
         grids: Grid of each recording.
         residuals: Whitened residuals of each recording, (K,).
-        slopes: Derivatives of each recording's residuals by the G shared unknowns, (K, G).
+        slopes: Derivatives of each recording's residuals along G directions of the shared unknowns, (K, G).
         errors: Autocorrelation of the errors in time.
     """
     names = np.unique(np.concatenate([g.channels for g in grids]))

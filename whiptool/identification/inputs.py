@@ -82,14 +82,14 @@ def full_name(name: str, plant: Plant) -> str:
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
-    """Return the whip's profile: the one in the model's file, or the uniform profile of a whip with equal nodes.
+    """Return the whip's profile: that in the model's file, else that from which the nodes were computed, else uniform.
 
     Args:
         model: Model that was read.
         name: Preset or file from which it was read.
 
     Raises:
-        InputError: The file has no profile, and the nodes are not equal.
+        InputError: The file has no profile, and the nodes are neither equal nor those of a profile.
     """
     if name.endswith(".toml"):
         profile = read_toml(Path(name)).get("whip", {}).get("profile")
@@ -161,7 +161,7 @@ def read_marker(path: str | None) -> Marker | None:
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
     """Return the controller that the recordings state, or None if none does.
 
-    A controller without compensated masses counts as equal to one with them.
+    If a controller does not state its compensated masses, those of the other recordings are taken.
 
     Raises:
         InputError: Two recordings state different controllers, or a description is invalid.

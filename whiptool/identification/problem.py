@@ -138,7 +138,7 @@ class Problem:
         Args:
             z: Starting values of the shared unknowns, (G,).
             fixed: Whether z is fixed and only the recordings' own unknowns are fitted.
-            known: FittedReadings of each recording that are fitted, 1 or 0; default: all.
+            known: For each recording 1 for readings that are fitted and 0 for the others, (K,); default: all 1.
         """
         if self.options.drive == "passive":
             own: Sequence[np.ndarray] = self.predictor.start

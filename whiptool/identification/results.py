@@ -107,8 +107,12 @@ class RecordingFit:
 def root_mean_square(
     found: Sequence[RecordingFit], of: Literal["places", "pixels", "depth"] = "places"
 ) -> float | None:
-    """Return the root mean square of all errors of several recordings, per coordinate [m], without depth; None for no
-    recordings.
+    """Return a root mean square over several recordings, per coordinate; None without such residuals.
+
+    Args:
+        found: Recordings with their predictions.
+        of: `places`: errors without those of depth [m] or [rad]; `pixels`: residuals of cameras in space [pixels];
+            `depth`: errors of depth [m].
     """
     parts = {
         "places": [r.errors[~r.deep] for r in found],

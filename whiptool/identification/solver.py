@@ -68,7 +68,7 @@ class Solution:
         own: Own unknowns of each recording, (L,).
         cost: Half the sum of the loss.
         status: Why it stopped.
-        history: Cost, damping and length of the step in z of each accepted step.
+        history: Cost, damping and length of the step in z, at the start and after each accepted step.
         evaluations: Evaluations of the model, with or without derivatives.
     """
 

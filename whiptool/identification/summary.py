@@ -155,8 +155,8 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
 
 
 def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity | None:
-    """Return the similarity of measured and predicted tip path; None for a camera in space or if too little was
-    seen."""
+    """Return the similarity of measured and predicted tip path; None for angles, for a camera in space, or if too
+    little was seen."""
     if recording.view is not None or recording.angular:
         return None
     t, measured, predicted, _ = tip_paths(recording, found)
@@ -167,8 +167,8 @@ def similarity_of(recording: StrikeRecording, found: RecordingFit) -> Similarity
 
 
 def error_words(found: Sequence[RecordingFit]) -> str:
-    """Return the root mean square error of recordings as text: in mm, for cameras in space also in pixels, and of
-    depth.
+    """Return the root mean square error of recordings as text: in mm or mrad, for cameras in space also in pixels,
+    and of depth.
     """
     metres, pixels, depth = (root_mean_square(found, of) for of in ("places", "pixels", "depth"))
     said = [] if pixels is None else [f"{pixels:.3g} pixels"]

@@ -25,7 +25,7 @@ class Uncertainty:
         variables: Variables of the G shared unknowns.
         z: Their estimate, (G,).
         covariance: Covariance of z without flat directions, for independent errors, (G, G).
-        correlation: Correlation matrix of z, (G, G).
+        correlation: Correlation matrix of `covariance`, (G, G).
         singular_values: Singular values of the Jacobian of the whitened residuals by z, largest first, (G,).
         directions: Right singular vectors in rows, one for each singular value, (G, G).
         units: Scale of each z in which singular values and directions are computed, (G,), see `variables.room`.
@@ -80,14 +80,15 @@ class Uncertainty:
 
     @property
     def flat_changes(self) -> np.ndarray:
-        """Largest allowed relative changes of the unknowns along each direction without information, one row each, (F,
-        G).
+        """Relative changes of the G unknowns for a step of length 1 along each of the F flat directions, (F, G).
+
+        Relative to `sizes`; with such a step no unknown changes by more than its entry in `units`.
         """
         return self.directions[self.flat] * self.units / self.sizes
 
     def product(self, powers: Mapping[str, float], level: float = 0.95) -> tuple[float, tuple[float, float] | None]:
-        """Return a product of powers of positive parameters, such as k / m, and its interval, or None if it is not
-        determined.
+        """Return a product of powers of positive parameters, such as k / m, and its interval; the interval is None if
+        the product is not determined.
 
         A product can be determined although its parameters are not.
 

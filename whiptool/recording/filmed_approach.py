@@ -52,7 +52,7 @@ def tip_seen(recording: StrikeRecording, dimension: int) -> tuple[np.ndarray, np
 def approach_seen(recording: StrikeRecording, target: Sequence[float] | np.ndarray) -> FilmedApproach | None:
     """Return the closest approach of a recorded tip to a target (d,) [m], or None if too few frames show the tip.
 
-    The path is not interpolated where more than two frames in a row are missing.
+    The path is not interpolated where two or more frames in a row are missing.
 
     Raises:
         InputError: The recording has no marker `tip`.

@@ -284,10 +284,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
 
     def check_coordinates(self, d: int) -> None:
-        """Refuse positions with fewer coordinates than `d`; pixels of a camera are accepted.
+        """Refuse angles, and positions with fewer coordinates than `d`; pixels of a camera are accepted.
 
         Raises:
-            InputError: The positions have fewer coordinates.
+            InputError: The positions have fewer coordinates, or are angles.
         """
         if self.angular:
             fix = "angles are those of an arm without a whip: drive free"

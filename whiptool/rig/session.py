@@ -132,7 +132,15 @@ class TwinTruth:
 
 
 class Rig:
-    """A rig that can make strikes: hardware, or a simulated twin."""
+    """A rig that can make strikes: hardware, or a simulated twin.
+
+    Args:
+        model: The nominal model of whip and arm.
+        controller: Controller of the strike.
+        target: Position of the target [m], which is visible in images.
+        options: Settings of the control loop.
+        interlock: Interlock that is set after a stop; default: a new one.
+    """
 
     port = "twin"
 

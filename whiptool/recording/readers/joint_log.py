@@ -54,7 +54,8 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
         columns: As of `joint_log`.
 
     Raises:
-        InputError: The file is not a joint log, a column is missing, units differ, or time stamps are implausible.
+        InputError: The file is not a joint log, has no joints, lacks a column, units differ, or time stamps are
+            implausible.
     """
     names, table = read_columns(path)
     at, scale, said = time_column(names)

@@ -43,7 +43,7 @@ class Physics:
         self.reset(options.start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
-        """Return to time 0, at rest in the posture `start` [rad], (a,)."""
+        """Return to time 0, at rest in the posture `start` [rad], (a,); default: straight down."""
         a = self.model.arm.n
         q_i = np.zeros(a) if start is None else np.asarray(start, float)
         if q_i.shape != (a,):

@@ -66,12 +66,13 @@ class Emulator:
     def bus(
         self, *, ids: Sequence[int] = (), baud: int | None = None, timeout: float = 0.05, fast: bool = True
     ) -> DynamixelBus:
-        """Return a bus to the servos. In lock step no timeouts are used, so that runs are reproducible on any machine.
+        """Return a bus to the servos. In lock step a reply is missing only if the emulator sent none, so that runs
+        are reproducible on any machine.
 
         Args:
             ids: Ids of the servos; default: all.
             baud: Baud rate [bit/s]; default: that of the servos.
-            timeout, fast: As in `DynamixelBus`; in lock step the timeout is not used.
+            timeout, fast: As in `DynamixelBus`; in lock step a reply that is under way is waited for longer.
 
         Returns:
             A `DynamixelBus`; a bus returned earlier is no longer in lock step.
