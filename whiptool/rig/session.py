@@ -168,7 +168,7 @@ class Rig:
             StrikeRefused: The strike must not be made; nothing was armed.
             StrikeStopped: A fault ended the strike, which does not count as a trial. Its partial result is in the
                 exception and in the folder.
-            StrikeInterrupted: A signal ended the strike, with the same consequences; it is a KeyboardInterrupt.
+            StrikeInterrupted: A signal came during the strike, with the same consequences; it is a KeyboardInterrupt.
             Locked: The arm was stopped before, and no person has released its interlock.
             InputError: Servos, bus or camera are not ready or not set up correctly.
         """
@@ -392,7 +392,7 @@ def carried_out(struck: Struck) -> Struck:
     """Return the result of a strike if it was carried out.
 
     Raises:
-        StrikeInterrupted: A signal ended it.
+        StrikeInterrupted: A signal came.
         StrikeStopped: A fault ended it.
     """
     run = struck.run

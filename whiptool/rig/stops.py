@@ -56,11 +56,11 @@ class StrikeStopped(WhiptoolError):
 
 
 class StrikeInterrupted(KeyboardInterrupt):
-    """A signal (Ctrl-C, SIGTERM or SIGHUP) interrupted a strike; it does not count as a trial, and the session ends.
+    """A signal (Ctrl-C, SIGTERM or SIGHUP) came during a strike; it does not count as a trial, and the session ends.
 
     Args:
         reason: The signal.
-        struck: Partial result of the strike.
+        struck: Result of the strike, which may be partial.
         torque: State of the motors, as text.
     """
 

@@ -312,7 +312,7 @@ class Server:
         """Return time, motors, registers, and the history of commands.
 
         The history is the time at which a motor was last commanded a current [s], and, after every write of Goal
-        Current, the largest value of a servo with torque on: (time [s], counts).
+        Current, the largest magnitude among the servos with torque on: (time [s], counts).
         """
         physics = self.physics
         return {
