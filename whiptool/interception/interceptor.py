@@ -276,8 +276,8 @@ class Aim:
         return self._seen[bin]
 
     def crossings(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return strikes (B, 2 a + 1), start times and contact times [s], (B,), of the `count` most promising
-        crossings.
+        """Return the strikes' indices in the library, start times, and times of contact after the start [s], (B,) each,
+        of at most `count` most promising crossings.
 
         Each is of a different strike of the library.
         """

@@ -66,7 +66,7 @@ class Polynomial(TargetMotion):
         return ("x", "y", "vx", "vy")[: 2 * (self.order + 1)]
 
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return the target's positions, (..., T, 2) [m], see `Motion.positions`."""
+        """Return the target's positions, (..., T, 2) [m], see `TargetMotion.positions`."""
         powers = np.asarray(t, float)[:, None] ** np.arange(self.order + 1)  # (T, order + 1)
         terms = np.reshape(numbers, (*np.shape(numbers)[:-1], self.order + 1, 2))
         return powers @ terms + 0.5 * np.asarray(t)[:, None] ** 2 * np.array(self.acceleration)
@@ -121,8 +121,8 @@ class PendulumMotion(TargetMotion):
         return pivot + L[..., None] * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return initial guesses (S, p) with several string lengths; the string's direction is that of the force on the
-        bob.
+        """Return initial guesses (S, p): several string lengths along the bob's acceleration without gravity, or one
+        guess if the pivot is known.
         """
         order = min(2, len(t) - 1)
         terms = np.zeros((3, 2))

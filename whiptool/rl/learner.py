@@ -108,7 +108,9 @@ class OffPolicyLearner(Learner):
         return values
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """Make one gradient step; return the losses by name."""
+        """Make one gradient step of the critics, then one of the actor and the slow targets; return the losses by
+        name.
+        """
         losses = self.update_critic(batch)
         return losses | self.update_actor(batch)
 
@@ -121,8 +123,9 @@ class OffPolicyLearner(Learner):
 
     @torch.no_grad()
     def target_value(self, batch: Transitions) -> Tensor:
-        """Return the targets r + gamma min_i Q_i(s', a') of the critics, (B,); `next_action` is only called if gamma is
-        not 0.
+        """Return the targets of the critics, (B,): r + gamma min_i Q_i(s', a'), or r for terminated transitions.
+
+        `next_action` is only called if gamma is not 0.
         """
         if self.discount == 0:
             return batch.reward

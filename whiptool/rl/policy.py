@@ -55,7 +55,7 @@ class Policy:
             The action in [-1, 1], (n_act,) or (B, n_act), and no state.
 
         Raises:
-            InputError: The observation has a wrong size.
+            InputError: The observation has a wrong size, or its numbers are not finite.
         """
         rule = f"{self.task.n_obs} finite numbers, or rows of them, as the observation {self.task.observation} has"
         seen = array_of("observation", observation, rule)

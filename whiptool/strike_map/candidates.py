@@ -24,7 +24,8 @@ class Candidates:
     Args:
         strikes: Strike vectors, (C, m).
         slopes: Derivatives of the goal's residuals at the map entries from which they were computed, (C, r, m).
-        change: Difference from these entries, relative to the box's widths, with that of the instant last, (C, m + 1).
+        change: Difference from these entries, relative to the box's widths, with that of the instant, relative to
+            `INSTANT`, last, (C, m + 1).
         left: Remaining residual to first order, in units of the hit radius, (C,).
     """
 

@@ -103,8 +103,7 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes keep the limits as far as peak values and commanded paths show, (B,), and their tip
-        paths.
+        """Return whether strikes keep the limits as far as peak values and tip paths show, (B,), and their tip paths.
 
         Args:
             strikes: Strike vectors, (B, m).
