@@ -43,7 +43,7 @@ class MissingPackage(InputError):
         self.args = (f"{purpose}: {state}; install with: {fix}",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """Return the error unchanged: its name is that of the command that needs the package, not that of an option."""
+        """Return the error unchanged: its name is what needs the package, and not that of an option."""
         return self
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
     """Return, for JSON, the share of its limits that a strike uses (`joint_usage` or `motor_usage`), its `clearance`
-    [m], and `beyond`: the limits it breaks, as text, or None.
+    [m], and `beyond`: the limit that it exceeds most, as text, or None.
 
     The table is empty if there are no limits.
     """
@@ -119,8 +119,8 @@ def _easiest_to_hold(
 
 
 def with_cure(words: str | None) -> str | None:
-    """Return the text on the limits that a strike breaks; if two shapes collide, with the options that ignore that
-    pair.
+    """Return the text on the limit that a strike exceeds; if two shapes collide, with the settings that allow them to
+    touch.
     """
     if words is None or " mm inside " not in words:
         return words

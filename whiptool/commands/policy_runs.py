@@ -31,7 +31,7 @@ def is_policy(path: Path) -> bool:
 def usual_for(kind: type[T], policy: Path) -> T:
     """Return options of another command, `kind`; those that it shares with `train` are as in the policy's training.
 
-    The arrival angle and its cone are only taken over if the training had a single angle.
+    A range of arrival angles is not taken over, and the cone only with a single angle or a direction.
 
     Raises:
         InputError: The path is not a policy.

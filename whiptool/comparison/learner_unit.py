@@ -35,7 +35,7 @@ class LearnerUnit(Unit):
     """A learner, trained once over the zone, that then strikes at every target with its policy.
 
     Args:
-        scene: Model, targets and hit radii, see `Scene`.
+        scene: Model, targets and hit radii.
         method: sac, td3, ddpg or ppo.
         observation: Observation of the learner.
         seed: Seed of its training.

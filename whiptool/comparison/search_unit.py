@@ -29,7 +29,7 @@ class SearchUnit(Unit):
     direction or speed is weighted by the hit radius, so there is then one search per radius.
 
     Args:
-        scene: Model, targets and hit radii, see `Scene`.
+        scene: Model, targets and hit radii.
         method: Method of `whiptool.optimizers`, or `library`: strikes of a library of past strikes, nearest first.
         seed: Seed of the search, and of the library.
         first, last: Range of the targets.

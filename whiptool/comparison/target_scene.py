@@ -90,7 +90,7 @@ CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 @dataclass(frozen=True, kw_only=True)
 class RegionUnit(Unit):
-    """Finds the region that the tips of random strikes pass with a given speed.
+    """Finds the region that the tips of random strikes pass with at least `SPEED`.
 
     Args:
         scene: Scene, whose zone and targets are not used.
@@ -139,8 +139,8 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
 
 
 def zone_named(name: str, scene: TargetScene, store: Store, *, quick: bool = False) -> Zone:
-    """Return the zone of a name: the fast region, or the reachable part of a disc of that radius [m] in the scene's
-    middle.
+    """Return the zone of a name: the fast region, or the reachable part of a disc of that radius [m] around the middle
+    of the scene's zone.
     """
     if name == FAST:
         return fast_region(scene, store, quick=quick)

@@ -128,7 +128,9 @@ def plot_rewards(
 
 
 def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
-    """Return the figures `bars` and `ecdf`, with one panel per hit radius; learners with the mean action first."""
+    """Return the figures `bars`, with one panel per hit radius, and `ecdf`, with one per hit radius and observation;
+    learners with the mean action first.
+    """
     radii = list(dict.fromkeys(one.hit_radius for one in series))
     main = [one for one in series if one.main]
     observations = list(dict.fromkeys(one.observation for one in main if one.learned)) or [""]

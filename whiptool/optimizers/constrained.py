@@ -69,8 +69,12 @@ class HitProblem:
         return self._point
 
     def begin(self, start: np.ndarray) -> tuple[np.ndarray, HitPoint] | None:
-        """Return the first point at u (m,) in the unit box; its largest measure becomes the unit in which measures are
-        scaled.
+        """Return the first strike (m,) in the unit box and its `HitPoint`; None if it diverged or was refused.
+
+        Its largest measure becomes the unit of the measures.
+
+        Args:
+            start: Strike vector, (m,).
         """
         u = np.clip((start - self.lower) / self.scale, 0, 1)
         try:

@@ -29,8 +29,8 @@ def map_for(objective: Objective) -> StrikeMap:
 
 
 def map_search(objective: Objective, *, seed: int) -> None:
-    """Try and refine the strikes that the package's map gives for the target; if they fail, continue with
-    `gradient_search`.
+    """Try and refine the strikes that the package's map gives for the target; if none reaches it, or if the objective
+    has criteria, continue with `gradient_search`.
 
     Raises:
         InputError: See `map_for`.

@@ -306,7 +306,9 @@ class StrikeTask:
         return [part for part in parts if part is not None]
 
     def normalise(self, obs: np.ndarray) -> np.ndarray:
-        """Scale observations for networks: positions by the zone's centre and half width, speeds by 10 m/s."""
+        """Scale observations for networks: targets by the zone's centre and half width, tip positions by its centre and
+        largest width (at least 1 m), velocities by 10 m/s.
+        """
         lower, upper = self.zone.box
         centre, half = (lower + upper) / 2, (upper - lower) / 2
         size = max(1.0, 2 * float(half.max()))  # tips come from everywhere

@@ -124,7 +124,7 @@ class Training:
         episodes: int | None = None,
         max_seconds: float | None = None,
     ) -> list[TrainingEpisode]:
-        """Train to the end of the plan, or for `episodes` episodes, or for `max_seconds` seconds.
+        """Train to the end of the plan, if given for at most `episodes` further episodes and `max_seconds` seconds.
 
         Raises:
             Diverged: A loss is not finite.

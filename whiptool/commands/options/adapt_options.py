@@ -127,7 +127,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 
     def build_controller(self) -> Controller:
-        """Return the controller that the options describe; for an arm in space, position control."""
+        """Return the controller that the options describe; for an arm in space or a robot, position control."""
         from whiptool.models.files import load_model
 
         if self.port != ROBOT and load_model(self.model).dimension == 2:

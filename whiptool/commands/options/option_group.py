@@ -51,7 +51,7 @@ class Names:
         return [name for name in every if name not in self.without]
 
     def name(self, option: str, written: str) -> str:
-        """Return the option's name for one in any spelling.
+        """Return the known name for one in any spelling; where other values are allowed, return it as written.
 
         Raises:
             InputError: There is no such name; the message lists them.

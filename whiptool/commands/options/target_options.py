@@ -132,7 +132,11 @@ class ZoneOptions(TargetOptions):
         number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_arrival(self) -> ArrivalRule:
-        """Return the rule for the tip's arrival, which allows any."""
+        """Return the required arrival of the tip; any, if the command has no options for it.
+
+        Raises:
+            InputError: The direction is zero, or the speed is not positive.
+        """
         from whiptool.goals.arrival_rule import named_rule
 
         return named_rule(vars(self))

@@ -78,7 +78,7 @@ class TrajectoryOptions(OptionGroup):
             given: Further limits for the arm; the motion of the whip is not checked, see `refuse_beyond`.
 
         Raises:
-            InputError: The trajectory exceeds a limit, or the arm collides on its movement to the start.
+            InputError: The trajectory exceeds a limit, or on it the arm comes too close to itself or the floor.
         """
         if self.export_trajectory is None:
             return None
