@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 import whiptool
+from whiptool.comparison.plan import Comparison
 from whiptool.errors import InputError
 from whiptool.models.hand_strike import HandStrike
+from whiptool.rl.settings import TrainingPlan
 
 MODEL, LAW = whiptool.preset("lemon2024"), whiptool.ConstantImpedance()
 CONTROLLER = whiptool.Controller(LAW)
@@ -142,9 +144,14 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
 ]  # fmt: skip
 
 
+# where further arguments go
+FURTHER = {whiptool.compare: Comparison, whiptool.train: TrainingPlan}
+
+
 def may_be(call: Callable, name: str) -> set[str]:
     """Which of `VALUES` may be right: those of the argument's kind, and nothing where that is allowed."""
-    parameter = inspect.signature(call).parameters[name]
+    passed_on = FURTHER.get(call, call)
+    parameter = (inspect.signature(call).parameters | inspect.signature(passed_on).parameters)[name]
     own_name = (whiptool.default_prior, "whip")
     kinds = WORDS if (call, name) == own_name else KINDS.get(name, set())
     if (call, name) == (whiptool.search, "objective"):

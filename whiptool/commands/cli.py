@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from whiptool.commands.help import HELP, HELP_ALL, help_text
 from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
@@ -137,7 +137,7 @@ def _refusal(event: Any, options: type[OptionGroup], words: list[str]) -> InputE
         given = NOTHING if event.offending_value is None else event.offending_value
         return InputError(name, given, "a value (see --help)")
     if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
-        kind = get_type_hints(options).get(argument.field.intern_name)
+        kind = get_type_hints(options, include_extras=True).get(argument.field.intern_name)
         return InputError(name, _given(name, words), _kind_in_words(kind))
     return InputError("command line", " ".join(words), "what --help shows")
 
@@ -158,13 +158,15 @@ def _check_words(words: Sequence[str]) -> None:
 
 def _kind_in_words(kind: Any) -> str:
     """Return what an option of a type takes, such as `a number` or `two of miss, effort`."""
-    if isinstance(kind, UnionType):
+    if get_origin(kind) in (UnionType, Union):
         return _kind_in_words(next(part for part in get_args(kind) if part is not NoneType))
+    registered = names_of(kind)
     if get_origin(kind) is tuple:
-        parts, names = get_args(kind), ", ".join(map(str, choices(kind)[: len(choices(get_args(kind)[0]))]))
+        parts = get_args(kind)
+        names = ", ".join(registered.known() if registered else map(str, choices(parts[0])))
         count = "" if Ellipsis in parts else f"{_COUNTS.get(len(parts), len(parts))} "
         return f"{count or 'one or more '}of {names}" if names else f"{count}numbers with a space or comma between them"
-    names = ", ".join(map(str, choices(kind)))
+    names = ", ".join(registered.known() if registered else map(str, choices(kind)))
     return names or {int: "a whole number", float: "a number"}.get(kind, "a value of its type")
 
 

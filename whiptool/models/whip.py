@@ -137,7 +137,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         object.__setattr__(self, "friction_velocity", velocity)
         for name in ("hinge_mass", "drag_ratio"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
-        if self.joints not in KINDS:
+        if not isinstance(self.joints, str) or self.joints not in KINDS:
             raise InputError("joints", self.joints, ", ".join(KINDS))
         for name in self.kind.absent:
             if self.per_node(name).any():
