@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import shlex
+import socket
 import subprocess
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime
@@ -12,15 +16,15 @@ from types import TracebackType
 from typing import Any
 
 import tomli_w
+from filelock import FileLock, Timeout
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.models.tables import read_toml
 from whiptool.references import CITATIONS, citations, used_by
-from whiptool.run_lock import LOCK, RunLock
 from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole
 
-CONFIG, RESULT = "config.toml", "result.json"
+CONFIG, RESULT, LOCK = "config.toml", "result.json", ".lock"
 
 
 def code_version() -> str:
@@ -204,3 +208,54 @@ def read_config(path: Path) -> dict:
         raise InputError("run folder", str(path), f"a run folder (it has no {CONFIG})")
 
     return read_toml(path / CONFIG)
+
+
+class RunLock:
+    """A lock of the operating system on the file `.lock` of a run folder, held until `release` or the end of the
+    process.
+
+    The file names its holder. The lock of a killed process is free.
+
+    Args:
+        folder: An existing folder.
+
+    Raises:
+        InputError: Another process holds the lock; it is named.
+        OSError: The file cannot be written.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / LOCK
+        self._lock = FileLock(self.path, timeout=0, thread_local=False)
+        try:
+            self._lock.acquire()
+        except Timeout:
+            allowed = "a folder that no other command works in"
+            raise InputError("run folder", str(folder), allowed, _said(self.path)) from None
+
+        holder = {
+            "process": os.getpid(),
+            "host": socket.gethostname(),
+            "since": f"{datetime.now():%Y-%m-%d %H:%M:%S}",
+            "command": shlex.join(sys.argv),
+        }
+        try:
+            self.path.write_text(json.dumps(holder) + "\n", encoding="utf-8")  # in place: this very file is locked
+        except OSError:
+            self.release()
+            raise
+
+    def release(self) -> None:
+        """Release the lock; the file is removed before, so that no other process's file is removed."""
+        if self._lock.is_locked:
+            self.path.unlink(missing_ok=True)
+            self._lock.release()
+
+
+def _said(path: Path) -> str:
+    """What a lock file says of its holder."""
+    try:
+        holder = json.loads(path.read_text(encoding="utf-8"))
+        return f"process {holder['process']} on {holder['host']} does since {holder['since']}: {holder['command']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        return "another process does"  # it has the lock, and has not said so yet
