@@ -136,7 +136,7 @@ class Search(ABC):
         sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
 
     Attributes:
-        margins: Fraction of the limits that is left unused, for one search after the other; without limits only the
+        margins: Fractions of the limits that are left unused, one for each successive search; without limits only the
             first search is made.
         checked: Number of the best strikes of a search that are tried with `check`; None: all.
         margin: The fraction of the current search.
@@ -144,7 +144,9 @@ class Search(ABC):
 
     margins: tuple[float, ...] = (0.0,)
     checked: int | None = None
-    spread: float  # of the box's widths, of the first steps from the best strike
+    spread: (
+        float  # standard deviation of the first random steps around the best strike, as a fraction of the bounds' width
+    )
 
     def __init__(
         self,

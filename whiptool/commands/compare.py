@@ -178,10 +178,10 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """Methods to compare. They are those of whiptool.optimize; random is always added. sac, td3, ddpg and ppo are
     trained once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
-    """Observation of the learners: the tip, the tip relative to the target, or tip and goal; they are trained
+    """Learners see tip, tip minus target, or tip and goal. They are trained
     separately for each observation."""
     zone: Literal["disc", "fast"] = "disc"
-    """Zone of the targets: a disc, or where tips can be fast. disc: around --target; fast: wherever the tip of random
+    """Targets from a disc, or from where the tip can be fast. disc: around --target; fast: wherever the tip of random
     strikes moves at 3 m/s or more."""
 
     def __post_init__(self) -> None:

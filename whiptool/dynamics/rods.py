@@ -144,7 +144,14 @@ def half_square(u: Any) -> tuple[Any, Any]:
 
 
 def bend(joint: Chain, before: ca.SX, d: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the spring's torque on a rod (3, 1) [N m], and its energy [J], for the directions of both rods (3, 1)."""
+    """Return the torque of a joint's spring on the rod after the joint (3, 1) [N m], and the spring's energy [J].
+
+    The rod before the joint gets the opposite torque.
+
+    Args:
+        joint: Stiffnesses of the joint.
+        before, d: Unit vectors along the rods before and after it, (3, 1).
+    """
     u = 1 - ca.dot(before, d)
     w, slope = half_square(u)
     k, cubic = ca.SX(joint.stiffness), ca.SX(joint.cubic_stiffness)

@@ -19,7 +19,8 @@ def turned_by(vector: ca.SX, share: ca.SX) -> ca.SX:
 
 
 def rotation_left(wanted: ca.SX, present: ca.SX) -> ca.SX:
-    """Return the rotation from a present to a wanted orientation (3, 3), as axis times 2 sin(angle / 2), (3, 1).
+    """Return the rotation `wanted @ present.T` from one orientation (3, 3) to another, as its unit axis in the world
+    frame times 2 sin(angle / 2), (3, 1).
 
     It is computed from the antisymmetric part, which contains sin(angle), and the trace, 1 + 2 cos(angle).
     """

@@ -74,7 +74,7 @@ class Criterion(ABC):
 
     @abstractmethod
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the criterion of each strike in its `unit`, (B,); smaller is better unless `largest`."""
 
     @abstractmethod
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -104,7 +104,7 @@ class Miss(Criterion):
     name, words, unit = "miss", "miss distance", "m"
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the miss distance of each strike [m], (B,)."""
         return struck.near.distance
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -132,7 +132,7 @@ class Effort(Criterion):
     name, words, unit, of_torques = "effort", "effort", "N² m² s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the integral of the squared torques of all joints of each strike [N^2 m^2 s], (B,)."""
         if struck.near.effort is None:
             raise InputError("simulator", struck.rollout.engine, "one that knows the torques at every instant")
         return struck.near.effort.sum(axis=1)
@@ -156,7 +156,7 @@ class PeakTorque(Criterion):
     name, words, unit, of_torques = "peak-torque", "largest torque", "N m", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the largest torque of any joint in each strike [N m], (B,)."""
         return struck.near.max_torque.max(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -174,7 +174,10 @@ class Speed(Criterion):
     name, words, unit, largest = "speed", "tip speed through the target", "m/s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the tip's speed at the closest approach of each strike [m/s], (B,).
+
+        If the goal has a direction, it is the speed along it.
+        """
         return struck.goals.arrival_speed(struck.near.velocity)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -212,7 +215,7 @@ class Robustness(Criterion):
             raise InputError("noise", tuple(noise), "standard deviations of 0 or more, and not all 0")
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the criterion of each strike, (B,)."""
+        """Return the root mean square miss distance under noise of each strike [m], (B,)."""
         return np.sqrt(self.measures(struck)[:, 0])
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:

@@ -70,12 +70,14 @@ def hand_space(arm: AnyArm, hand: HandControl, *, led: bool) -> HandSpace:
 
 
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
-    """Return the default stiffness and damping of the hand [N/m, N s/m].
+    """Return the default stiffness and damping of the hand.
 
-    In the home posture they give the arm with the whip's mass in its hand a natural frequency with critical damping.
-    For positions they are equal in all directions, computed from the direction of the largest effective mass. For poses
-    they follow the hand's effective inertia [kg, kg m, kg m^2] in all directions, because the inertia about the hand's
-    own axis is very small.
+    In the home posture, with the whip's mass in the hand, they give the natural frequency `frequency` and critical
+    damping. If only the hand's position is controlled (`hand.orientation` is false), both are multiples of the identity
+    (d, d) [N/m, N s/m], computed from the largest effective mass in any direction. If its orientation is controlled,
+    too, they are the hand's effective inertia matrix times w^2 and 2 w, w = 2 pi frequency; rotational entries are in
+    N m/rad and N m s/rad. A single factor would not do there, because the inertia about the hand's own axis is very
+    small.
 
     Args:
         model: Arm and whip.

@@ -97,6 +97,11 @@ def floor_height(given: str | float) -> float | None:
 def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:
     """Return the given limits, or `default_limits` for "default".
 
+    Args:
+        given: One limit or several, None for none, or "default".
+        model: Model of arm and whip.
+        prescribed: Whether the joints follow their commanded paths exactly (position control).
+
     Raises:
         InputError: Another word is given.
     """

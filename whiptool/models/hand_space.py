@@ -186,7 +186,11 @@ class HandSpace:
         return np.hstack([*blocks, vectors[:, -1:]])
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `numbers` by the coordinates of the strikes, (B, numbers, 2 m + 1)."""
+        """Return the derivatives of what `numbers` returns for strikes (B, 2 m + 1) by their coordinates.
+
+        They have the shape (B, P, 2 m + 1), with P parameters of the simulator per strike and m coordinates of the
+        hand.
+        """
         found, (B, width), (m, d) = self._solved(vectors), vectors.shape, (self.size, self.arm.dimension)
         by_vector = np.zeros((B, DEGREE + 1, self.arm.n, width))
         by_vector[..., : 2 * m] = found.slopes @ found.way.slopes(NODES)
@@ -297,9 +301,13 @@ def numbers_of(space: StrikeSpace) -> str:
 def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
     """Return the default home posture of an arm in hand space [rad or m], (a,).
 
-    Candidates have joints at 0, 1 or 2 steps of 45 degrees (or a fifth of the range, if less) from the middle of the
-    arm's default bounds. The best has the largest product of the Jacobian's smallest singular value and the hand's
-    forward distance; of several, the one nearest to the middle.
+    Candidates have joints at the middle of the arm's default bounds, or one or two steps of 45 degrees (or a fifth of
+    the range, if less) to either side. The best has the largest product of the Jacobian's smallest singular value and
+    the hand's forward distance; of several, the one nearest to the middle.
+
+    Args:
+        arm: The arm.
+        orientation: Whether the Jacobian includes the hand's rotation, for strikes that prescribe the hand's pose.
     """
     box = default_bounds(arm)
     low, high = (np.reshape(side[:-1], (2, arm.n)) for side in (box.lower, box.upper))  # of q_i and q_f

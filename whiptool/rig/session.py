@@ -475,7 +475,11 @@ class RigRollout(Rollout):
         return dataclasses.replace(near, **known)
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Make a strike with a twin, and return its true trajectory.
+        """Make a strike on the simulated rig (twin), and return its true trajectory.
+
+        Args:
+            strike: The strike, or its vector (m,).
+            t_stay: Not used: the rig's own options say how long it is recorded after the movement.
 
         Raises:
             WhiptoolError: The rig is hardware, whose true trajectory is unknown.

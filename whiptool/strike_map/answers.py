@@ -54,8 +54,10 @@ class Answers:
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def shortlist(self, goal: Goals, count: int) -> np.ndarray:
-        """Return the indices of the `count` passages with the smallest residuals for one goal (B = 1), the smallest
-        first.
+        """Return the indices of the passages of stored strikes that come closest to one goal (B = 1), (count,).
+
+        The closest is the first; closeness is the norm of the goal's residuals for the tip's position and velocity.
+        There are fewer indices if the map has fewer passages.
         """
         left = np.linalg.norm(goal.residuals(self.tips, self.velocities), axis=1)
         count = min(count, len(left))

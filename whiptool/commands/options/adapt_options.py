@@ -52,15 +52,15 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     emulated servos behind the same protocol; robot is a position-controlled robot of yours. A robot takes each strike
     as a trajectory from the run folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera; points: positions of the tip without images. With the twin: points (the tip with the error of tracked
+    """Camera (tip, points: positions without images). With the twin: points (the tip with the error of tracked
     images), twin or d435-infrared (rendered and tracked images), d435-color (the same in colour), or tip (60 frames a
     second, 5 mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
-    """How much the twin's whip differs from the model: little (kin) to most (stranger). kin: uniform; strange: tapered,
+    """Twin's whip: near the model (kin) to far (stranger). kin: uniform; strange: tapered,
     with a bead, a soft joint and more; stranger: the same deviations, doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
-    """Material of the whip. The prior mean is then that of the material, otherwise that of --model; the prior
-    covariance is that of materials in general."""
+    """Known material of the whip, for the prior mean. The prior mean is then that of the material, otherwise that of
+    --model; the prior covariance is that of materials in general."""
     diameter: float | None = None
     """Diameter of a whip of --material, as measured, for a chain that of its wire, or of --youngs-modulus [m]."""
     length: float | None = None

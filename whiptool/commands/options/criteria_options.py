@@ -30,9 +30,10 @@ class CriteriaOptions(OptionGroup):
     }
 
     minimise: CriterionName = "miss"
-    """Criterion to minimise among hits. The criteria are the miss distance; the effort, which is the integral of the
-    squared torques; the largest torque; and the root mean square miss under noise (robustness). The tip's speed at the
-    target is maximised. With any criterion other than miss the search continues after the first hit."""
+    """Criterion among hits: least, for speed the largest. The criteria are the miss distance; the effort, which is the
+    integral of the squared torques; the largest torque; and the root mean square miss under noise (robustness). The
+    tip's speed at the target is maximised. With any criterion other than miss the search continues after the first
+    hit."""
     pareto: tuple[CriterionName, CriterionName] | None = None
     """Find the Pareto front of these two criteria among the hits, with derivatives."""
     noise: tuple[float, ...] = (0.01,)

@@ -65,10 +65,10 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Parameters to fit, by name: k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay,
     ..."""
     drive: Drive = "command"
-    """What drives the whip. command: the commanded strike, with the controller simulated. joints: the measured joint
-    angles. robot: in space, the command behind a first-order lag that is fitted. hand: in space, the measured pose of
-    the hand. handle: a tracked marker at the handle. passive: nothing; the whip is released by hand and its first state
-    is fitted. free: no whip but a pendulum, from the angles of its links."""
+    """What drives the whip (free: a pendulum, no whip). command: the commanded strike, with the controller simulated.
+    joints: the measured joint angles. robot: in space, the command behind a first-order lag that is fitted. hand: in
+    space, the measured pose of the hand. handle: a tracked marker at the handle. passive: nothing; the whip is released
+    by hand and its first state is fitted. free: no whip but a pendulum, from the angles of its links."""
     clamp: float | None = None
     """With --drive passive: the whip is clamped at this angle, 0 being straight down [rad]; a first guess if clamp is
     in --free. Default: the whip hangs from a free hinge."""
@@ -86,7 +86,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
     """Numbers of nodes to try; the one with the smallest held-out error is kept."""
     profile: bool = False
-    """Fit the whip as a profile: length, linear_density, bending_stiffness, bending_damping, drag, tapers."""
+    """Fit a whip whose properties vary from handle to tip. Its parameters are length, linear_density,
+    bending_stiffness, bending_damping, drag, tapers."""
     knots: float | None = None
     """With --drive joints, hand or handle: spacing of the knots of the spline through the measured motion [s]. Default:
     for joints and hand by cross-validation, for a handle 1.5 frames."""

@@ -28,7 +28,7 @@ class RegionOptions(ZoneGoalOptions):
     region: Path | None = None
     """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
     sector: tuple[float, ...] | None = None
-    """Draw the targets in space from part of a shell around the base. The five numbers are the least and the largest
+    """Targets from part of a shell: 2 distances, 2 heights, angle. The five numbers are the least and the largest
     distance from the base, the least and the largest height above it [m], and the angle from forward to either side
     [degrees]."""
 

@@ -37,9 +37,9 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Serial device of servos, or twin (a simulated rig). The device is such as /dev/ttyUSB0; twin is the emulated
     servos behind the same protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """Camera, or none. With a real arm: realsense, or a RealSense recording. With the twin: twin or d435-infrared
-    (rendered infrared images), d435-color, or points (positions of the tip with the error of tracked images, without
-    images)."""
+    """Camera, or none (points: positions without images). With a real arm: realsense, or a RealSense recording. With
+    the twin: twin or d435-infrared (rendered infrared images), d435-color, or points (positions of the tip with the
+    error of tracked images, without images)."""
     rate: float = 500.0
     """Control cycles per second."""
     approach_speed: float = 0.2
