@@ -95,7 +95,7 @@ def test_units_of_the_file_are_heard(tmp_path, units, factor):
 @pytest.mark.parametrize(
     ("written", "options", "said"),
     [
-        ({"units": ""}, {}, "UNITS.*option units"),
+        ({"units": ""}, {}, "UNITS.*units in the sidecar"),
         ({"screen": None}, {}, "which axis points up"),
         ({"units": "m"}, {}, "millimetres"),
         ({"rate": 0.5}, {}, "RATE"),
