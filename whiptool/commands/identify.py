@@ -75,7 +75,7 @@ class FitRun:
         names, held_out = split(each_episode(options.recordings), options.held_out)
         profile = self._profile() if options.profile else None
         if not options.free:
-            raise InputError("--free", "none", "one or more names", "such as k")
+            raise InputError("--free", "none", "one or more names of parameters to fit", "such as --free k b")
         # a slip is found before hours of film are tracked
         full_names(options.free, Plant(self.model, fallback, profile, options.clamp))
         controller = self._gather(names, held_out)

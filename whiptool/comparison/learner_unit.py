@@ -129,7 +129,16 @@ class LearnerUnit(Unit):
         return Training(learner, task, plan)
 
     def trained(self, folder: Path | None, threads: int | None) -> tuple[Any, dict[str, Any], str]:
-        """Return the finished training, its mean rewards and duration [s], and a note on deviations, or ""."""
+        """Train the learner, or resume it from its checkpoint.
+
+        Args:
+            folder: Folder of the checkpoint; None: no checkpoint is kept.
+            threads: Threads of the simulation; None: the default.
+
+        Returns:
+            The training; its history, with `rewards` (mean reward of each episode) and `seconds` (duration); and "", or
+            a note on the episode after which it diverged. The learner is then that of the last checkpoint.
+        """
         from whiptool.rl.learner import Diverged
 
         with Checkpoint.within(folder, self.key) as checkpoint:

@@ -120,11 +120,15 @@ def fast_region(scene: TargetScene, store: Store, *, quick: bool = False) -> Reg
 
 
 def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LARGEST) -> None:
-    """Refuse a zone's name unless it is `fast`, or the radius [m] of a disc around `centre` that is partly within
-    `reach` [m].
+    """Check the text that names a zone of targets.
+
+    Args:
+        name: `fast` (where the tips of random strikes are fast), or the radius [m] of a disc, such as `0.3`.
+        centre: Centre of the disc [m].
+        reach: Largest distance from the shoulder that the tip reaches [m].
 
     Raises:
-        InputError: The name is neither.
+        InputError: The name is neither, no point of the disc is within reach, or the disc contains all that is.
     """
     if name == FAST:
         return

@@ -179,9 +179,11 @@ class SpatialCarried(NamedTuple):
 
 
 class SpatialJoint(NamedTuple):
-    """Coefficients of K hinges at one point for `accelerate`: accelerations `free - gains (alpha, a) - among qdd`.
+    """Coefficients that give the accelerations of K hinges at one point, see `accelerate`.
 
-    `gains` is (6, K) and `free` (K, 1); row k of `among` (K, K) multiplies the accelerations of the hinges before k.
+    They are `qdd = free - gains.T [alpha; a] - among qdd`, with the angular acceleration alpha of the link before
+    [rad/s^2] and the acceleration a of the hinges' point [m/s^2], (3, 1) each. `gains` is (6, K), `free` (K, 1), and
+    row k of `among` (K, K) multiplies the accelerations of the hinges before k.
     """
 
     gains: ca.SX

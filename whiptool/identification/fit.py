@@ -256,10 +256,10 @@ def choose_nodes(
     Raises:
         InputError: No recordings are held out, or no numbers of nodes are given.
     """
-    if not held_out or not nodes:
-        raise InputError(
-            "nodes", (list(nodes), f"{len(held_out)} held out"), "one or more numbers, and recordings held out"
-        )
+    if not nodes:
+        raise InputError("nodes", list(nodes), "one or more numbers of nodes to try", "such as [8, 12, 16]")
+    if not held_out:
+        raise InputError("held_out", list(held_out), "one or more recordings, whose errors choose the number of nodes")
     fits = {N: fit(recordings, plant.with_nodes(N), free, held_out=held_out, options=options) for N in nodes}
     return best_nodes(fits), fits
 

@@ -116,12 +116,13 @@ def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jer
 
 @dataclass(frozen=True)
 class Moved:
-    """Motion of the base at I instants, and its derivatives by the C coefficients.
+    """Prescribed motion of the whip's base at I instants, and its derivatives by the C coefficients of a `BaseMotion`.
 
     Args:
-        inputs, d_inputs: Inputs of `whiptool.dynamics.swing`, (I, 7), (C, I, 7); in space (I, 21), (C, I, 21).
-        place, d_place: Position of the base [m] and its derivatives, (I, d), (C, I, d).
-        q_i, d_q_i: Positions of the arm's joints at the first instant [rad] and their derivatives, (a,), (C, a).
+        inputs, d_inputs: Position, velocity and acceleration of the base as the equations of motion take them, see
+            `whiptool.dynamics.swing`: (I, 7), in space (I, 21); their derivatives, (C, I, 7) or (C, I, 21).
+        place, d_place: Position of the base [m], (I, d), d = 2 in the plane and 3 in space; derivatives, (C, I, d).
+        q_i, d_q_i: Positions of the arm's joints at the first instant [rad], (a,); their derivatives, (C, a).
     """
 
     inputs: np.ndarray

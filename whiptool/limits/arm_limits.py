@@ -96,7 +96,10 @@ class ArmLimits(Limits):
 
     @property
     def of_candidates(self) -> bool:
-        """Whether the whole trajectory has to be checked for strikes that would be hits or the best."""
+        """Whether a joint has a limit on its torque rate, which peak values do not show.
+
+        A strike that would be a hit or the best is then checked over its whole trajectory.
+        """
         return any(math.isfinite(joint.torque_rate) for joint in self.joints)
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:

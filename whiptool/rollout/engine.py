@@ -30,7 +30,12 @@ def wanted_rung() -> str | None:
 
 @lru_cache(maxsize=64)
 def find_engine(structure: Structure | SwingStructure, *, forward: bool, rung: str | None) -> Engine:
-    """Return the fastest working engine for a structure, or the requested one.
+    """Return the fastest engine that works on this machine and simulates strikes of a structure.
+
+    Args:
+        structure: Structure of the equations of motion: of arm and whip, or of a whip on a prescribed base.
+        forward: Whether the engine also computes directional derivatives.
+        rung: First engine to try: `simd`, `scalar` or `interpreter`; None: `simd`.
 
     If SIMD code does not compile, scalar code is used; without a working compiler, the interpreter. Each is reported in
     the log.

@@ -57,12 +57,13 @@ class RecordedCamera:
         video: The images, with times, size and calibration.
 
     Attributes:
-        settings: The camera in space that took them; of images of the strike plane one that looks straight at it and
-            has their size, timing and scale.
+        settings: The `Camera` that took the images. If only the strike plane is calibrated, a camera that looks
+            perpendicularly at the plane and has the images' size, timing and scale.
         calibration: Calibration of the strike plane, for the tracker; None for a camera in space.
 
     Raises:
-        InputError: The strike plane is not calibrated, or an image cannot be decoded or has another kind than stated.
+        InputError: Neither the camera nor the strike plane is calibrated, an image cannot be decoded, or its kind
+            (color or infrared) is not the stated one.
     """
 
     def __init__(self, video: VideoSource) -> None:

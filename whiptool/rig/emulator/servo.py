@@ -145,7 +145,7 @@ class Servo:
 
     @property
     def alert(self) -> int:
-        """Alert bit (bit 7) of every status packet's error byte."""
+        """Alert bit of a status packet's error byte: 0x80 while Hardware Error Status (70) is not 0, else 0."""
         return 0x80 if self.memory[70] else 0
 
     # -- what clients do -----------------------------------------------------------------------------------------
