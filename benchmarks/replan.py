@@ -84,7 +84,7 @@ def main() -> None:
         tried, think = families(SPACE), partial(thoughts_in_space, brief=options.quick)
         whips, strikes = (1, 1) if options.quick else (len(MATERIALS[SPACE]), 3)
     else:
-        tried, think = FAMILIES, thoughts
+        tried, think = tuple(FAMILIES), thoughts
         whips, strikes = (1, 2) if options.quick else (6, 3)
     if options.quick:
         tried = tried[:1]

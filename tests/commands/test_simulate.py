@@ -22,7 +22,7 @@ def test_simulate_replays_the_strike_that_was_found(tmp_path):
 
 
 def test_export_writes_mjcf_that_mujoco_loads(tmp_path):
-    done = called("simulate", "--export", "model.xml", cwd=tmp_path)
+    done = called("simulate", "--export", "model.xml", "--target", "1.1", "0.2", cwd=tmp_path)
     assert done.returncode == 0
     assert "does not hold the controller" in done.stderr
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml")).nq == 14

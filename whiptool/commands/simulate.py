@@ -52,7 +52,7 @@ class SimulateOptions(
     first: ClassVar[tuple[str, ...]] = ("run", "strike", "export", "video")
     in_space: ClassVar[bool] = True
     only_with: ClassVar[Conditions] = {
-        **dict.fromkeys(_OF_STRIKES, (_PLAYS,)),
+        **{name: (_PLAYS,) for name in _OF_STRIKES if name != "target"},  # the target is in the model's file, too
         **dict.fromkeys(_OF_SIMULATIONS, (_PLAYS, unless("trajectory"))),
         "strike": (_NO_POLICY,),
         "space": (_NO_POLICY, _PLAYS, unless("trajectory")),
