@@ -26,6 +26,9 @@ def test_names_of_one_link_and_of_all():
     )  # fmt: skip
     with pytest.raises(InputError, match="--free"):
         full_names(("k",), TWO)
+    with pytest.raises(InputError) as refused:
+        full_names(("delay",), TWO)  # of recordings that films and logs make, which a pendulum does not have
+    assert "shift_x" not in str(refused.value) and "gravity" in str(refused.value)
 
 
 @pytest.mark.slow
@@ -65,6 +68,7 @@ def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
         ("--model {folder}/two.toml", "--free"),
         ("--model {folder}/two.toml --free com --held-out 7.npz", "7.npz"),
         ("--model {folder}/one.toml --free com", "2 links"),
+        ("--model {folder}/two.toml --free com --base wall", "--base"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, words, said):

@@ -150,6 +150,8 @@ def test_arms_without_such_a_space_and_home_postures_without_ease_are_refused():
     with pytest.raises(InputError, match="3 joints or more"):
         HandSpace(LEMON, orientation=True)
     assert HandSpace(THREE, posture=(0.3, 0.9, 0.7), orientation=True).size == 3  # a joint for each coordinate
+    with pytest.raises(InputError, match=r"^home posture: got 'none'; .*3 joint angles"):
+        HandSpace(THREE)
     with pytest.raises(InputError, match="not a singular"):
         HandSpace(LEMON, posture=(0.3, 0.0))
     with pytest.raises(InputError, match="posture"):

@@ -83,7 +83,7 @@ class FitRun:
         if controller is not None:
             held = "only for recordings without their controller"
             refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
-        self.plant = Plant(self.model, controller or fallback, profile, options.clamp)
+        self.plant = Plant(self.model, None if self.bare else controller or fallback, profile, options.clamp)
         self.free = full_names(options.free, self.plant)
         self.how = FitOptions(
             drive=options.drive,

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.dynamics.lumping import LUMPED
 from whiptool.errors import InputError
+from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, variable
@@ -67,7 +68,7 @@ def full_name(name: str, plant: Plant) -> str:
     Raises:
         InputError: There is no such parameter, or several.
     """
-    known = {**plant.values(), **NEUTRAL}
+    known = plant.values() if isinstance(plant.model, BareArm) else {**plant.values(), **NEUTRAL}
     found = names_of(name, known)
     if len(found) == 1:
         return found[0]

@@ -31,7 +31,10 @@ OF_WHIPS = (
     "youngs_modulus",
     "diameter",
     "density",
-)  # options of whips and cameras
+    "arm",
+    "arm_tip",
+    "base",
+)  # options of whips, of robots' files and of cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 
 
