@@ -163,7 +163,7 @@ class Adapter:
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
-            raise InputError("recording", f"one of strike {self.number}", "one of a strike that `ask` has returned")
+            raise InputError("recording", f"one of strike {self.number}", "one of a strike that was requested")
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:

@@ -55,7 +55,7 @@ class ArmLimits(Limits):
 
     def __post_init__(self) -> None:
         if not _limited(self.joints):
-            raise InputError("arm", "joints without limits", "an arm whose joints have limits")
+            raise InputError("limits", "none", "an arm whose joints have limits")
 
     @classmethod
     def of(cls, arm: AnyArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:
