@@ -104,13 +104,17 @@ def test_a_strike_that_was_asked_for_is_asked_for_again_until_it_is_told(prior, 
     assert late.done
     assert late.ask() is None
     assert told(prior, tmp_path, strikes=2).ask() is None
-    with pytest.raises(InputError, match="recording: got 'one of strike 3'; allowed: one of a strike that was requested"):
+    with pytest.raises(
+        InputError, match="recording: got 'one of strike 3'; allowed: one of a strike that was requested"
+    ):
         late.tell(still(3))
 
 
 def test_what_was_not_asked_for_and_what_was_told_before_is_refused(prior, tmp_path):
     adapter = told(prior, tmp_path, strikes=3)
-    with pytest.raises(InputError, match="recording: got 'one of strike 1'; allowed: one of a strike that was requested"):
+    with pytest.raises(
+        InputError, match="recording: got 'one of strike 1'; allowed: one of a strike that was requested"
+    ):
         adapter.tell(still(1))
     adapter.ask()
     other = dataclasses.replace(still(1), strike=dataclasses.replace(STRIKE, D=0.7))

@@ -125,7 +125,9 @@ def test_no_approaches_have_their_columns():
 @pytest.mark.parametrize("kind", [CompiledRollout, ReferenceRollout])
 def test_a_trajectory_is_of_one_strike(kind):
     rollout = kind(preset("lemon2024"), Controller(ConstantImpedance()))
-    with pytest.raises(InputError, match=r"^number of strikes: got 2; allowed: 1; for several call trajectories\(strikes\)"):
+    with pytest.raises(
+        InputError, match=r"^number of strikes: got 2; allowed: 1; for several call trajectories\(strikes\)"
+    ):
         rollout.trajectory(np.array([[-1.2, 0.9, 1.2, 0.3, 0.7]] * 2))
 
 
