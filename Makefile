@@ -3,8 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 RUN := $(VENV)/bin/python
-# two at a time; the threads of one test would spin beside those of the other; Python keeps compiled modules, or each of the
-# hundreds of processes that tests start would compile them
+# two at a time; the threads of one test would spin beside those of the other; Python compiles the modules that tests import
+# and keeps them, or each of the hundreds of processes that tests start would compile them
 TEST := env -u PYTHONDONTWRITEBYTECODE OMP_NUM_THREADS=1 $(RUN) -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 INSTALL := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint requirements.lock
 
@@ -60,7 +60,7 @@ $(VENV)/.core: $(VENV)/.python pyproject.toml requirements.lock
 
 $(VENV)/.dev: $(VENV)/.core
 	@echo "installing what the tests need into $(VENV) ..."
-	$(INSTALL) --editable .[dev]
+	$(INSTALL) --no-compile --editable .[dev]
 	touch $@
 
 clean:
