@@ -46,7 +46,7 @@ from papers.aim.report import figures
 from papers.aim.task import AimTask, ur5e
 from papers.aim.units import AloneUnit, KeptMap
 from whiptool.comparison import Store
-from whiptool.rollout.threads import cores
+from whiptool.rollout.native import cores
 from whiptool.strike_map import StrikeMap
 from whiptool.strike_map.building import built
 

@@ -31,7 +31,7 @@ from whiptool.impedance import Controller
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.threads import cores
+from whiptool.rollout.native import cores
 
 BOUND = 1e-4  # [m]
 STEPS = (4e-3, 2.83e-3, 2e-3, 1.41e-3, 1e-3, 7.1e-4, 5e-4, 3.5e-4, 2.5e-4, 1.8e-4, 1.25e-4)

@@ -35,10 +35,9 @@ from whiptool.goals.target import TARGET
 from whiptool.impedance import Controller, constant_preset
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import WhipProfile, preset
-from whiptool.models.closest import closest_on_curve
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 from whiptool.models.strike import default_bounds
-from whiptool.models.trajectory import Trajectory
+from whiptool.models.trajectory import Trajectory, closest_on_curve
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
 from whiptool.runs import RunFolder, code_version

@@ -25,14 +25,14 @@ import numpy as np
 from tqdm import tqdm
 
 from whiptool.goals.target import usual_target
-from whiptool.impedance.default import default_controller
+from whiptool.impedance.controller import default_controller
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, preset
 from whiptool.models.presets import PRESETS
 from whiptool.models.strike import T_STAY, default_bounds
 from whiptool.rollout import CompiledRollout
+from whiptool.rollout.native import cores
 from whiptool.rollout.reference import AGREEMENT, replay
-from whiptool.rollout.threads import cores
 
 FINER = 1e-3  # of the run that errors are taken from, in units of the tolerance
 EQUAL_STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.3e-5)

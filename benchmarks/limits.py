@@ -28,7 +28,7 @@ from whiptool.impedance import Controller, PositionControl
 from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import CommandLimits
 from whiptool.models import Model
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.objective import Objective

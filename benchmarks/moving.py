@@ -39,7 +39,7 @@ from whiptool.interception.library import Library
 from whiptool.interception.motions import GRAVITY, PendulumMotion, TargetMotion, find_motion
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.models import preset
-from whiptool.models.closest import closest_on_segments
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.striker import Striker
 

@@ -25,7 +25,7 @@ from scipy.stats import binomtest
 
 import whiptool as wt
 from whiptool.goals.goals import Goals
-from whiptool.rollout.threads import cores
+from whiptool.rollout.native import cores
 from whiptool.strike_map.map_files import shipped_names
 
 GOALS, QUICK_GOALS, SEED = 1000, 40, 1_000_003

@@ -34,12 +34,12 @@ from whiptool.impedance import Controller, constant_preset, default_controller
 from whiptool.impedance.arm import Arm
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import Model, WhipProfile, preset
-from whiptool.models.closest import closest_on_segments
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 from whiptool.models.strike import T_STAY, Strike, default_bounds
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.threads import cores
+from whiptool.rollout.native import cores
 
 BOUND = 1e-4  # [m], 95th percentile
 STEPS = (4e-3, 2.83e-3, 2e-3, 1.41e-3, 1e-3, 7.1e-4, 5e-4, 3.5e-4, 2.5e-4, 1.8e-4, 1.25e-4, 9e-5, 6.3e-5)

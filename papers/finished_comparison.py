@@ -17,8 +17,7 @@ from whiptool.comparison.results_file import Results
 from whiptool.comparison.series import collect
 from whiptool.comparison.units import older_results, unit_file
 from whiptool.errors import InputError
-from whiptool.given_files import read_json
-from whiptool.models.tables import read_toml
+from whiptool.given_files import read_json, read_toml
 from whiptool.runs import CONFIG
 
 _RENAMED = {"cap": "max_trials"}  # of options of older runs

@@ -17,8 +17,8 @@ from whiptool.goals.goals import probability_within
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models import Model
-from whiptool.models.free_hand import free_hand
-from whiptool.models.robots import rope
+from whiptool.models.joint_trajectory import free_hand
+from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import without_inertia
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Arrival, Objective, SearchStopped

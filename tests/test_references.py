@@ -9,7 +9,7 @@ import pytest
 
 import whiptool as wt
 from whiptool.errors import InputError
-from whiptool.impedance.law import LAWS
+from whiptool.impedance.laws import LAWS
 from whiptool.models.presets import PRESETS
 from whiptool.references import ALWAYS, CITATIONS, WORKS, _entries, citations, used_by
 from whiptool.runs import RunFolder

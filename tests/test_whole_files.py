@@ -18,9 +18,8 @@ from whiptool.goals.zone import Region
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.controller_files import read_controller, write_controller
 from whiptool.models import preset
-from whiptool.models.arm_choice import ArmChoice
-from whiptool.models.arm_files import read_robot
-from whiptool.models.files import read_model, write_model
+from whiptool.models.files import read_model, read_robot, write_model
+from whiptool.models.robot_files import ArmChoice
 from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
 

@@ -12,18 +12,15 @@ from typing import Literal
 
 import numpy as np
 
-from whiptool.dynamics.stepping import time_grid
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.goals.criteria import Criterion, StrikesAtGoal
 from whiptool.goals.target import Target, as_target, usual_target
 from whiptool.limits.all_limits import AllLimits, Limits, Smooth, distance_beyond, limits_given
 from whiptool.limits.clearance import Clearance
-from whiptool.models.arrays import ArrayLike, NoArray
-from whiptool.models.joint_space import AnyStrike
-from whiptool.models.numbers import array_of
-from whiptool.models.parameters import number, whole
-from whiptool.models.strike import T_STAY, StrikeBounds
+from whiptool.models.numbers import ArrayLike, NoArray, array_of, number, whole
+from whiptool.models.strike import T_STAY, AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.rollout.batch import time_grid
 from whiptool.rollout.interface import Rollout
 from whiptool.words import counted
 

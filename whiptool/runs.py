@@ -19,7 +19,7 @@ import tomli_w
 from filelock import FileLock, Timeout
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.models.tables import read_toml
+from whiptool.given_files import read_toml
 from whiptool.references import CITATIONS, citations, used_by
 from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole

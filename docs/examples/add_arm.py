@@ -7,8 +7,8 @@ import numpy as np
 from whiptool import CompiledRollout, Controller, Model, ReferenceRollout, Strike
 from whiptool.impedance import ConstantImpedance
 from whiptool.models import JointLimits, SpatialArm, SpatialLink
-from whiptool.models.robots import rope
-from whiptool.models.stick import with_stick
+from whiptool.models.mount import with_stick
+from whiptool.models.presets import rope
 
 rail = SpatialLink(
     mass=3.0,

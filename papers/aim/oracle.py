@@ -13,7 +13,7 @@ from papers.aim.task import AimTask
 from whiptool import WhipParameters, WhipProfile
 from whiptool.comparison.units import Unit
 from whiptool.errors import InputError
-from whiptool.models.closest import closest_on_curve
+from whiptool.models.trajectory import closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, hand_path
 
 ELEMENTS = 32  # of the finer rod; what `benchmarks/cosserat.py` has for this robot

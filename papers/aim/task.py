@@ -10,8 +10,7 @@ import numpy as np
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool import CompiledRollout, Controller, Model
 from whiptool.comparison import TargetScene
-from whiptool.goals.arrival_rule import ArrivalRule
-from whiptool.goals.goal_region import GoalRegion
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Sector
 from whiptool.limits.all_limits import Limits

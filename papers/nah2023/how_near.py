@@ -13,7 +13,7 @@ from papers.nah2023.statistics import LEVEL, share_nearer
 from papers.nah2023.units import STAY, simulator
 from whiptool import Trajectory
 from whiptool.models.kinematics import joint_points
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.viz.report import Picture, Section, Table, Text
 
 REACH = NAH2023.reach

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from whiptool import CompiledRollout, Trajectory
-from whiptool.models.closest import Points
-from whiptool.models.joint_space import AnyStrike
-from whiptool.models.strike import T_STAY
-from whiptool.models.trajectory import Approach
+from whiptool.models.strike import T_STAY, AnyStrike
+from whiptool.models.trajectory import Approach, Points
 from whiptool.rollout.interface import Rollout, Strikes
 
 

@@ -14,7 +14,7 @@ from papers.nah2023 import published
 from papers.nah2023.claims import PLANAR
 from whiptool import Trajectory
 from whiptool.models.kinematics import joint_points
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.words import counted

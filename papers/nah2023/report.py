@@ -20,7 +20,7 @@ from papers.nah2023.units import (
     PublishedUnit,
     SolutionsUnit,
 )
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.viz.report import Claims, Picture, Section, Table, Text
 

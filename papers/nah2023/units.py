@@ -17,7 +17,7 @@ from papers.nah2023.solutions import descend, distinct
 from whiptool import CompiledRollout, Controller, Target, default_bounds
 from whiptool.comparison.units import Unit
 from whiptool.impedance import constant_preset
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.spatial_arm import SpatialArm
 
 TIMESTEP = 5e-4  # [s], equal steps: distances are right to 0.1 mm, and all nodes are seen at each of them

@@ -15,8 +15,7 @@ from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import WhiptoolError
-from whiptool.models.closest import closest_on_curve
-from whiptool.models.trajectory import Approach
+from whiptool.models.trajectory import Approach, closest_on_curve
 from whiptool.rollout.cosserat import CosseratWhip, TipPaths, hand_path
 
 ROPE = "rope"

@@ -26,7 +26,7 @@ from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.commands.options.adapt_options import AdaptOptions, prepare
 from whiptool.comparison.units import Unit
 from whiptool.given_files import read_json
-from whiptool.goals.goal_region import GoalRegion, usual_region
+from whiptool.goals.arrival_rule import GoalRegion, usual_region
 from whiptool.goals.goals import Goals, arrival_angles
 from whiptool.goals.zone import Disc
 from whiptool.models import preset

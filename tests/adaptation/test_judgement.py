@@ -14,9 +14,9 @@ from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
 from whiptool.identification.film_judgement import Frames, weigh
 from whiptool.impedance import Controller, oiac_preset
-from whiptool.models.closest import closest_on_segments
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 

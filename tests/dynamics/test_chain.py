@@ -46,7 +46,8 @@ from whiptool.dynamics.chain import (
     potential_energy,
     ride_on_end,
 )
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.models.parameters import ArmLink, ArmParameters, Model
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout.mujoco_model import build_spec
 
 SHORT, LONG = st.integers(1, 14), st.integers(15, 30)

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from whiptool.dynamics.directions import parameter_directions
-from whiptool.dynamics.lumping import PROFILE
+from whiptool.dynamics.directions import PROFILE, parameter_directions
 from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
 from whiptool.impedance import Controller

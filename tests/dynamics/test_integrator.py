@@ -15,12 +15,14 @@ from scipy.linalg import expm
 from scipy.special import ellipj, ellipk
 
 from whiptool.dynamics.chain import chain_of, kinetic_energy, potential_energy
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.closed_loop import closed_loop
 from whiptool.dynamics.integrator import GAMMA
-from whiptool.impedance.constant import ConstantImpedance
+from whiptool.dynamics.structure import Structure
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.impedance.laws import ConstantImpedance
+from whiptool.models.parameters import ArmLink, ArmParameters, Model
 from whiptool.models.presets import preset
+from whiptool.models.whip import WhipParameters
 
 HEAVY = ArmParameters((ArmLink(mass=1e14, length=0.3),))
 

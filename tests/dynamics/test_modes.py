@@ -19,13 +19,13 @@ from whiptool.dynamics.modes import explicit_timestep, hanging_modes, linearise
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, PositionControl
-from whiptool.impedance.law import Law
+from whiptool.impedance.laws import Law
 from whiptool.models.kinematics import rotation_about
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
-from whiptool.models.planar_arm import in_space
+from whiptool.models.parameters import ArmLink, ArmParameters, Model, in_space
 from whiptool.models.presets import PRESETS, preset
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.mujoco_model import build_spec
 

@@ -12,12 +12,13 @@ from rich_model import everything
 from scipy.optimize import minimize
 from start_slopes import check_start_slopes
 
-from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import _settle, hangs_straight, hinge_is_free, start_derivative, start_posture
+from whiptool.dynamics.structure import Structure
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout import CompiledRollout
 
 LEMON = preset("lemon2024")

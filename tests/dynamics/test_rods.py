@@ -15,12 +15,13 @@ from start_slopes import check_start_slopes
 
 from whiptool.dynamics import rods
 from whiptool.dynamics.posture import start_posture
-from whiptool.dynamics.rod_damping import rod_damping
-from whiptool.impedance.constant import ConstantImpedance
+from whiptool.dynamics.rods import rod_damping
 from whiptool.impedance.controller import Controller
+from whiptool.impedance.laws import ConstantImpedance
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm, SpatialLink
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.engine import RUNGS
 

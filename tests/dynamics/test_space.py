@@ -22,15 +22,14 @@ from random_space import (
     random_state,
 )
 
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.closed_loop import closed_loop
 from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.structure import Structure
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.oiac import OIAC
-from whiptool.models.parameters import Model
-from whiptool.models.planar_arm import in_space
+from whiptool.impedance.laws import OIAC, ConstantImpedance
+from whiptool.models.parameters import Model, in_space
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 

@@ -6,7 +6,8 @@ import casadi as ca
 import pytest
 from rich_model import CONTROLLERS, everything
 
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.closed_loop import closed_loop
+from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.swing import SwingStructure, swing
 from whiptool.dynamics.system import along
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from whiptool.models.arm_choice import ArmChoice
+from whiptool.models.robot_files import ArmChoice
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ import numpy as np
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds
 from whiptool.models.trajectory import Approach
-from whiptool.rollout.interface import Rollout
-from whiptool.rollout.slopes import ApproachSlopes
+from whiptool.rollout.interface import ApproachSlopes, Rollout
 
 BOUNDS = StrikeBounds((-2.0, -2.0, -2.0, -2.0, 0.5), (2.0, 2.0, 2.0, 2.0, 2.0))
 LEAST = np.array([1.0, 0.5, -0.4, 0.3, 1.2])  # the strike without effort

@@ -8,11 +8,13 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from whiptool.dynamics.closed_loop import ClosedLoop, Structure, closed_loop
-from whiptool.impedance.constant import ConstantImpedance
+from whiptool.dynamics.closed_loop import ClosedLoop, closed_loop
+from whiptool.dynamics.structure import Structure
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.impedance.laws import ConstantImpedance
+from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
+from whiptool.models.whip import WhipParameters
 from whiptool.rollout.mujoco_model import build_spec
 
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from whiptool.models import JointLimits, Model, SpatialArm, SpatialLink, WhipParameters, preset
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 
 
 def rotation(rng: np.random.Generator) -> np.ndarray:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from random_space import held
 
-from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import start_derivative, start_posture
+from whiptool.dynamics.structure import Structure
 from whiptool.models.parameters import Model
 
 

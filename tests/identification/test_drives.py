@@ -16,8 +16,9 @@ from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.kinematics import arm_frames, chain_motion
-from whiptool.models.parameters import ArmLink, WhipParameters
+from whiptool.models.parameters import ArmLink
 from whiptool.models.strike import Strike
+from whiptool.models.whip import WhipParameters
 from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout

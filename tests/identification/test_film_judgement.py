@@ -9,7 +9,7 @@ from whiptool.adaptation.judgement import judge_seen
 from whiptool.goals.goals import probability_within
 from whiptool.goals.target import Target
 from whiptool.identification.film_judgement import Frames, Judgement, judge_frames, unseen_around, weigh
-from whiptool.models.closest import closest_on_segments
+from whiptool.models.trajectory import closest_on_segments
 
 T = np.arange(0, 1.0, 0.002)
 FRAMES = np.arange(0, 1.0, 1 / 60)

@@ -22,7 +22,8 @@ from whiptool.identification.inputs import (
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model
+from whiptool.models.whip import WhipParameters
 
 LEMON = preset("lemon2024")
 PLANT = Plant(LEMON, Controller(OIAC()))

@@ -9,9 +9,9 @@ import pytest
 from whiptool.identification.parameter_units import unit_of, with_unit
 from whiptool.identification.plant import Plant, units
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.impedance.hand import HandControl
+from whiptool.impedance.controller import HandControl
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 
 

@@ -9,14 +9,14 @@ import pytest
 from scipy.integrate import quad
 from spatial_arms import of_universal_nodes
 
-from whiptool.dynamics.lumping import LUMPED, PROFILE, lumping
+from whiptool.dynamics.directions import LUMPED, PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
 from whiptool.identification.plant import Plant, slopes
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
-from whiptool.models.parameters import WhipParameters
 from whiptool.models.profile import WhipProfile
+from whiptool.models.whip import WhipParameters
 
 LEMON = preset("lemon2024")
 PROFILE_OF_ALL = WhipProfile(

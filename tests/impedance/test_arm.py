@@ -10,8 +10,9 @@ from shared_by_threads import check_shared
 
 from whiptool.dynamics.chain import Chain, mass_matrix, potential_energy
 from whiptool.impedance.arm import Arm
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
+from whiptool.models.parameters import ArmLink, ArmParameters, Model
 from whiptool.models.presets import PRESETS, preset
+from whiptool.models.whip import WhipParameters
 
 STATES = 20
 

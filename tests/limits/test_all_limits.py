@@ -15,7 +15,7 @@ from whiptool.goals.target import Target
 from whiptool.limits.all_limits import AllLimits, limits_given
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import CommandLimits
 from whiptool.models import JointLimits, StrikeBounds, default_bounds, preset
 from whiptool.models.scene import Scene
 from whiptool.objective import Objective

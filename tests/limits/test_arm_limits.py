@@ -1,4 +1,4 @@
-"""Limits of an arm's joints: what states and strikes use of them, by hand."""
+"""Changes of torques: of what is known, and of steps."""
 
 from __future__ import annotations
 
@@ -9,10 +9,31 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.arm_limits import ArmLimits, torque_rates
 from whiptool.models import JointLimits, preset
-from whiptool.models.free_hand import free_hand
+from whiptool.models.joint_trajectory import free_hand
 from whiptool.models.trajectory import Approach, Trajectory
+
+
+def test_even_changes_have_their_rate_at_any_step():
+    for step in (2.5e-4, 1e-3, 1.5e-3):
+        t = np.arange(0, 0.3, step)
+        at, rates = torque_rates(t, np.stack([40 * t, 3 - 700 * t], axis=1))
+        np.testing.assert_allclose(rates, np.tile([40, -700], (len(at), 1)), rtol=1e-9)
+        np.testing.assert_allclose(np.diff(at), 1e-3)
+        assert at[-1] <= t[-1] + 1e-12
+
+
+def test_a_step_is_one_change_within_a_millisecond():
+    t = np.arange(0, 0.02, 2.5e-4)
+    _, rates = torque_rates(t, np.where(t < 0.0101, 1.0, 3.0)[:, None])
+    assert np.count_nonzero(rates) == 1
+    np.testing.assert_allclose(rates.max(), 2000)
+
+
+def test_a_strike_that_broke_off_at_once_has_none():
+    assert torque_rates(np.zeros(1), np.zeros((1, 2)))[1].shape == (0, 2)
+
 
 TURNS = JointLimits(position=(-1.0, 3.0), velocity=2.0, torque=10.0)
 SPINS = JointLimits(velocity=4.0)  # for ever

@@ -1,19 +1,92 @@
-"""Clearance of strikes: through a floor, through the arm, in words; and ways of robots."""
+"""Whips that hang above a floor before a strike: against where they hang, and differences of the hand's height."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from processes import HANG
 
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
-from whiptool.limits.clearance import UNIT, Clearance
-from whiptool.models import preset
+from whiptool.limits.clearance import FRACTIONS, SPARE, UNIT, Clearance, HangingWhip, PathClearance
+from whiptool.models import Model, default_bounds, in_space, preset
 from whiptool.models.kinematics import joint_points
+from whiptool.models.scene import Scene
 from whiptool.models.trajectory import Trajectory
+
+STIFF = Model(replace(preset("nah2023").whip, k=300.0, b=1.0), in_space(preset("lemon2024").arm))
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "nah2023"])
+def test_no_whip_hangs_less_low_than_is_reckoned_with(name):
+    """Whatever the hand's direction: what is left out would have the whip in the floor."""
+    model, floor = preset(name), -0.3
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(0), 20)
+    points = joint_points(model, start_posture(model, strikes[:, : model.arm.n]))
+    lowest = points[:, model.arm.n :, 2].min(axis=1)
+    hand = points[:, model.arm.n, 2]
+    left_out = ~HangingWhip(model, floor).kept(strikes)
+    assert left_out.any()
+    assert (lowest[left_out] < floor).all()
+    assert (hand - lowest >= 0.4 * model.whip.length).all()
+
+
+def test_a_stiff_whip_may_be_held_out():
+    """As stiff as a rod it does not hang, and only the hand has to be above the floor."""
+    arm = STIFF.arm
+    up = np.r_[np.zeros(arm.n), np.zeros(arm.n), 0.5]  # the hand hangs 0.65 m below the shoulder
+    assert HangingWhip(STIFF, -0.66).kept(up[None])[0]
+    assert not HangingWhip(STIFF, -0.64).kept(up[None])[0]
+    weightless = replace(preset("ur5e"), gravity=0.0)
+    assert HangingWhip(weightless, 0.0, 0.1).constraints(np.r_[np.zeros(12), 0.5])[0] == pytest.approx(
+        0.1 - joint_points(weightless, np.zeros(66))[6, 2]
+    )
+
+
+@pytest.mark.parametrize(("name", "floor"), [("ur5e", -1.2), ("nah2023", -1.8)])
+def test_slopes_are_differences_and_kept_is_their_sign(name, floor):
+    model = preset(name)
+    hanging = HangingWhip(model, floor, 0.01)
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(1), 30)
+    values = np.array([hanging.constraints(strike)[0][0] for strike in strikes])
+    np.testing.assert_array_equal(hanging.kept(strikes), values <= 0)
+    assert 0 < (values <= 0).sum() < 30
+    steps = 1e-6 * np.eye(strikes.shape[1])
+    ups, downs = ([hanging.constraints(strikes[0] + side * e)[0] for e in steps] for side in (1, -1))
+    differences = (np.array(ups) - np.array(downs)) / 2e-6
+    np.testing.assert_allclose(hanging.constraints(strikes[0])[1], differences.T, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda"])
+def test_values_are_the_scene_s_and_slopes_their_differences(name):
+    model = preset(name)
+    path = PathClearance(model, floor=-0.5, least=0.01)
+    close, apart = Scene(model, -0.5, "close"), Scene(model, -0.5, "apart")
+    a = model.arm.n
+    for vector in default_bounds(model.arm).sample(np.random.default_rng(3), 2):
+        values, slopes = path.constraints(vector)
+        q = vector[:a] + FRACTIONS[:, None] * (vector[a : 2 * a] - vector[:a])
+        of_close, of_apart = close.distances(q)[0].min(), apart.distances(q)[0].min()
+        assert values.max() == pytest.approx(max(-of_close, 0.01 + SPARE - of_apart), abs=1e-12)
+        steps = 1e-6 * np.eye(len(vector))
+        differences = [(path.constraints(vector + e)[0] - path.constraints(vector - e)[0]) / 2e-6 for e in steps]
+        np.testing.assert_allclose(slopes, np.transpose(differences), atol=1e-6)
+        assert not slopes[:, -1].any()
+
+
+def test_what_is_kept_is_where_no_value_is_above_zero():
+    model = preset("ur5e")
+    path = PathClearance(model, floor=0.0)
+    strikes = default_bounds(model.arm).sample(np.random.default_rng(4), 40)
+    expected = [(path.constraints(strike)[0] <= 0).all() for strike in strikes]
+    assert 0 < sum(expected) < 40
+    np.testing.assert_array_equal(path.kept(strikes), expected)
+    assert path.kept(strikes[:0]).shape == (0,)
+
 
 UR5E = preset("ur5e")
 AHEAD = (0.0, -1.0, 1.5, -3.6, -1.5707963, 0.0)  # the stick level and forward
@@ -101,7 +174,7 @@ import dataclasses, types
 import numpy as np
 from whiptool.models import preset
 from whiptool.limits.clearance import Clearance
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 model = dataclasses.replace(preset("ur5e"), whip=rope(100))
 wave = np.sin(np.linspace(0, 9, 1500))[:, None]
 strike = types.SimpleNamespace(t=np.arange(1500) * 1e-3, q=0.3 * wave * np.ones(model.coordinates), diverged=False)

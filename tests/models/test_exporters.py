@@ -15,9 +15,9 @@ from robot_data import example_robots
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.models import Model
-from whiptool.models.arm_files import read_robot
+from whiptool.models.files import read_robot
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.robots import rope
+from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import default_bounds
 

@@ -1,4 +1,4 @@
-"""Hand space: names, bounds, the joints' way along the hand's path, its derivatives, and what is refused."""
+"""The hand's way from pose to pose: against SciPy's interpolation of rotations, and its slopes against differences."""
 
 from __future__ import annotations
 
@@ -10,24 +10,80 @@ from whiptool.commands.options.search_options import SearchOptions
 from whiptool.errors import InputError
 from whiptool.impedance import Controller, HandControl, PositionControl
 from whiptool.models import ArmLink, ArmParameters, preset
-from whiptool.models.hand_space import DEGREE, EXACT, HandSpace, home_posture
-from whiptool.models.hand_strike import HandStrike
-from whiptool.models.joint_space import JointSpace
-from whiptool.models.kinematics import arm_frames
-from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.models.hand_space import DEGREE, EXACT, HandSpace, HandWay, home_posture
+from whiptool.models.kinematics import HandKinematics, arm_frames, rotation_vector
+from whiptool.models.strike import HandStrike, JointSpace, Strike, StrikeBounds
 from whiptool.objective import Objective
 from whiptool.rollout import ReferenceRollout
 
-LEMON, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
+RNG = np.random.default_rng(8)
+SHARE = np.array([0.0, 0.2, 0.7, 1.0])
+PLANE = HandKinematics(ArmParameters((ArmLink(0.3, 0.2),) * 3), np.array([0.2, 0.9, 0.7]), orientation=True)
+PANDA = HandKinematics(preset("panda").arm, np.array([0, -0.5, 0, -2.0, 0, 1.7, 0.7]), orientation=True)
+each = pytest.mark.parametrize("kinematics", [PLANE, PANDA], ids=["plane", "space"])
+
+
+def rotations_of(way: HandWay, share: np.ndarray = SHARE) -> np.ndarray:
+    """Rotations at shares of a way that has some."""
+    rotations = way.at(share).rotation
+    assert rotations is not None
+    return rotations
+
+
+def test_orientations_turn_evenly_about_one_axis_by_the_shortest_way():
+    ends = RNG.normal(size=(4, 2, 6))
+    way = HandWay(PANDA, ends)
+    poses = way.at(SHARE)
+    for i in range(4):
+        rotations = Rotation.from_rotvec(ends[i, :, 3:]) * Rotation.from_matrix(PANDA.upright)
+        np.testing.assert_allclose(rotations_of(way)[i], Slerp([0, 1], rotations)(SHARE).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(poses.place, ends[:, :1, :3] + SHARE[:, None] * (ends[:, 1:] - ends[:, :1])[..., :3])
+
+
+def test_a_hand_in_the_plane_turns_by_the_difference_of_its_angles_more_than_half_a_turn_too():
+    way = HandWay(PLANE, np.array([[0.1, 0.2, -2.0], [0.3, -0.2, 2.5]]))
+    np.testing.assert_allclose(way.motion, [0.2, -0.4, 4.5])
+    angle = rotation_vector(rotations_of(way, np.array([0.5])) @ PLANE.upright.T)[0]
+    np.testing.assert_allclose(angle, [0, -0.25, 0], atol=1e-12)
+
+
+def test_without_orientation_there_is_only_a_place():
+    way = HandWay(HandKinematics(preset("panda").arm, PANDA.posture), np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.3]]))
+    assert way.at(SHARE).rotation is None
+    np.testing.assert_allclose(way.motion, [0.3, -0.1, 0.0])
+
+
+@each
+def test_slopes_against_differences(kinematics):
+    m, d, h = kinematics.size, kinematics.dimension, 1e-6
+    ends = 0.7 * RNG.normal(size=(3, 2, m))
+    way = HandWay(kinematics, ends)
+    slopes, of_start, of_turns = way.slopes(SHARE), way.start_slopes(), way.turn_slopes()[1]
+    for j in range(2 * m):
+        step = np.zeros(2 * m)
+        step[j] = h
+        before, after = (HandWay(kinematics, ends + sign * step.reshape(2, m)) for sign in (-1, 1))
+        moved = after.at(SHARE).place - before.at(SHARE).place
+        turned = rotation_vector(rotations_of(after) @ np.swapaxes(rotations_of(before), -1, -2))
+        change = np.concatenate([moved, turned], axis=-1) @ kinematics.rows.T / (2 * h)
+        np.testing.assert_allclose(slopes[..., j], change, atol=1e-7)
+        if j % m >= d:
+            k = j % m - d + (j // m) * (m - d)
+            at_start = rotations_of(after)[:, 0] - rotations_of(before)[:, 0]
+            np.testing.assert_allclose(of_start[..., k], at_start / (2 * h), atol=1e-7)
+            np.testing.assert_allclose(of_turns[..., k], (after.turns - before.turns) / (2 * h), atol=1e-7)
+
+
+LEMON, UR5E, PANDA_HAND_SPACE = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
 SPACES = {name: HandSpace(preset(name).arm) for name in ("lemon2024", "ur5e", "panda")}
 SPACES |= {f"{name}-pose": HandSpace(preset(name).arm, orientation=True) for name in ("ur5e", "panda")}
 THREE = ArmParameters((ArmLink(0.4, 0.2),) * 3)
-RNG = np.random.default_rng(5)
+RNG_HAND_SPACE = np.random.default_rng(5)
 
 
 def possible(space: HandSpace, count: int) -> np.ndarray:
     """Random strikes that the arm can make."""
-    strikes = space.bounds.sample(RNG, 6 * count)
+    strikes = space.bounds.sample(RNG_HAND_SPACE, 6 * count)
     return strikes[space.beyond(strikes) == 0][:count]
 
 
@@ -52,7 +108,7 @@ def test_names_and_widths():
         *(("hand", 5), ("hand", 7), ("hand", 7)),
         *(("pose", 13), ("pose", 13)),
     ]
-    assert [JointSpace(arm).width for arm in (LEMON, UR5E, PANDA)] == [5, 13, 15]
+    assert [JointSpace(arm).width for arm in (LEMON, UR5E, PANDA_HAND_SPACE)] == [5, 13, 15]
     assert HandSpace(UR5E, led=True).layout == {"q_i": 6, "path": 6 * (DEGREE + 1), "D": 1}
 
 
@@ -102,7 +158,9 @@ def test_speeds_and_accelerations_are_the_slopes_of_the_joints_way(space):
 
 @pytest.mark.parametrize("led", [False, True])
 @pytest.mark.parametrize(
-    ("arm", "pose"), [(LEMON, False), (PANDA, False), (THREE, True), (PANDA, True)], ids=lambda x: str(x)[:16]
+    ("arm", "pose"),
+    [(LEMON, False), (PANDA_HAND_SPACE, False), (THREE, True), (PANDA_HAND_SPACE, True)],
+    ids=lambda x: str(x)[:16],
 )
 def test_derivatives_of_what_rollouts_take_against_differences(arm, pose, led):
     posture = (0.3, 0.9, 0.7) if arm is THREE else None
@@ -119,14 +177,16 @@ def test_derivatives_of_what_rollouts_take_against_differences(arm, pose, led):
 def test_bounds_hold_the_home_posture_and_mostly_strikes_that_can_be_made(space):
     box, hand = space.bounds, space.kinematics.coordinates(space.kinematics.posture)
     assert ((np.array(box.lower)[: space.size] < hand) & (hand < np.array(box.upper)[: space.size])).all()
-    assert (space.beyond(box.sample(RNG, 128)) == 0).mean() > 0.3
+    assert (space.beyond(box.sample(RNG_HAND_SPACE, 128)) == 0).mean() > 0.3
 
 
 def test_a_strike_at_rest_at_home_takes_the_home_posture():
     space = SPACES["panda"]
-    x = space.kinematics.coordinates(home_posture(PANDA))
+    x = space.kinematics.coordinates(home_posture(PANDA_HAND_SPACE))
     path = space.path(np.array([*x, *x, 0.5]))
-    np.testing.assert_allclose(path.reference(np.linspace(0, 1, 5))[0], np.tile(home_posture(PANDA), (5, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        path.reference(np.linspace(0, 1, 5))[0], np.tile(home_posture(PANDA_HAND_SPACE), (5, 1)), atol=1e-9
+    )
 
 
 def test_what_the_arm_cannot_do_is_refused_in_one_line():
@@ -137,7 +197,7 @@ def test_what_the_arm_cannot_do_is_refused_in_one_line():
     with pytest.raises(InputError, match="passes no singular posture"):
         space.path(np.array([-0.2, 0.9, 0.3, -0.2, -0.9, 0.3, 0.6]))  # behind its base
     near = np.array([0.0, 0.3, 0.0, -0.1, 0.0, 1.5, 0.0])  # joint4 ends at -0.07
-    short = HandSpace(PANDA, posture=near)
+    short = HandSpace(PANDA_HAND_SPACE, posture=near)
     ends = short.kinematics.coordinates(np.array([near, near + 0.3 * np.eye(7)[3]]))
     with pytest.raises(InputError, match=r"within the joints' limits; joint4 would be at"):
         short.path(np.array([*ends[0], *ends[1], 0.6]))

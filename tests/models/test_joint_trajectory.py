@@ -8,15 +8,14 @@ import re
 import numpy as np
 import pytest
 import yaml
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.models import preset
-from whiptool.models.hand_path import hand_poses
-from whiptool.models.hand_space import HandSpace
-from whiptool.models.inverse_kinematics import HandKinematics
-from whiptool.models.joint_trajectory import JointTrajectory, lead_in_time
+from whiptool.models.hand_space import HandSpace, hand_poses
+from whiptool.models.joint_trajectory import JointTrajectory, hand_joints, lead_in_time
+from whiptool.models.kinematics import HandKinematics, arm_frames
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike
 
@@ -214,3 +213,30 @@ def test_poses_of_no_unit_quaternion_are_refused():
         JointTrajectory(JOINTS, np.arange(3.0), flat, flat, flat, np.zeros((3, 7)))
     with pytest.raises(InputError, match=r"trajectory's hand: got .*\(3, 7\)"):
         JointTrajectory(JOINTS, np.arange(3.0), flat, flat, flat, np.ones((3, 6)))
+
+
+def turning(first: Rotation, by: np.ndarray, count: int = 50) -> np.ndarray:
+    """Poses of a hand that turns by a rotation vector and moves along."""
+    way = Slerp([0, 1], Rotation.concatenate([first, Rotation.from_rotvec(by) * first]))(np.linspace(0, 1, count))
+    places = np.linspace([0.1, -0.2, 0.3], [0.5, 0.4, -0.1], count)
+    return np.hstack([places, way.as_quat()])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_joints_hold_the_hand_where_it_was_seen(seed):
+    """Whichever way it points, and while it turns by 100 degrees; quaternions may change their sign."""
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=3)
+    poses = turning(Rotation.random(rng=rng), np.deg2rad(100) * axis / np.linalg.norm(axis))
+    poses[::3, 3:] *= -1
+    arm, joints = hand_joints(poses)
+    hand = arm_frames(arm, joints)[-1]
+    np.testing.assert_allclose(hand.origin, poses[:, :3], atol=1e-12)
+    np.testing.assert_allclose(hand.rotation, Rotation.from_quat(poses[:, 3:]).as_matrix(), atol=1e-12)
+    assert np.abs(np.diff(joints, axis=0)).max() < 0.3
+
+
+def test_a_hand_that_turns_all_ways_is_refused():
+    poses = np.hstack([np.zeros((200, 3)), Rotation.random(200, rng=np.random.default_rng(0)).as_quat()])
+    with pytest.raises(InputError, match="turns of the hand"):
+        hand_joints(poses)

@@ -1,4 +1,4 @@
-"""Where a chain in space is and how it moves: against Pinocchio, SciPy's rotations, and finite differences."""
+"""Rotations and their vectors: against SciPy's interpolation, closed forms, and differences."""
 
 from __future__ import annotations
 
@@ -8,18 +8,60 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from random_space import pinocchio_of
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from spatial_arms import ARMS, random_model
+from spatial_arms import ARMS, random_arm, random_model
 
 from whiptool.models import Model, WhipParameters, preset
 from whiptool.models.kinematics import (
+    HandKinematics,
     arm_frames,
     arm_poses,
     chain_motion,
     hanging_angles,
+    quaternion_of,
     rotation_about,
+    rotation_left,
+    rotation_of,
+    rotation_vector,
+    skew,
+    turning,
     universal_angles,
 )
+
+RNG = np.random.default_rng(4)
+
+
+def test_vectors_come_back_from_their_rotations():
+    vectors = RNG.uniform(-1.7, 1.7, (3, 5, 3))  # shorter than pi
+    np.testing.assert_allclose(rotation_vector(rotation_of(vectors)), vectors, atol=1e-12)
+    np.testing.assert_allclose(skew(vectors[0]) @ [1, 2, 3], np.cross(vectors[0], [1, 2, 3]), atol=1e-15)
+
+
+def test_quaternions_turn_vectors_as_their_rotations_do_and_have_one_sign():
+    R = Rotation.random(20, np.random.default_rng(1)).as_matrix()
+    x, y, z, w = quaternion_of(R).T
+    assert (w >= 0).all()
+    np.testing.assert_allclose(x**2 + y**2 + z**2 + w**2, 1, atol=1e-14)
+    turned = np.array([w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)]).T  # of (1, 0, 0)
+    np.testing.assert_allclose(turned, R[:, :, 0], atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 0.3, 2.0, 3.1])
+def test_what_is_left_is_along_the_axis_and_twice_the_sine_of_half_the_angle(angle):
+    axis, present = np.array([2.0, -1.0, 2.0]) / 3, Rotation.random(None, np.random.default_rng(2)).as_matrix()
+    left = rotation_left(rotation_of(angle * axis) @ present, present)
+    np.testing.assert_allclose(left, 2 * np.sin(angle / 2) * axis, atol=1e-14)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6, 0.5, 2.5])
+def test_a_rotation_vectors_change_turns_as_differences_say(size):
+    vector, h = size * np.array([0.6, 0.0, -0.8]), 1e-6
+    found = turning(vector)
+    for column, step in zip(found.T, h * np.eye(3), strict=True):
+        turned = rotation_of(vector + step) @ rotation_of(vector - step).T
+        np.testing.assert_allclose(column, rotation_vector(turned) / (2 * h), atol=1e-8)
+
 
 PRESETS_IN_SPACE = ("nah2023", "ur5e", "panda")
 MODELS = [random_model(rng=np.random.default_rng(i), **arm) for i, arm in enumerate(ARMS.values())]
@@ -154,3 +196,86 @@ def test_poses_are_those_of_frames(name):
     for i, frame in enumerate(arm_frames(arm, q)):
         np.testing.assert_allclose(origins[:, i], frame.origin, atol=1e-14)
         np.testing.assert_allclose(rotations[:, i], frame.rotation, atol=1e-14)
+
+
+RNG_INVERSE_KINEMATICS = np.random.default_rng(3)
+PLANAR, UR5E, PANDA = (preset(name).arm for name in ("lemon2024", "ur5e", "panda"))
+SLIDING = random_arm(5, RNG_INVERSE_KINEMATICS, prismatic=(1, 3))
+HOMES = {
+    "plane": (PLANAR, [0.4, 1.5]),
+    "ur5e": (UR5E, [0, -1.2, 1.5, -0.5, -1.5, 0.5]),
+    "panda": (PANDA, [0, -0.5, 0, -2.0, 0, 1.7, 0.7]),
+    "sliding": (SLIDING, [0.3, 0.1, -0.4, 0.2, 0.5]),
+}
+CASES = [(arm, home, False) for arm, home in HOMES.values()]
+CASES += [(*HOMES[name], True) for name in ("ur5e", "panda")]
+every_case = pytest.mark.parametrize(("arm", "home", "orientation"), CASES)
+
+
+@every_case
+def test_the_hand_is_where_the_arms_frames_have_it_and_moves_as_they_do(arm, home, orientation):
+    kinematics = HandKinematics(arm, np.array(home), orientation=orientation)
+    q, v = (
+        home + 0.5 * RNG_INVERSE_KINEMATICS.normal(size=(5, len(home))),
+        RNG_INVERSE_KINEMATICS.normal(size=(5, len(home))),
+    )
+    speeds = np.einsum("bmj,bj->bm", kinematics.jacobian(q), v)
+    if arm.dimension == 2:
+        theta, omega, l = np.cumsum(q, axis=1), np.cumsum(v, axis=1), arm.per_link("length")
+        place = np.stack([(l * np.sin(theta)).sum(1), -(l * np.cos(theta)).sum(1)], axis=1)
+        speed = np.stack([(l * np.cos(theta) * omega).sum(1), (l * np.sin(theta) * omega).sum(1)], axis=1)
+    else:
+        hand = arm_frames(arm, q, v)[-1]
+        place, speed = hand.origin, np.hstack([hand.velocity, hand.spin])[:, : kinematics.size]
+    np.testing.assert_allclose(kinematics.coordinates(q)[:, : arm.dimension], place, atol=1e-14)
+    np.testing.assert_allclose(speeds, speed, atol=1e-13)
+
+
+@every_case
+def test_postures_hold_the_hand_and_change_with_it_as_differences_say(arm, home, orientation):
+    kinematics = HandKinematics(arm, np.array(home), orientation=orientation)
+    x = kinematics.coordinates(home + 0.15 * RNG_INVERSE_KINEMATICS.normal(size=(6, len(home))))
+    found = kinematics.solve(x)
+    assert (found.missed < 1e-9).all()
+    np.testing.assert_allclose(kinematics.coordinates(found.q), x, atol=1e-9)
+    h, slopes = 1e-6, found.slopes @ kinematics.spins(x)
+    for j, step in enumerate(h * np.eye(kinematics.size)):
+        change = (kinematics.solve(x + step).q - kinematics.solve(x - step).q) / (2 * h)
+        np.testing.assert_allclose(slopes[..., j], change, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "sliding"])
+def test_no_posture_that_holds_the_hand_there_is_nearer(name):
+    arm, home = HOMES[name]
+    kinematics = HandKinematics(arm, np.array(home))
+    x = kinematics.coordinates(home + 0.2 * RNG_INVERSE_KINEMATICS.normal(size=len(home)))
+    holds = {"type": "eq", "fun": lambda q: kinematics.coordinates(q) - x, "jac": kinematics.jacobian}
+    other = minimize(
+        lambda q: ((q - home) ** 2).sum() / 2,
+        np.array(home),
+        jac=lambda q: q - home,
+        constraints=[holds],
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 200},
+    )
+    assert other.success
+    np.testing.assert_allclose(kinematics.solve(x).q, other.x, atol=1e-6)
+
+
+def test_two_joints_in_the_plane_against_the_law_of_cosines():
+    l1, l2 = PLANAR.per_link("length")
+    kinematics = HandKinematics(PLANAR, np.array([0.4, 1.5]))
+    r, angle = (
+        RNG_INVERSE_KINEMATICS.uniform(0.3, 0.6, 20),
+        RNG_INVERSE_KINEMATICS.uniform(0.6, 1.6, 20),
+    )  # from straight down
+    found = kinematics.solve(np.stack([r * np.sin(angle), -r * np.cos(angle)], axis=1))
+    elbow = np.arccos((r**2 - l1**2 - l2**2) / (2 * l1 * l2))
+    shoulder = angle - np.arctan2(l2 * np.sin(elbow), l1 + l2 * np.cos(elbow))
+    np.testing.assert_allclose(found.q, np.stack([shoulder, elbow], axis=1), atol=1e-9)
+
+
+def test_what_is_out_of_reach_is_not_found():
+    kinematics = HandKinematics(UR5E, np.array(HOMES["ur5e"][1]))
+    found = kinematics.solve(np.array([[2.5, 0.0, 0.3], [0.8, 0.1, 0.4]]))
+    assert np.isinf(found.missed).tolist() == [True, False]

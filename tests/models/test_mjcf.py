@@ -11,10 +11,10 @@ from robot_files import MJCF
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl
-from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
 from whiptool.models.presets import preset
+from whiptool.models.robot_files import ArmChoice
 from whiptool.rollout.mujoco_model import build_spec, export_xml
 
 TIP = ArmChoice(tip="tool")

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from whiptool.models import Model, preset
-from whiptool.models.arm_files import read_robot
+from whiptool.models.files import read_robot
 from whiptool.models.scene import Scene
 from whiptool.models.spatial_arm import SpatialArm
 

@@ -13,11 +13,11 @@ from robot_files import FRANKA_HAND, MJCF, UR_BASE, UR_FLANGE, URDF, as_urdf
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.models import Model, SpatialArm, WhipParameters
-from whiptool.models.arm_choice import ArmChoice
-from whiptool.models.arm_files import read_robot
+from whiptool.models.files import read_robot
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
-from whiptool.models.robots import PANDA_ARM, UR5E_ARM
+from whiptool.models.presets import PANDA_ARM, UR5E_ARM
+from whiptool.models.robot_files import ArmChoice
 from whiptool.models.urdf import read_urdf
 
 WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")

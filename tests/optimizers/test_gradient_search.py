@@ -10,7 +10,7 @@ import scipy.optimize
 from toy_objectives import BOUNDS, MINIMUM, Bowl, Enough
 
 from whiptool.limits.clearance import Clearance
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import CommandLimits
 from whiptool.models import JointLimits, preset
 from whiptool.optimizers import search
 from whiptool.optimizers.gradient_search import BATCH, COLLISIONS, REFINED, STEPS, gradient_search, refine

@@ -10,7 +10,7 @@ import pytest
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller, oiac_preset
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import CommandLimits
 from whiptool.models import preset
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike, StrikeBounds, default_bounds

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich_model import CONTROLLERS, LEMON, everything
 
-from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.structure import Structure
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike, default_bounds

@@ -1,4 +1,4 @@
-"""The three engines against each other, and exact derivatives against differences."""
+"""CasADi's interpreter and the compiled code agree."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from rich_model import COMPUTED, EVERY_RUNG, everything
+from rich_model import COMPUTED, CONTROLLERS, EVERY_RUNG, LEMON, everything
 from slopes import compare
 
-from whiptool.dynamics.closed_loop import Structure
+from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
@@ -20,10 +20,25 @@ from whiptool.rollout import CompiledRollout
 from whiptool.rollout import compiler as compiler_module
 from whiptool.rollout import engine as engine_module
 
-LEMON = preset("lemon2024")
 TARGET = np.array([1.3, 0.0])
+STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(5), 40)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS.values(), ids=CONTROLLERS)
+@pytest.mark.parametrize("model", [LEMON, everything()], ids=["lemon2024", "everything"])
+def test_interpreter_and_compiled_code_agree(model, controller):
+    native, slow = (
+        CompiledRollout(model, controller, timestep=2.5e-4, engine=name) for name in ("scalar", "interpreter")
+    )
+    assert (native.engine, slow.engine) == ("scalar", "interpreter")
+    a, b = (r.approach(STRIKES[:4], TARGET, t_stay=0.3) for r in (native, slow))
+    for name in COMPUTED:
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-9)
+
+
+LEMON = preset("lemon2024")
 RNG = np.random.default_rng(21)
-STRIKES = default_bounds(LEMON.arm).sample(RNG, 200)
+STRIKES_ENGINE = default_bounds(LEMON.arm).sample(RNG, 200)
 TARGETS = TARGET + RNG.uniform(-0.3, 0.3, (200, 2))
 
 
@@ -50,13 +65,15 @@ def test_all_engines_agree_on_mixed_batches():
     for name in engine_module.RUNGS:
         rollout = CompiledRollout(models[0], controllers[0], timestep=1e-3, engine=name)
         assert rollout.engine == name
-        results[name] = rollout.approach(STRIKES, TARGETS, t_stay=0.3, models=models, controllers=controllers)
+        results[name] = rollout.approach(STRIKES_ENGINE, TARGETS, t_stay=0.3, models=models, controllers=controllers)
     assert not results["simd"].diverged.any()
     for name, near in results.items():
         assert np.abs(near.distance - results["simd"].distance).max() < 1e-7, name
         np.testing.assert_allclose(near.tip, results["simd"].tip, atol=1e-6)
         np.testing.assert_allclose(near.max_joint_speed, results["simd"].max_joint_speed, rtol=1e-6)
-    one = CompiledRollout(models[3], controllers[3], timestep=1e-3).approach(STRIKES[3:4], TARGETS[3], t_stay=0.3)
+    one = CompiledRollout(models[3], controllers[3], timestep=1e-3).approach(
+        STRIKES_ENGINE[3:4], TARGETS[3], t_stay=0.3
+    )
     assert one.distance[0] == pytest.approx(results["simd"].distance[3], abs=1e-12)
 
 
@@ -65,7 +82,7 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name):
     calm = Controller(ConstantImpedance())
     wild = Controller(ConstantImpedance(K=((1e7, 0), (0, 1e7)), B=((0, 0), (0, 0))))
     rollout = CompiledRollout(LEMON, calm, timestep=1e-3, engine=name)
-    strikes = STRIKES[:24].copy()
+    strikes = STRIKES_ENGINE[:24].copy()
     strikes[:, -1] = 0.8  # one order, whatever the controllers
     alone = rollout.approach(strikes, TARGETS[:24], t_stay=0.3)
     controllers = [wild if i in (2, 11, 17) else calm for i in range(24)]
@@ -79,9 +96,9 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name):
 def test_models_outside_the_structure_are_refused():
     rollout = CompiledRollout(LEMON, Controller())
     with pytest.raises(InputError, match="richest"):
-        rollout.approach(STRIKES[:2], TARGET, t_stay=0.3, models=[LEMON, everything()])
+        rollout.approach(STRIKES_ENGINE[:2], TARGET, t_stay=0.3, models=[LEMON, everything()])
     with pytest.raises(InputError, match="shape"):
-        rollout.approach(STRIKES[:2, :4], TARGET, t_stay=0.3)
+        rollout.approach(STRIKES_ENGINE[:2, :4], TARGET, t_stay=0.3)
     with pytest.raises(InputError, match="simd, scalar, interpreter"):
         CompiledRollout(LEMON, Controller(), engine="gpu")
 
@@ -175,7 +192,7 @@ def test_derivatives_against_central_differences(case):
     """
     controller = LAWS[case]
     model = everything().with_parameters({"arm.friction[0]": 0.05, "arm.friction[1]": 0.03})
-    strikes, targets = STRIKES[:40], TARGETS[:40]
+    strikes, targets = STRIKES_ENGINE[:40], TARGETS[:40]
     rollout = CompiledRollout(model, controller, timestep=1e-3)
     names = [*STRIKE_NAMES, *model.parameters(), *controller.parameters()]
     if case != "constant":  # every parameter once; elsewhere a third of them
@@ -203,7 +220,7 @@ def test_derivatives_against_central_differences(case):
 
 def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
     """Of its place and its velocity, by the strike; where the closest approach jumps to another step, none holds."""
-    strikes, targets = STRIKES[:24], TARGETS[:24]
+    strikes, targets = STRIKES_ENGINE[:24], TARGETS[:24]
     rollout = CompiledRollout(everything(), LAWS["constant"], timestep=1e-3)
     near, dtip, dvelocity = rollout.arrival_gradient(strikes, targets, t_stay=0.3)
     away = (near.tip - targets) / near.distance[:, None]
@@ -228,7 +245,7 @@ def test_derivatives_of_the_tip_at_its_closest_approach_against_differences():
 @pytest.mark.slow
 @pytest.mark.parametrize("rung", EVERY_RUNG[1:])
 def test_engines_agree_on_the_derivatives_of_the_tip(rung):
-    strikes, targets = STRIKES[:6], TARGETS[:6]
+    strikes, targets = STRIKES_ENGINE[:6], TARGETS[:6]
     best, other = (CompiledRollout(everything(), LAWS["constant"], timestep=1e-3, engine=x) for x in (None, rung))
     slopes = [x.arrival_gradient(strikes, targets, t_stay=0.3)[1:] for x in (best, other)]
     for expected, found in zip(*slopes, strict=True):
@@ -238,26 +255,26 @@ def test_engines_agree_on_the_derivatives_of_the_tip(rung):
 def test_a_parameter_whose_term_is_zero_can_be_freed():
     names = ["whip.drag", "whip.hinge_mass", "whip.rest_angle"]
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), free=names, tolerance=1e-6)
-    _, slopes = rollout.gradient(STRIKES[:20], TARGET, t_stay=0.3, names=names)
+    _, slopes = rollout.gradient(STRIKES_ENGINE[:20], TARGET, t_stay=0.3, names=names)
     for slope, name in zip(slopes.T, names, strict=True):
         changed = LEMON.with_parameters({name: 1e-9})
         moved = CompiledRollout(changed, rollout.controller, free=names, tolerance=1e-6)
         difference = (
-            moved.approach(STRIKES[:20], TARGET, t_stay=0.3).distance
-            - rollout.approach(STRIKES[:20], TARGET, t_stay=0.3).distance
+            moved.approach(STRIKES_ENGINE[:20], TARGET, t_stay=0.3).distance
+            - rollout.approach(STRIKES_ENGINE[:20], TARGET, t_stay=0.3).distance
         ) / 1e-9
         np.testing.assert_allclose(slope, difference, rtol=1e-3, atol=1e-4 * np.abs(difference).max())
     with pytest.raises(InputError, match="free"):
-        CompiledRollout(LEMON, Controller()).gradient(STRIKES[:1], TARGET, t_stay=0.3, names=["whip.drag"])
+        CompiledRollout(LEMON, Controller()).gradient(STRIKES_ENGINE[:1], TARGET, t_stay=0.3, names=["whip.drag"])
     with pytest.raises(InputError, match="one of q_si"):
-        rollout.gradient(STRIKES[:1], TARGET, t_stay=0.3, names=["whip.colour"])
+        rollout.gradient(STRIKES_ENGINE[:1], TARGET, t_stay=0.3, names=["whip.colour"])
 
 
 @pytest.mark.parametrize("name", EVERY_RUNG)
 def test_tip_paths_and_their_derivatives(name):
     """Paths at a given rate against the trajectory's own steps; derivatives against differences at fixed times."""
     rollout = CompiledRollout(LEMON, Controller(OIAC(a=5e-3)), timestep=5e-4, engine=name)
-    strikes = STRIKES[:3]
+    strikes = STRIKES_ENGINE[:3]
     names = ["q_si", "D", "whip.k", "law.a"]
     times, path, slopes = rollout.tip_path(strikes, t_stay=0.3, rate=60.0, names=names)
     assert path.shape == (3, len(times), 2)

@@ -11,12 +11,10 @@ from rich_model import COMPUTED, EVERY_RUNG
 from slopes import compare
 
 from whiptool.errors import InputError
-from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.oiac import OIAC
+from whiptool.impedance.laws import OIAC, ConstantImpedance
 from whiptool.models.kinematics import chain_motion
-from whiptool.models.parameters import Model
-from whiptool.models.planar_arm import in_space
+from whiptool.models.parameters import Model, in_space
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds
 from whiptool.rollout.compiled import CompiledRollout

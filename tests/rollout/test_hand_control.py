@@ -15,7 +15,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, HandControl, PositionControl
 from whiptool.impedance.arm import Arm
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters, preset
-from whiptool.models.hand_strike import HandStrike
+from whiptool.models.strike import HandStrike
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 
 RNG = np.random.default_rng(12)

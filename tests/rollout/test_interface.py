@@ -1,29 +1,102 @@
-"""Rollouts are interchangeable: what they take, what they return, what those without derivatives say."""
+"""Effort against closed forms and MuJoCo; derivatives of effort and largest torque against differences."""
 
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich_model import COMPUTED
+from rich_model import COMPUTED, everything
+from scipy.integrate import simpson
+from slopes import compare
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.models import Strike, StrikeBounds, preset
-from whiptool.models.free_hand import free_hand
-from whiptool.models.joint_space import check_turns
-from whiptool.models.strike import T_STAY
+from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl
+from whiptool.models import ArmLink, ArmParameters, Model, StrikeBounds, WhipParameters, preset
+from whiptool.models.joint_trajectory import free_hand
+from whiptool.models.strike import T_STAY, Strike, check_turns, default_bounds
 from whiptool.models.trajectory import Approach
 from whiptool.objective import Objective
 from whiptool.rollout import CompiledRollout, ReferenceRollout
+from whiptool.rollout.engine import RUNGS
 from whiptool.rollout.interface import joined
 
+LEMON = preset("lemon2024")
+TARGET = np.array([1.3, 0.0])
+STRIKES = default_bounds(LEMON.arm).sample(np.random.default_rng(21), 24)
+CONSTANT = Controller(ConstantImpedance())
+HELD = replace(CONSTANT, control_period=5e-4)
+
+
+def test_effort_of_a_mass_on_a_minimum_jerk_path_has_a_closed_form():
+    """Without gravity a joint takes the torque I q''; over Eq. 1 the integral of q''^2 is 120/7 span^2 / D^3."""
+    mass, length, span, D = 0.4, 0.5, 1.7, 0.6
+    whip = WhipParameters(N=2, l=0.01, m=1e-9, k=1e-6, b=1e-9)
+    arm = ArmParameters((ArmLink(mass=mass, length=length, com=length, inertia=0.02),))
+    model = Model(whip=whip, arm=arm, gravity=0.0)
+    near = CompiledRollout(model, Controller(PositionControl()), timestep=2.5e-4).approach(
+        np.array([[0.3, 0.3 + span, D]]), TARGET, t_stay=0.1
+    )
+    inertia = 0.02 + mass * length**2
+    assert near.effort is not None
+    assert near.effort[0, 0] == pytest.approx((inertia * span) ** 2 * 120 / 7 / D**3, rel=2e-5)
+
+
+@pytest.mark.parametrize("controller", [CONSTANT, Controller(OIAC()), HELD], ids=["constant", "oiac", "held"])
+def test_effort_is_that_of_mujoco(controller):
+    """By Simpson's rule over MuJoCo's own steps."""
+    strike = Strike.from_vector([-0.9, 0.4, 1.2, 0.8, 0.4])
+    near = CompiledRollout(LEMON, controller).approach(strike, TARGET, t_stay=0.1)
+    path = ReferenceRollout(LEMON, controller).trajectory(strike, t_stay=0.1)
+    expected = simpson(path.tau**2, x=path.t, axis=0)
+    assert near.effort is not None
+    np.testing.assert_allclose(near.effort[0], expected, rtol=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", [CONSTANT, HELD], ids=["continuous", "held"])
+def test_engines_agree_on_effort_and_on_derivatives(controller):
+    strikes, found = np.c_[STRIKES[:2, :4], [0.4, 0.5]], []
+    for rung in RUNGS:
+        rollout = CompiledRollout(LEMON, controller, timestep=1e-3, engine=rung)
+        near, slopes = rollout.slopes(strikes, TARGET, t_stay=0.1)
+        plain = rollout.approach(strikes, TARGET, t_stay=0.1)
+        np.testing.assert_allclose(near.effort, plain.effort, rtol=1e-6)
+        found.append((near.effort, slopes.effort, slopes.max_torque))
+    paths = [rollout.trajectory(strike, t_stay=0.1).approach(TARGET).effort for strike in strikes]
+    np.testing.assert_allclose(np.concatenate(paths), found[0][0], rtol=1e-9)
+    for other in found[1:]:
+        for expected, seen in zip(found[0], other, strict=True):
+            np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["effort", "max_torque"])
+def test_derivatives_against_differences(name):
+    """Of each joint, by the whole strike: with D the steps move, too."""
+    rollout = CompiledRollout(everything(), CONSTANT, timestep=1e-3)
+    slopes = getattr(rollout.slopes(STRIKES, TARGET, t_stay=0.3)[1], name)
+    compared = 0
+    for j in range(5):
+        for joint in range(2):
+
+            def seen(by: float, j: int = j, joint: int = joint) -> np.ndarray:
+                shifted = STRIKES.copy()
+                shifted[:, j] += by
+                return getattr(rollout.approach(shifted, TARGET, t_stay=0.3), name)[:, joint]
+
+            wrong, still = compare(slopes[:, joint, j], seen, 3e-6)
+            assert not wrong.any(), (j, joint, slopes[wrong, joint, j])
+            compared += int(still.sum())
+    assert compared > 0.8 * 5 * 2 * len(STRIKES)
+
+
 MODEL, CONTROLLER = preset("lemon2024"), Controller(ConstantImpedance())
-TARGET = Target((1.1, 0.2))
-STRIKES = (Strike((-1.3, 0.5), (1.6, 1.2), 0.5), Strike((-1.0, 0.3), (1.1, 0.4), 0.6))
-VECTORS = np.array([s.vector for s in STRIKES])
+TARGET_INTERFACE = Target((1.1, 0.2))
+STRIKES_INTERFACE = (Strike((-1.3, 0.5), (1.6, 1.2), 0.5), Strike((-1.0, 0.3), (1.1, 0.4), 0.6))
+VECTORS = np.array([s.vector for s in STRIKES_INTERFACE])
 
 
 def columns(near: Approach) -> np.ndarray:
@@ -36,8 +109,8 @@ def compiled() -> CompiledRollout:
     return CompiledRollout(MODEL, CONTROLLER, timestep=1e-3)
 
 
-@pytest.mark.parametrize("strikes", [STRIKES, list(STRIKES), VECTORS, VECTORS.tolist()])
-@pytest.mark.parametrize("target", [TARGET, (1.1, 0.2), np.array([1.1, 0.2]), np.array([[1.1, 0.2]] * 2)])
+@pytest.mark.parametrize("strikes", [STRIKES_INTERFACE, list(STRIKES_INTERFACE), VECTORS, VECTORS.tolist()])
+@pytest.mark.parametrize("target", [TARGET_INTERFACE, (1.1, 0.2), np.array([1.1, 0.2]), np.array([[1.1, 0.2]] * 2)])
 def test_strikes_and_targets_are_objects_or_arrays(compiled, strikes, target):
     np.testing.assert_array_equal(
         columns(compiled.approach(strikes, target)),
@@ -46,14 +119,17 @@ def test_strikes_and_targets_are_objects_or_arrays(compiled, strikes, target):
 
 
 def test_one_strike_is_a_batch_of_one(compiled):
-    for one in (STRIKES[1], VECTORS[1], VECTORS[1:]):
-        near = compiled.approach(one, TARGET)
+    for one in (STRIKES_INTERFACE[1], VECTORS[1], VECTORS[1:]):
+        near = compiled.approach(one, TARGET_INTERFACE)
         assert near.distance.shape == (1,)
-        assert near.distance[0] == compiled.approach(VECTORS, TARGET).distance[1]
-    np.testing.assert_array_equal(compiled.trajectory(VECTORS[0]).q, compiled.trajectory(STRIKES[0]).q)
-    np.testing.assert_array_equal(compiled.gradient(STRIKES[0], TARGET)[1], compiled.gradient(VECTORS[:1], TARGET)[1])
+        assert near.distance[0] == compiled.approach(VECTORS, TARGET_INTERFACE).distance[1]
+    np.testing.assert_array_equal(compiled.trajectory(VECTORS[0]).q, compiled.trajectory(STRIKES_INTERFACE[0]).q)
     np.testing.assert_array_equal(
-        compiled.tip_path(STRIKES[0], rate=60)[1], compiled.tip_path(VECTORS[:1], rate=60, t_stay=T_STAY)[1]
+        compiled.gradient(STRIKES_INTERFACE[0], TARGET_INTERFACE)[1],
+        compiled.gradient(VECTORS[:1], TARGET_INTERFACE)[1],
+    )
+    np.testing.assert_array_equal(
+        compiled.tip_path(STRIKES_INTERFACE[0], rate=60)[1], compiled.tip_path(VECTORS[:1], rate=60, t_stay=T_STAY)[1]
     )
 
 
@@ -61,14 +137,14 @@ def test_the_reference_has_approaches_too(compiled):
     """Those of its trajectories, each to its own target; they agree with the compiled ones."""
     reference = ReferenceRollout(MODEL, CONTROLLER, timestep=1e-4)
     targets = np.array([[1.1, 0.2], [0.4, -0.9]])
-    near = reference.approach(STRIKES, targets)
-    for i, (strike, target) in enumerate(zip(STRIKES, targets, strict=True)):
+    near = reference.approach(STRIKES_INTERFACE, targets)
+    for i, (strike, target) in enumerate(zip(STRIKES_INTERFACE, targets, strict=True)):
         path = reference.trajectory(strike, t_stay=T_STAY)
         assert path.t[-1] == pytest.approx(strike.D + T_STAY)
         np.testing.assert_array_equal(columns(near)[i], columns(path.approach(target))[0])
-    np.testing.assert_allclose(near.distance, compiled.approach(STRIKES, targets).distance, atol=5e-3)
+    np.testing.assert_allclose(near.distance, compiled.approach(STRIKES_INTERFACE, targets).distance, atol=5e-3)
     with pytest.raises(InputError, match="one with derivatives"):
-        reference.gradient(STRIKES, TARGET)
+        reference.gradient(STRIKES_INTERFACE, TARGET_INTERFACE)
 
 
 def test_what_has_another_shape_is_refused(compiled):
@@ -133,13 +209,13 @@ def test_a_trajectory_is_of_one_strike(kind):
 
 def test_angles_in_degrees_are_refused_before_anything_is_computed(compiled):
     """Two turns are the most that is taken: `77.9 rad` would be a strike of twelve turns."""
-    degrees = STRIKES[0].vector * np.r_[np.full(4, 180 / np.pi), 1]
+    degrees = STRIKES_INTERFACE[0].vector * np.r_[np.full(4, 180 / np.pi), 1]
     for asked in (compiled, ReferenceRollout(MODEL, CONTROLLER)):
-        for door in (lambda x, by=asked: by.approach(x, TARGET), asked.trajectory):
+        for door in (lambda x, by=asked: by.approach(x, TARGET_INTERFACE), asked.trajectory):
             with pytest.raises(InputError, match=r"got '-74.48\d* rad of shoulder'; .*radians; are these degrees"):
                 door(degrees)
     with pytest.raises(InputError, match=r"bounds: got '-90 rad of shoulder"):
-        Objective(compiled, TARGET, bounds=StrikeBounds((-90, 0, -90, 0, 0.4), (90, 90, 90, 90, 1.5)))
+        Objective(compiled, TARGET_INTERFACE, bounds=StrikeBounds((-90, 0, -90, 0, 0.4), (90, 90, 90, 90, 1.5)))
     compiled.vectors(Strike((-4 * np.pi, 0), (4 * np.pi, 0), 2.0))
 
 

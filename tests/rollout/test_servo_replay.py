@@ -7,7 +7,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import Controller
-from whiptool.impedance.position import PositionControl
+from whiptool.impedance.laws import PositionControl
 from whiptool.models import preset
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rich_model import EVERY_RUNG, LEMON
 
-from whiptool.dynamics.columns import outcome_columns
 from whiptool.dynamics.integrator import W_A, W_B, W_GAMMA, W_SECOND, W_STIFF
+from whiptool.dynamics.structure import outcome_columns
 from whiptool.errors import InputError
 from whiptool.goals.goals import Goals
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl, constant_preset, oiac_preset

@@ -13,7 +13,7 @@ from command_line import assert_one_line, called
 
 import whiptool as wt
 from whiptool.errors import InputError
-from whiptool.goals.goal_region import usual_region
+from whiptool.goals.arrival_rule import usual_region
 from whiptool.models import preset
 from whiptool.optimizers.map_search import REFINED
 from whiptool.strike_map.answers import Answers

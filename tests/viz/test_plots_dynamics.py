@@ -15,7 +15,7 @@ from whiptool.dynamics import hanging_modes
 from whiptool.errors import InputError
 from whiptool.models import Model, WhipProfile, preset
 from whiptool.models.kinematics import joint_points
-from whiptool.models.planar_arm import in_space
+from whiptool.models.parameters import in_space
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.energy import Energies, energies
 from whiptool.viz import plots_dynamics

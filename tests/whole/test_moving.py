@@ -20,8 +20,8 @@ from whiptool.interception.motions import PendulumMotion, find_motion
 from whiptool.interception.tracks import TargetTrack, fit_track
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
-from whiptool.models.closest import closest_on_segments
 from whiptool.models.strike import Strike, StrikeBounds
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.strike_map.striker import Striker
 

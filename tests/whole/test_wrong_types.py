@@ -17,7 +17,7 @@ import pytest
 import whiptool
 from whiptool.comparison.plan import Comparison
 from whiptool.errors import InputError
-from whiptool.models.hand_strike import HandStrike
+from whiptool.models.strike import HandStrike
 from whiptool.rl.settings import TrainingPlan
 
 MODEL, LAW = whiptool.preset("lemon2024"), whiptool.ConstantImpedance()

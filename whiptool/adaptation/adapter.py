@@ -28,7 +28,7 @@ from whiptool.identification.film_judgement import Judgement
 from whiptool.identification.inputs import check_controllers
 from whiptool.identification.predict import Predictor
 from whiptool.limits.all_limits import Given
-from whiptool.models import parameters
+from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.recording.strike_recording import StrikeRecording
@@ -77,11 +77,11 @@ class Options:
 
     def __post_init__(self) -> None:
         for name in ("max_strikes", "starts"):
-            parameters.whole(name.replace("_", " "), getattr(self, name))
+            whole(name.replace("_", " "), getattr(self, name))
         for name in ("seed", "retries"):
-            parameters.whole(name, getattr(self, name), low=0)
+            whole(name, getattr(self, name), low=0)
         for name, value in {"t_stay": self.t_stay, "stop at": self.stop_at or 0.0}.items():
-            parameters.number(name, value, low=0)
+            number(name, value, low=0)
 
     def demands(self, believed: Model) -> Demands:
         """Requirements of a strike, given the posterior mean of whip and arm."""

@@ -48,7 +48,8 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.identification.inputs import profile_of
 from whiptool.models.numbers import THICKEST, metres
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model
+from whiptool.models.whip import WhipParameters
 
 LONGEST = 20.0  # [m] of a whip that an arm swings
 Range = tuple[float, float]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.goals.goals import Goals
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 
 
 @dataclass(frozen=True)

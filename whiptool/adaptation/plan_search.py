@@ -16,7 +16,7 @@ from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
 from whiptool.limits.all_limits import Given
-from whiptool.models.parameters import whole
+from whiptool.models.numbers import whole
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
 from whiptool.models.trajectory import Approach
 from whiptool.rollout.compiled import CompiledRollout

@@ -14,14 +14,15 @@ from scipy.linalg import block_diag
 from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
 from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError, expect
+from whiptool.given_files import read_toml
 from whiptool.identification.inputs import profile_of
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant, units
 from whiptool.identification.variables import Prior, Variable, variable
 from whiptool.impedance import Controller
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.profile import WAVES, WhipProfile
-from whiptool.models.tables import read_toml
 from whiptool.rig.emulator.motor import Motor
 
 # Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the

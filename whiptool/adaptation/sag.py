@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from whiptool.impedance.law import Law
+from whiptool.impedance.laws import Law
 from whiptool.recording.strike_recording import StrikeRecording
 
 Sag = Callable[[np.ndarray], np.ndarray]  # from postures q_i (B, a) to how far off the arm stands (B, a) [rad]

@@ -17,8 +17,9 @@ from whiptool.adaptation.materials import Stock, stock_of_model, uniform_whip
 from whiptool.errors import expect
 from whiptool.extras import Registry
 from whiptool.impedance import OIAC, Controller
-from whiptool.models.parameters import Model, WhipParameters, whole
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.numbers import whole
+from whiptool.models.parameters import AnyArm, Model
+from whiptool.models.whip import WhipParameters
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.session import TwinTruth
 

@@ -92,7 +92,7 @@ def _camera() -> list[Finding]:
 
 
 def _processor() -> Finding:
-    from whiptool.rollout.threads import cores
+    from whiptool.rollout.native import cores
 
     return Finding("cores", str(cores()))
 
@@ -127,7 +127,7 @@ def _engine() -> list[Finding]:
 
 
 def _cache() -> Finding:
-    from whiptool.rollout.library_cache import cache_folder
+    from whiptool.rollout.compiler import cache_folder
 
     folder = cache_folder()
     libraries = list(folder.glob("*.so"))

@@ -39,7 +39,7 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
     Raises:
         InputError: The plant has no such parameter, or several; the message says which option helps, if one does.
     """
-    from whiptool.dynamics.lumping import LUMPED
+    from whiptool.dynamics.directions import LUMPED
     from whiptool.identification.bare_arm import BareArm
     from whiptool.identification.inputs import full_name, names_of
 

@@ -76,7 +76,7 @@ class OptimizeOptions(
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.optimizers import find_method
 
         super().check()

@@ -73,7 +73,7 @@ class RigStrikeOptions(RigOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.models.strike import Strike
 
         super().check()
@@ -166,7 +166,7 @@ def _check_camera(name: str) -> None:
 def _strike(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.hand_space import numbers_of
-    from whiptool.models.joint_space import JointSpace
+    from whiptool.models.strike import JointSpace
     from whiptool.rig.session import CYCLES, RECORDING
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
 

@@ -266,7 +266,7 @@ def _follow(options: SimulateOptions, model) -> int:
     """Have servos follow a joint trajectory, say what the tip did from the strike's beginning on; return the exit
     status."""
     from whiptool.impedance import Controller
-    from whiptool.impedance.position import PositionControl
+    from whiptool.impedance.laws import PositionControl
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.rollout.reference import ReferenceRollout
     from whiptool.rollout.servo_replay import replay_trajectory

@@ -116,7 +116,7 @@ def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, an
 
 
 def _nothing_to_see(folder: Path) -> InputError:
-    from whiptool.models.tables import read_toml
+    from whiptool.given_files import read_toml
     from whiptool.runs import CONFIG, RESULT
 
     command = read_toml(folder / CONFIG).get("command") if (folder / CONFIG).is_file() else None
@@ -138,8 +138,8 @@ def read_strike(folder: Path) -> StrikeRun:
     Raises:
         InputError: A file is missing or damaged, or they do not belong together.
     """
+    from whiptool.given_files import read_toml
     from whiptool.models.files import model_from_table
-    from whiptool.models.tables import read_toml
     from whiptool.models.trajectory import Trajectory
     from whiptool.runs import CONFIG
 

@@ -18,8 +18,7 @@ from whiptool.comparison.units import Store
 from whiptool.errors import InputError, expect, refuse_call
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone, usual_disc
-from whiptool.models.numbers import texts
-from whiptool.models.parameters import whole
+from whiptool.models.numbers import texts, whole
 from whiptool.rl.settings import TrainingPlan
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.words import method_name

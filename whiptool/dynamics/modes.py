@@ -9,11 +9,13 @@ import numpy as np
 
 from whiptool.dynamics import inverse
 from whiptool.dynamics.chain import Chain, chain_of, inverse_dynamics, passive_torque
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.closed_loop import closed_loop
 from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
 from whiptool.models.kinematics import joint_points
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, whole
+from whiptool.models.numbers import whole
+from whiptool.models.parameters import ArmLink, ArmParameters, Model
 
 
 @dataclass(frozen=True)

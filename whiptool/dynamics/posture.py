@@ -7,7 +7,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from whiptool.dynamics.closed_loop import Structure, closed_loop
+from whiptool.dynamics.closed_loop import closed_loop
+from whiptool.dynamics.structure import Structure
 from whiptool.models.kinematics import arm_frames, hanging_angles
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm

@@ -16,8 +16,7 @@ from whiptool.goals.goals import Goals
 from whiptool.models.numbers import numbers
 from whiptool.models.strike import StrikeBounds
 from whiptool.models.trajectory import Approach
-from whiptool.rollout.interface import Rollout
-from whiptool.rollout.slopes import ApproachSlopes
+from whiptool.rollout.interface import ApproachSlopes, Rollout
 
 NOISE = 0.01  # [rad, s], usual standard deviation of each number of a strike
 

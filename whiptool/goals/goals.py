@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arrays import NoArray
+from whiptool.models.numbers import NoArray
 
 if TYPE_CHECKING:
     from whiptool.models.trajectory import Approach

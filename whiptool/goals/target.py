@@ -11,9 +11,8 @@ import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.goals.goals import CONE, Goals, arrival_directions
-from whiptool.models.arrays import Vector, made_of_numbers
 from whiptool.models.mount import default_floor
-from whiptool.models.numbers import ASK_UNIT, LONGEST, array_of, metres, number, numbers
+from whiptool.models.numbers import ASK_UNIT, LONGEST, Vector, array_of, made_of_numbers, metres, number, numbers
 from whiptool.models.parameters import Model
 
 if TYPE_CHECKING:

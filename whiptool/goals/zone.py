@@ -14,8 +14,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
 from whiptool.goals.target import TARGET, check_radius, checked_radius, usual_target
-from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import metres, number, numbers
+from whiptool.models.numbers import NoArray, metres, number, numbers
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, StrikeBounds
 from whiptool.whole_files import write_npz

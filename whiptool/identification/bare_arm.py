@@ -16,8 +16,9 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import ArmLink, ArmParameters, number
-from whiptool.models.tables import read_toml
+from whiptool.given_files import read_toml
+from whiptool.models.numbers import number
+from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.whole_files import write_whole
 
 EACH = ("dry_friction", "drag")  # numbers per link in addition to those of a link itself

@@ -18,7 +18,7 @@ from whiptool.errors import InputError
 from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.parameters import AnyArm
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 
 GROSS = 0.3  # of the whip's length: farther off than whips are unlike

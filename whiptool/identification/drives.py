@@ -15,8 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from whiptool.dynamics.closed_loop import Structure
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
+from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
 from whiptool.identification.bare_arm import BareArm
@@ -25,7 +25,7 @@ from whiptool.identification.log_gaps import check_covers
 from whiptool.identification.motion import BaseMotion, HandleMotion, JointMotion, SpatialJointMotion, StillMotion
 from whiptool.identification.plant import Plant, Quantities
 from whiptool.impedance.controller import Controller
-from whiptool.models.free_hand import hand_joints
+from whiptool.models.joint_trajectory import hand_joints
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
-from whiptool.models.closest import closest_on_segments
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.recording.filmed_approach import GAP, LEAST, nearest_frame
 from whiptool.recording.strike_recording import StrikeRecording
 

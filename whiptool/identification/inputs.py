@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.dynamics.lumping import LUMPED
+from whiptool.dynamics.directions import LUMPED
 from whiptool.errors import InputError
+from whiptool.given_files import read_toml
 from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
 from whiptool.impedance.controller_files import controller_from_table, controller_to_table
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile, even_profile, lumped_from
-from whiptool.models.tables import read_toml
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.dynamics.hand_motion import hand_motion
+from whiptool.dynamics.swing import hand_motion
 from whiptool.identification.motion import Moved
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike

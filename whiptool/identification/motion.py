@@ -9,10 +9,9 @@ from typing import Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 
-from whiptool.dynamics.hand_motion import hand_motion
-from whiptool.dynamics.swing import BASE, SPATIAL_BASE
+from whiptool.dynamics.swing import BASE, SPATIAL_BASE, hand_motion
 from whiptool.errors import InputError
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.parameters import AnyArm
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.dynamics.lumping import LUMPED, lumping, profile_slopes
+from whiptool.dynamics.directions import LUMPED, lumping, profile_slopes
 from whiptool.errors import InputError, expect
 from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.parameter_units import unit_of

@@ -18,7 +18,7 @@ from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Los
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
-from whiptool.models.parameters import number, whole
+from whiptool.models.numbers import number, whole
 from whiptool.recording.strike_recording import StrikeRecording
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)

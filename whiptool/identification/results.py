@@ -18,7 +18,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import Uncertainty
-from whiptool.models.arrays import NoArray
+from whiptool.models.numbers import NoArray
 from whiptool.models.parameters import Model
 from whiptool.recording.camera import Camera
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from whiptool.models.inverse_kinematics import HandMotion
+from whiptool.models.kinematics import HandMotion
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
 

@@ -11,10 +11,9 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import Controller
-from whiptool.impedance.hand import HandControl
-from whiptool.impedance.law import LAWS, Law
-from whiptool.models.tables import read_toml
+from whiptool.given_files import read_toml
+from whiptool.impedance.controller import Controller, HandControl
+from whiptool.impedance.laws import LAWS, Law
 from whiptool.whole_files import write_whole
 
 _LARGEST = 1e6  # of K [N m/rad] and B [N m s/rad]: far beyond any arm

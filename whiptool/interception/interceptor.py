@@ -13,9 +13,9 @@ from whiptool.errors import InputError
 from whiptool.goals.target import HIT_RADIUS, Target, checked_radius
 from whiptool.interception.library import Library, sure_paths
 from whiptool.interception.tracks import TargetTrack, fit_track
-from whiptool.models.closest import closest_on_segments
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.models.strike import Strike, strike_names
+from whiptool.models.trajectory import closest_on_segments
 
 LATENCY = 0.02  # [s] from a decision to the arm's first motion
 PLAN_TIME, REFRESH_TIME = 0.25, 0.1  # [s] that computing takes, benchmarks/moving.py measures them

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree  # pyrefly: ignore[missing-module-attribute]  # compiled
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.strike_map.striker import Striker
 
 RATE = 250.0  # [1/s] of the points that are kept

@@ -10,7 +10,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from whiptool.errors import InputError
 from whiptool.interception.motions import GRAVITY, MOTIONS, TargetMotion, find_motion
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 
 LEAST = 3  # frames that a motion is chosen from
 DOUBTFUL = 4.0  # times the stated variance, from which a track warns

@@ -12,11 +12,10 @@ from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.motor_limits import LIMITS, limits_preset
-from whiptool.models.joint_space import AnyStrike
 from whiptool.models.mount import default_floor
 from whiptool.models.numbers import LONGEST, metres
 from whiptool.models.parameters import Model
-from whiptool.models.strike import StrikeBounds
+from whiptool.models.strike import AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.words import as_named
 

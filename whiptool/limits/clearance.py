@@ -1,4 +1,4 @@
-"""What an arm and its whip must not touch: the arm itself, the floor, and the whip the arm."""
+"""A whip that hangs above the floor before a strike, as a smooth function of it: what a search can keep."""
 
 from __future__ import annotations
 
@@ -6,20 +6,140 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.limits import Limits
+from whiptool.models.kinematics import arm_poses
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
+from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Approach, Trajectory
 
-if TYPE_CHECKING:
-    from whiptool.limits.path_clearance import PathClearance
-    from whiptool.models.hanging_whip import HangingWhip
-    from whiptool.models.scene import NearestPair, Scene
+_BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
+
+
+class HangingWhip:
+    """Constraint on the distance of the hanging whip from the floor before a strike.
+
+    A heavy whip bends downward within a few times the length `sqrt(EI / (m g))`, with EI its largest bending stiffness
+    and m g its weight. This length is subtracted, so that no feasible strike is excluded.
+
+    Args:
+        model: Model with an arm in space.
+        floor: Height of the floor [m].
+        least: Smallest allowed distance [m].
+    """
+
+    def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
+        self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
+        self._turns = model.arm.turns
+
+    def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much the whip hangs too low [m], (1,), at most 0 if it does not, and the derivatives (1, 2 a +
+        1).
+
+        Args:
+            strike: Strike vector, (2 a + 1,).
+        """
+        a = self._arm.n
+        origins, rotations = arm_poses(self._arm, strike[None, :a])
+        axes = np.einsum("jik,jk->ji", rotations[0, :-1], self._arm.per_link("axis"))
+        turning = np.cross(axes, origins[0, -1] - origins[0, :-1])
+        upward = np.where(self._turns, turning[:, 2], axes[:, 2])
+        slopes = np.concatenate([-upward, np.zeros(a + 1)])
+        return self._lowest - origins[0, -1, 2:], slopes[None]
+
+    def kept(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
+        return arm_poses(self._arm, strikes[:, : self._arm.n])[0][:, -1, 2] >= self._lowest
+
+
+def _depth(model: Model) -> float:
+    """Return how far the tip hangs below the hand at least [m]; 0 of a whip that is stiff, or without gravity."""
+    whip, weight = model.whip, model.whip.mass * model.gravity
+    stiffness = float((whip.per_node("k") * whip.per_node("l")).max())
+    return max(0.0, whip.length - _BENDS * math.sqrt(stiffness / weight)) if weight > 0 else 0.0
+
+
+FRACTIONS = np.linspace(0.0, 1.0, 16)  # of the way, at which the arm is looked at
+SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for how joints depart from the command
+
+
+class PathClearance:
+    """Constraints on the distance of an arm without its whip from itself and the floor, on its commanded path.
+
+    The joints move along a straight line from `q_i` to `q_f`, so the path does not depend on the duration.
+
+    Args:
+        model: Model with an arm in space.
+        floor: Height of the floor [m]; None: no floor.
+        least: Smallest allowed distance [m].
+    """
+
+    def __init__(self, model: Model, floor: float | None = None, least: float = 0.0) -> None:
+        self._arm = model.arm.in_space()
+        self._turns = model.arm.turns
+        self._scene = Scene(model, floor, ("close", "apart"))
+        pairs = zip(self._scene.kinds, map(self._scene.links_of, self._scene.pairs), strict=True)
+        of_pairs = [(0.0 if kind == "close" else least + SPARE, *links) for kind, links in pairs]
+        kept = sorted(set(of_pairs))  # what each two links keep, and which they are
+        self._groups = np.array([kept.index(each) for each in of_pairs], int)
+        self._least, self._links = np.array([x[0] for x in kept]), np.array([x[1:] for x in kept], int).reshape(-1, 2)
+
+    def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one [m].
+
+        Args:
+            strike: Strike vector, (2 a + 1,).
+
+        Returns:
+            The functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A function has a
+            kink where another instant or capsule becomes the nearest.
+        """
+        a, m = self._arm.n, len(self._links)
+        if not m:
+            return np.zeros(0), np.zeros((0, 2 * a + 1))
+        q = self._path(strike)
+        contacts = [x for x in self._scene.contacts(q, self._groups, [np.inf] * m) if x is not None]
+        at = np.array([contact.instant for contact in contacts])
+        normals = np.stack([contact.normal for contact in contacts])
+        points = np.stack([contact.points for contact in contacts])
+        by_q = self._slopes(q[at], points, np.stack([normals, -normals], axis=1))
+        share = FRACTIONS[at, None]
+        values = self._least - np.array([contact.distance for contact in contacts])
+        return values, np.hstack([(1 - share) * by_q, share * by_q, np.zeros((m, 1))])
+
+    def kept(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether the arm keeps the distances in strikes (B, 2 a + 1), (B,)."""
+        found = [self._scene.contacts(self._path(strike), self._groups, self._least.tolist()) for strike in strikes]
+        near = [[np.inf if x is None else x.distance for x in contacts] for contacts in found]
+        return np.all(np.reshape(near, (len(strikes), len(self._least))) >= self._least, axis=1)
+
+    def _path(self, strike: np.ndarray) -> np.ndarray:
+        """Return positions of the joints on the commanded path, (T, a)."""
+        a = self._arm.n
+        return strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
+
+    def _slopes(self, q: np.ndarray, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
+        """Return how fast points of two links approach each other, by each joint's position, (m, a).
+
+        The base and the floor, whose numbers are negative, do not move.
+
+        Args:
+            q: States, (m, a).
+            points: One of each link, (m, 2, 3).
+            toward: Directions from each to the other, (m, 2, 3).
+        """
+        origins, rotations = arm_poses(self._arm, q)
+        axes = np.einsum("mjik,jk->mji", rotations[:, :-1], self._arm.per_link("axis"))[:, None]
+        arms = points[:, :, None] - origins[:, None, :-1]  # (m, 2, a, 3)
+        velocities = np.where(self._turns[:, None], np.cross(axes, arms), axes)
+        moved = np.arange(self._arm.n) <= self._links[:, :, None]  # (m, 2, a)
+        return (np.einsum("meji,mei->mej", velocities, toward) * moved).sum(axis=1)
+
 
 SAMPLED = 1e-3  # [s] between the states that are looked at, about
 UNIT = 0.1  # [m] of a distance that counts as much as a whole limit
@@ -76,15 +196,11 @@ class Clearance(Limits):
     @cached_property
     def _scene(self) -> Scene:
         """What is looked at over a strike."""
-        from whiptool.models.scene import Scene
-
         return Scene(self.model, self.floor, ("close", "apart", "whip"))
 
     @cached_property
     def _scene_of_arm(self) -> Scene:
         """What of it is of the arm without its whip."""
-        from whiptool.models.scene import Scene
-
         return Scene(self.model, self.floor, ("close", "apart"))
 
     @property
@@ -98,8 +214,6 @@ class Clearance(Limits):
     def _smooth(self) -> tuple[HangingWhip | PathClearance, ...]:
         if self.model.dimension == 2:
             return ()
-        from whiptool.limits.path_clearance import PathClearance
-        from whiptool.models.hanging_whip import HangingWhip
 
         path = PathClearance(self.model, self.floor, self.least)
         return (path,) if self.floor is None else (HangingWhip(self.model, self.floor, self.least), path)

@@ -1,15 +1,130 @@
-"""What limits of strikes are."""
+"""What an arm may be commanded: how fast, and with which acceleration and jerk, its joints follow Eq. 1."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
 
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.models.spatial_arm import JointLimits, limit_unit
+from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK
 from whiptool.models.trajectory import Approach, Trajectory
+
+_PEAKS = np.array([FASTEST, LARGEST_ACCELERATION, LARGEST_JERK])  # of the derivatives 1 to 3
+_NAMES = ("velocity", "acceleration", "jerk")
+ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding takes no strike beyond them
+
+
+@dataclass(frozen=True)
+class CommandLimits:
+    """Limits of velocity, acceleration and jerk of commanded paths; their usage is a closed form of a strike.
+
+    The largest k-th derivative of a minimum-jerk path over a span in a duration D is span / D^k times 15/8, 10/sqrt(3)
+    and 60 for k = 1, 2, 3.
+
+    Args:
+        joints: Limits of each joint; see `JointLimits`.
+        share: Fraction of the velocity limits that searches command; the rest allows for deviations of the joints from
+            the command.
+        slides: Indices of the prismatic joints, from 0; the others are revolute.
+    """
+
+    joints: tuple[JointLimits, ...]
+    share: float = 1.0 - ROUNDING
+    slides: tuple[int, ...] = ()
+
+    @property
+    def largest(self) -> np.ndarray:
+        """Largest velocity, acceleration and jerk of each joint that searches command, (3, a); infinite without a
+        limit.
+        """
+        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES])
+        return limits * np.array([[self.share], [1 - ROUNDING], [1 - ROUNDING]])
+
+    def farthest(self, D: np.ndarray) -> np.ndarray:
+        """Return the largest movement of each joint that searches command in given durations [rad or m].
+
+        Args:
+            D: Durations [s], (B,).
+
+        Returns:
+            Largest movements, (B, a); infinite without a limit.
+        """
+        powers = np.asarray(D, float)[:, None, None] ** np.array([1, 2, 3])[:, None]  # (B, 3, 1)
+        return (self.largest * powers / _PEAKS[:, None]).min(axis=1)
+
+    def shortened(self, strikes: np.ndarray) -> np.ndarray:
+        """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if they are too far.
+
+        They keep the limits; their start positions and durations are unchanged.
+        """
+        a = len(self.joints)
+        q_i, q_f, D = np.split(strikes, [a, 2 * a], axis=1)
+        farthest = self.farthest(D[:, 0])
+        return np.hstack([q_i, np.clip(q_f, q_i - farthest, q_i + farthest), D])
+
+    def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
+
+        They are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit.
+
+        Args:
+            strike: Strike vector, (2 a + 1,).
+
+        Returns:
+            The functions (m,), and their derivatives (m, 2 a + 1).
+        """
+        a, D = len(self.joints), strike[-1]
+        orders, joints = np.nonzero(np.isfinite(self.largest))
+        peaks, limits, k = _PEAKS[orders], self.largest[orders, joints], orders + 1
+        move = peaks * (strike[a + joints] - strike[joints])
+        allowed, slope = limits * D**k, limits * k * D ** (k - 1)
+        rows = np.zeros((2, len(joints), len(strike)))
+        for side, sign in zip(rows, (1, -1), strict=True):
+            side[np.arange(len(joints)), joints] = -sign * peaks
+            side[np.arange(len(joints)), a + joints] = sign * peaks
+            side[:, -1] = -slope
+        return np.concatenate([move - allowed, -move - allowed]), rows.reshape(-1, len(strike))
+
+    def kept(self, strikes: np.ndarray) -> np.ndarray:
+        """Return whether strikes (B, 2 a + 1) keep the limits for searches, (B,)."""
+        a = len(self.joints)
+        moves = np.abs(strikes[:, a : 2 * a] - strikes[:, :a])
+        return np.all(moves <= self.farthest(strikes[:, -1]) + ROUNDING, axis=1)
+
+    def usage(self, strikes: np.ndarray) -> np.ndarray:
+        """Return the fraction of the limits of acceleration and jerk that strikes use; above 1 they exceed it.
+
+        Args:
+            strikes: Strike vectors, (B, 2 a + 1).
+
+        Returns:
+            Usage of acceleration and jerk, (B, 2, a); 0 without a limit.
+        """
+        values = self._peaks_of(strikes)[:, 1:]
+        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES[1:]])
+        return values / limits
+
+    def violation(self, strikes: np.ndarray) -> np.ndarray:
+        """Return the largest relative excess of strikes (B, 2 a + 1) over a limit of acceleration or jerk, (B,)."""
+        return self.usage(strikes).max(axis=(1, 2)) - 1.0
+
+    def explain(self, strike: np.ndarray, joints: Sequence[str]) -> str:
+        """Return a description of the limit that a strike (2 a + 1,) uses most."""
+        usage = self.usage(strike[None])[0]
+        what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
+        value, name = self._peaks_of(strike[None])[0, what + 1, j], _NAMES[what + 1]
+        limit, unit = getattr(self.joints[j], name), limit_unit(name, slides=j in self.slides)
+        return f"the {name} of {joints[j]} is commanded up to {value:.2f} {unit}; its limit is {limit:g} {unit}"
+
+    def _peaks_of(self, strikes: np.ndarray) -> np.ndarray:
+        """Largest velocity, acceleration and jerk of each joint's command, (B, 3, a)."""
+        a = len(self.joints)
+        spans, D = np.abs(strikes[:, a : 2 * a] - strikes[:, :a]), strikes[:, -1]
+        return _PEAKS[:, None] * spans[:, None] / D[:, None, None] ** np.array([1, 2, 3])[:, None]
 
 
 class Smooth(Protocol):

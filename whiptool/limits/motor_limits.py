@@ -12,8 +12,7 @@ import numpy as np
 from whiptool.errors import expect
 from whiptool.extras import Registry
 from whiptool.limits.limits import Limits
-from whiptool.models.arrays import NoArray
-from whiptool.models.parameters import number
+from whiptool.models.numbers import NoArray, number
 from whiptool.models.spatial_arm import kept_free
 from whiptool.models.trajectory import Approach, Trajectory
 

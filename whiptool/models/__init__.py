@@ -14,7 +14,7 @@ _HOMES = {
     "JointLimits": "spatial_arm",
     "SpatialArm": "spatial_arm",
     "SpatialLink": "spatial_arm",
-    "in_space": "planar_arm",
+    "in_space": "parameters",
     "WhipProfile": "profile",
     "Strike": "strike",
     "StrikeBounds": "strike",
@@ -30,12 +30,12 @@ __all__ = list(_HOMES)
 
 if TYPE_CHECKING:
     from whiptool.models.files import load_model, read_model, write_model
-    from whiptool.models.parameters import ArmLink, ArmParameters, Model, WhipParameters
-    from whiptool.models.planar_arm import in_space
+    from whiptool.models.parameters import ArmLink, ArmParameters, Model, in_space
     from whiptool.models.presets import PRESETS, preset
     from whiptool.models.profile import WhipProfile
     from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
     from whiptool.models.strike import Strike, StrikeBounds, default_bounds
     from whiptool.models.trajectory import Trajectory
+    from whiptool.models.whip import WhipParameters
 
 __getattr__, __dir__ = imported_when_used(__name__, _HOMES)  # presets and files are read where used

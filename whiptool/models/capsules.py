@@ -1,15 +1,48 @@
-"""Capsules: rods with round ends, as which the bodies of an arm are taken where they may touch something."""
+"""Distances of line segments in space, many at once."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
+import coal
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import number, numbers
+
+
+def nearest_points(
+    start: np.ndarray, end: np.ndarray, other_start: np.ndarray, other_end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest points of pairs of segments, (..., 3) each; segments may be points.
+
+    Ericson, Real-Time Collision Detection (2005), section 5.1.9.
+
+    Args:
+        start, end: Start and end of the first segment of each pair [m], (..., 3).
+        other_start, other_end: Start and end of the second segment [m], (..., 3).
+    """
+    along, other_along, between = end - start, other_end - other_start, start - other_start
+    a, e, b = _dot(along, along), _dot(other_along, other_along), _dot(along, other_along)
+    c, f = _dot(along, between), _dot(other_along, between)
+    s = np.clip(_ratio(b * f - c * e, a * e - b * b, 1e-12 * a * e), 0.0, 1.0)  # of lines; parallel ones: anywhere
+    t = np.clip(_ratio(b * s + f, e), 0.0, 1.0)
+    s = np.clip(_ratio(b * t - c, a), 0.0, 1.0)
+    return start + s[..., None] * along, other_start + t[..., None] * other_along
+
+
+def _dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", x, y)
+
+
+def _ratio(over: np.ndarray, under: np.ndarray, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """A quotient, 0 where what is divided by is no more than the least."""
+    defined = under > least
+    return np.where(defined, over / np.where(defined, under, 1.0), 0.0)
+
 
 Point: TypeAlias = tuple[float, float, float]
 
@@ -137,3 +170,34 @@ def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:
     if not isinstance(given, (list, tuple)) or not all(isinstance(x, Capsule) for x in given):
         raise InputError(name, given, "capsules, each a Capsule")
     return tuple(given)
+
+
+class Solids:
+    """Shapes of bodies as objects of the library coal, followed by a floor.
+
+    Args:
+        shapes: Shapes of the bodies.
+        height: Height of the floor [m].
+    """
+
+    def __init__(self, shapes: Sequence[Capsule], height: float) -> None:
+        self._shapes = [shape.solid() for shape in shapes]
+        self._shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), height))
+
+    def distance(
+        self, bodies: tuple[int, int], poses: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the distance of two bodies [m], their nearest points (2, 3) [m], and the unit vector between them,
+        (3,).
+
+        Args:
+            bodies: Indices of the bodies; the floor's index follows the last body's.
+            poses: For each of the two bodies its axes (3, 3) and its centre (3,) [m]; those of the floor are ignored.
+        """
+        posed = [coal.Transform3s(np.asarray(R, float), np.asarray(p, float)) for R, p in poses]
+        if bodies[1] == len(self._shapes) - 1:
+            posed[1] = coal.Transform3s.Identity()
+        found = coal.DistanceResult()
+        one, other = (self._shapes[i] for i in bodies)
+        apart = coal.distance(one, posed[0], other, posed[1], coal.DistanceRequest(), found)
+        return apart, np.stack([found.getNearestPoint1(), found.getNearestPoint2()]), np.array(found.normal)

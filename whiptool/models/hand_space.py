@@ -1,4 +1,4 @@
-"""Hand space: strikes described by where the hand begins and ends, and the joints' way with them (Sect. 4.2)."""
+"""Hand space (Sect. 4.2): strikes described by where the hand begins and ends, and the joints' path with it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,168 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from whiptool.errors import InputError
-from whiptool.models.hand_path import DEGREE, NODES, TO_POWERS, TO_SERIES, HandPath
-from whiptool.models.hand_strike import HandStrike
-from whiptool.models.hand_way import HandWay
-from whiptool.models.inverse_kinematics import HandKinematics
-from whiptool.models.joint_space import JointSpace, check_turns, refuse_far
+from whiptool.models.kinematics import (
+    HandKinematics,
+    HandMotion,
+    HandPose,
+    quaternion_of,
+    rotation_left,
+    rotation_of,
+    rotation_vector,
+    skew,
+    turning,
+)
 from whiptool.models.numbers import numbers
-from whiptool.models.planar_arm import AnyArm
-from whiptool.models.strike import StrikeBounds, default_bounds
+from whiptool.models.parameters import AnyArm
+from whiptool.models.strike import HandStrike, JointSpace, StrikeBounds, check_turns, default_bounds, eased, refuse_far
+
+
+class HandWay:
+    """Straight paths of the hand between two poses, with the shortest rotation in space.
+
+    Args:
+        kinematics: Kinematics of the hand.
+        ends: Coordinates of the hand at the start and the end, (..., 2, m).
+
+    Attributes:
+        start: Pose at the start: position (..., 3) [m] and rotation (..., 3, 3).
+        moves: Displacement from start to end [m], (..., 3).
+        turns: Rotation vector from start to end [rad], (..., 3); zero without orientation.
+    """
+
+    def __init__(self, kinematics: HandKinematics, ends: np.ndarray) -> None:
+        self.kinematics, self._ends = kinematics, np.asarray(ends, float)
+        place, rotation = kinematics.poses(self._ends)
+        self.start = HandPose(place[..., 0, :], None if rotation is None else rotation[..., 0, :, :])
+        self.moves = place[..., 1, :] - place[..., 0, :]
+        self.turns = np.zeros_like(self.moves)
+        if rotation is not None and kinematics.dimension == 2:  # angles may differ by more than half a turn
+            self.turns = (self._ends[..., 1, 2:] - self._ends[..., 0, 2:]) * kinematics.rows[2, 3:]
+        elif rotation is not None:
+            self.turns = rotation_vector(rotation[..., 1, :, :] @ np.swapaxes(rotation[..., 0, :, :], -1, -2))
+
+    @property
+    def motion(self) -> np.ndarray:
+        """Velocity and angular velocity of the hand per unit of the fraction of the path, (..., m)."""
+        return np.concatenate([self.moves, self.turns], axis=-1) @ self.kinematics.rows.T
+
+    def at(self, share: np.ndarray) -> HandPose:
+        """Return the poses at fractions (K,) of the path: position (..., K, 3) [m] and rotation (..., K, 3, 3)."""
+        place = self.start.place[..., None, :] + share[:, None] * self.moves[..., None, :]
+        if self.start.rotation is None:
+            return HandPose(place, None)
+        turned = rotation_of(share[:, None] * self.turns[..., None, :])
+        return HandPose(place, turned @ self.start.rotation[..., None, :, :])
+
+    def slopes(self, share: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the hand's displacement and rotation at fractions (K,) of the path by its end
+        coordinates.
+
+        The shape is (..., K, m, 2 m), with the coordinates of the start first.
+        """
+        d, m = self.kinematics.dimension, self.kinematics.size
+        slopes = np.zeros((*self._ends.shape[:-2], len(share), m, 2 * m))
+        slopes[..., :d, :d], slopes[..., :d, m : m + d] = (s[:, None, None] * np.eye(d) for s in (1 - share, share))
+        if m > d:
+            of_start, of_turns = self.turn_slopes()
+            start = rotation_of(share[:, None] * self.turns[..., None, :]) @ of_start[..., None, :, :]
+            along = turning(share[:, None] * self.turns[..., None, :]) @ of_turns[..., None, :, :]
+            turned = self.kinematics.rows[d:, 3:] @ (start + share[:, None, None] * along)
+            slopes[..., d:, d:m], slopes[..., d:, m + d :] = np.split(turned, 2, axis=-1)
+        return slopes
+
+    def turn_slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the start's rotation and of `turns` by the orientation's coordinates of start and
+        end.
+
+        The shape is (..., 3, 2 r) each, with r orientation coordinates.
+        """
+        d, r = self.kinematics.dimension, self.kinematics.size - self.kinematics.dimension
+        spins = self.kinematics.rows[d:, 3:].T @ self.kinematics.spins(self._ends)[..., d:, d:]  # (..., 2, 3, r)
+        at_start, at_end = spins[..., 0, :, :], spins[..., 1, :, :]
+        of_start = np.concatenate([at_start, np.zeros_like(at_end)], axis=-1)
+        left = np.concatenate([-rotation_of(self.turns) @ at_start, at_end], axis=-1)
+        assert of_start.shape[-1] == 2 * r
+        return of_start, np.linalg.solve(turning(self.turns), left)
+
+    def start_slopes(self) -> np.ndarray:
+        """Return the derivatives of the start's rotation matrix by the orientation's coordinates of start and end.
+
+        The shape is (..., 3, 3, 2 r), with r orientation coordinates.
+        """
+        assert self.start.rotation is not None
+        of_start, _ = self.turn_slopes()
+        return np.moveaxis(skew(np.swapaxes(of_start, -1, -2)) @ self.start.rotation[..., None, :, :], -3, -1)
+
+
+DEGREE = 12  # of the polynomials
+NODES = (1 - np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)) / 2  # of Chebyshev and Lobatto, shares of the path
+TO_SERIES = np.linalg.inv(chebyshev.chebvander(2 * NODES - 1, DEGREE))  # of values at the nodes
+_EACH = np.eye(DEGREE + 1)
+TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, row in enumerate(_EACH)]).T
+
+
+class HandPath:
+    """Path of an arm's joints for a strike in hand space: the hand follows its straight path.
+
+    Args:
+        strike: Strike of the hand.
+        nodes: Joint positions at the interpolation nodes of the hand's path, (DEGREE + 1, a).
+        way: Path of the hand.
+    """
+
+    def __init__(self, strike: HandStrike, nodes: np.ndarray, way: HandWay) -> None:
+        self.strike, self.D, self.q_i, self.way = strike, strike.D, tuple(map(float, nodes[0])), way
+        self._series = [TO_SERIES @ nodes]
+        for _ in range(2):
+            self._series.append(2 * chebyshev.chebder(self._series[-1], axis=0))  # by the share of the path
+
+    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
+        s, ds, dds = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
+        q, by_s, twice = (np.moveaxis(chebyshev.chebval(2 * s[..., 0] - 1, c), 0, -1) for c in self._series)
+        return q, by_s * ds, twice * ds**2 + by_s * dds
+
+    def hand(self, t: float | np.ndarray) -> tuple[HandPose, np.ndarray]:
+        """Return the desired pose of the hand at times t [s], and its velocity and angular velocity (*t.shape, m) (Eq.
+        1).
+
+        The pose is a position (*t.shape, 3) [m] and a rotation (*t.shape, 3, 3).
+        """
+        s, ds, _ = eased(np.asarray(t, float), self.D)
+        place, rotation = self.way.at(np.ravel(s))
+        rotation = None if rotation is None else rotation.reshape(*s.shape, 3, 3)
+        return HandPose(place.reshape(*s.shape, 3), rotation), ds[..., None] * self.way.motion
+
+    def errors(self, t: float | np.ndarray, hand: HandMotion, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the hand's errors at times t [s], from which a control law computes forces, and their rates,
+        (*t.shape, m).
+
+        Position errors are differences; the orientation error is `rotation_left`.
+
+        Args:
+            t: Times [s], (...,).
+            hand: Pose of the hand at these times.
+            speed: Velocity and angular velocity of the hand at these times, (..., m).
+        """
+        wanted, motion = self.hand(t)
+        left = wanted.place - hand.position
+        turn = np.zeros_like(left) if wanted.rotation is None else rotation_left(wanted.rotation, hand.rotation)
+        return np.concatenate([left, turn], axis=-1) @ self.way.kinematics.rows.T, motion - speed
+
+
+def hand_poses(kinematics: HandKinematics, q: np.ndarray) -> np.ndarray:
+    """Return the poses of the hand in the base's frame for a sequence of joint positions (T, a), (T, 7).
+
+    They are position x, y, z [m] and unit quaternion x, y, z, w with a continuous sign. For a planar arm the plane is
+    vertical: y is 0.
+    """
+    at = kinematics.motion(q)
+    quaternions = quaternion_of(at.rotation)
+    flips = np.vecdot(quaternions[1:], quaternions[:-1]) < 0
+    signs = np.where(np.r_[False, np.cumsum(flips) % 2 == 1], -1.0, 1.0)
+    return np.hstack([at.position, signs[:, None] * quaternions])
+
 
 EXACT = 1e-4  # [m or rad] by which the hand may leave its path between the nodes of these polynomials
 TURNED = 0.25  # [rad] by which searches turn the hand from the home posture's orientation about any axis

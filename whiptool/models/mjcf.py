@@ -1,8 +1,9 @@
-"""Arms from MJCF files: MuJoCo reads them."""
+"""Arms from MJCF files, which MuJoCo reads, and the joints' forces in them that a model does not have."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,18 +11,134 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arm_choice import ArmChoice
 from whiptool.models.capsules import Capsule
-from whiptool.models.joint_names import joint_name
-from whiptool.models.mjcf_forces import (
-    joints_that_follow,
-    pulled_by_tendons,
-    refuse_tendons,
-    torque_note,
-    untold_forces,
-)
-from whiptool.models.robot_markup import check_mjcf
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
+from whiptool.models.robot_files import ArmChoice, check_mjcf
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, joint_name, without_inertia
+
+_STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionloss", "armature")  # of tendons
+
+
+def refuse_tendons(
+    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
+) -> None:
+    """Refuse tendons that exert forces on joints of the arm; tendons that only measure or are beyond the tip are
+    ignored.
+
+    Args:
+        model: MuJoCo model.
+        movers: Indices of the arm's joints.
+        names: Names of all joints.
+        joints_to: Returns the indices of the joints between the world and a body.
+
+    Raises:
+        InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
+            friction or inertia.
+    """
+    import mujoco
+
+    in_equality = {
+        tendon
+        for i in range(model.neq)
+        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_TENDON)
+        for tendon in (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
+    }
+    for i in range(model.ntendon):
+        strained = [name for name in _STRAINS if np.any(getattr(model, f"tendon_{name}")[i])]
+        does = ["an equality"] * (i in in_equality) + ["a range"] * bool(model.tendon_limited[i]) + strained
+        moved = _joints_of_tendon(model, i, joints_to)
+        held = [names[j] for j in movers if j in moved]
+        if does and held:
+            given = f"{does[0].removesuffix('poly')}, over {', '.join(names[j] for j in sorted(moved))}"
+            rule = "none that acts on joints between base and tip, which move on their own"
+            fix = f"take it out of the file, or lock {', '.join(held)} in a model file"
+            raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
+
+
+def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Return a note that lists the joints beyond the arm which an equality couples to joints of the arm."""
+    import mujoco
+
+    tied = [
+        names[model.eq_obj1id[i]]
+        for i in range(model.neq)
+        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_obj2id[i] in movers
+    ]
+    held = f"what an equality ties to joints of the arm does not move with them, but is held: {', '.join(tied)}"
+    return [held] if tied else []
+
+
+def pulled_by_tendons(
+    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
+) -> list[str]:
+    """Return a note that lists the arm's joints with actuators on tendons, whose limits cannot be assigned to one
+    joint.
+    """
+    import mujoco
+
+    tendons = model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]
+    pulled = {joint for tendon in tendons for joint in _joints_of_tendon(model, int(tendon), joints_to)}
+    of = ", ".join(names[i] for i in movers if i in pulled)
+    return [f"actuators that pull at tendons limit no torque here: of {of}"] if of else []
+
+
+def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[int]]) -> set[int]:
+    """Joints that change a tendon's length."""
+    import mujoco
+
+    joints, bodies = set(), []
+    for wrap in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
+        kind, thing = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+        if kind == mujoco.mjtWrap.mjWRAP_JOINT:
+            joints.add(thing)
+        elif kind == mujoco.mjtWrap.mjWRAP_SITE:
+            bodies.append(set(joints_to(int(model.site_bodyid[thing]))))
+        elif kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER):
+            bodies.append(set(joints_to(int(model.geom_bodyid[thing]))))
+    return joints | (set.union(*bodies) - set.intersection(*bodies) if bodies else set())
+
+
+def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodies: Mapping[int, str]) -> list[str]:
+    """Return notes on the forces in a file that the arm's model ignores, one line for each kind.
+
+    Args:
+        model: MuJoCo model.
+        movers: Indices of the arm's joints.
+        names: Names of all joints.
+        bodies: Names of the bodies that the arm moves, by index.
+    """
+
+    def of(has: Callable[[int], Any]) -> str:
+        return ", ".join(names[i] for i in movers if np.any(has(i)))
+
+    springs = of(lambda i: [model.jnt_stiffness[i], *model.jnt_stiffnesspoly[i]])
+    rubbing = of(lambda i: model.dof_frictionloss[model.jnt_dofadr[i]])
+    bent = of(lambda i: model.dof_dampingpoly[model.jnt_dofadr[i]])
+    balanced = ", ".join(name for i, name in bodies.items() if model.body_gravcomp[i])
+    air = " and ".join(name for name in ("density", "viscosity") if getattr(model.opt, name))
+    notes = {
+        f"springs of the joints {springs} (stiffness) have no part in the model": springs,
+        f"dry friction of {rubbing} (frictionloss) has no part in the model, only viscous damping has": rubbing,
+        f"of the damping of {bent} only what grows with the speed itself counts, no higher powers": bent,
+        f"gravcomp of {balanced} has no part in the model: the joints bear the whole weight": balanced,
+        f"{air} of <option> has no part in the model: the arm moves without drag": air,
+    }
+    return [note for note, there in notes.items() if there]
+
+
+def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:
+    """Return a note if a joint's torque limits differ between the two directions.
+
+    Args:
+        name: Name of the joint.
+        span: Lowest and highest torque in the file, in `unit`.
+        taken: Limit that the model uses, in `unit`.
+        unit: Unit of the torques or forces.
+    """
+    low, high = span
+    if np.isclose(-low, high):
+        return []
+    return [f"{name} has {low:g} to {high:g} {unit} in the file: {taken:g} {unit} is taken for both directions"]
+
 
 GRAVITY = 9.81  # [m/s2]
 _BASE = -1  # in place of a joint's number

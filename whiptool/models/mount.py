@@ -1,4 +1,4 @@
-"""How the base of an arm in space is fixed: to the floor, a wall, the ceiling, or turned; and where its floor is."""
+"""How an arm in space is mounted, where its floor is, and the stick in its hand that holds the whip."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule, Point
-from whiptool.models.joint_space import refuse_far
 from whiptool.models.kinematics import arm_frames, rotation_about
-from whiptool.models.numbers import numbers
-from whiptool.models.planar_arm import AnyArm
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.numbers import metres, number, numbers
+from whiptool.models.parameters import AnyArm
+from whiptool.models.spatial_arm import SpatialArm, SpatialLink
+from whiptool.models.strike import refuse_far
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
     "floor": (0.0, 0.0, 0.0),
@@ -105,3 +105,45 @@ def _turned(R: np.ndarray, point: Point) -> Point:
 def _turned_capsule(R: np.ndarray, capsule: Capsule) -> Capsule:
     width = None if capsule.width is None else _turned(R, capsule.width)
     return dataclasses.replace(capsule, start=_turned(R, capsule.start), end=_turned(R, capsule.end), width=width)
+
+
+RADIUS = 8e-3  # [m], of a stick that is 16 mm thick
+
+
+def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = RADIUS) -> SpatialArm:
+    """Return the arm with a thin uniform stick along the hand's -z; the stick's far end becomes the hand.
+
+    Args:
+        arm: Arm that holds the stick.
+        length: Length of the stick [m].
+        mass: Mass [kg].
+        radius: Radius of the stick's capsule, if the arm has capsules [m]; the inertia is that of a thin rod.
+
+    Raises:
+        InputError: A number is negative or not finite.
+    """
+    length, mass = metres("stick length", length, strict=False), number("stick mass", mass, low=0)
+    axes, at = np.array(arm.hand_rotation), np.array(arm.hand_position)
+    along = -axes[:, 2]
+    inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))
+    last = _welded(arm.links[-1], mass, at + along * length / 2, inertia)
+    x, y, z = (at + along * length).tolist()
+    if any(link.capsules for link in arm.links):
+        stick = Capsule(tuple(at.tolist()), (x, y, z), radius)
+        last = dataclasses.replace(last, capsules=(*last.capsules, stick))
+    return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z))
+
+
+def _welded(link: SpatialLink, mass: float, com: np.ndarray, inertia: np.ndarray) -> SpatialLink:
+    """A link with one more body fixed to it: its mass [kg], centre of mass (3,) [m] and inertia about that (3, 3)."""
+    total = link.mass + mass
+    if total == 0:
+        return link
+    centre = (link.mass * np.array(link.com) + mass * com) / total
+    moments = np.zeros((3, 3))
+    for part, at, own in ((link.mass, np.array(link.com), link.inertia_matrix), (mass, com, inertia)):
+        d = at - centre
+        moments += own + part * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
+    x, y, z = centre.tolist()
+    upper = moments[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+    return dataclasses.replace(link, mass=total, com=(x, y, z), inertia=tuple(upper.tolist()))

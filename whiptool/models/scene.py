@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,13 +11,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from whiptool.models.capsules import Capsule
+from whiptool.models.capsules import Capsule, Solids, nearest_points
 from whiptool.models.kinematics import arm_poses, whip_places
 from whiptool.models.mount import level_links
 from whiptool.models.parameters import Model
-from whiptool.models.segment_distances import nearest_points
-from whiptool.models.solids import Solids
-from whiptool.models.spatial_arm import BASE
+from whiptool.models.robot_files import ArmChoice
+from whiptool.models.spatial_arm import BASE, SpatialArm
+from whiptool.models.whip import WhipParameters
 
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
@@ -382,3 +383,40 @@ def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndar
             break
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z]), (start + end) / 2
+
+
+_SMALL_WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="rod")  # any: it is not compared
+
+
+def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
+    """Return an arm in which pairs of links that touch in the zero posture are not checked for contact; `notes` lists
+    them.
+
+    In the zero posture all joints are at 0, or as near to it as their ranges allow. Links that touch in every posture
+    touch in it.
+
+    Args:
+        arm: Arm as read from a file.
+        choice: If its `never_touch` is given, these pairs are used instead.
+
+    Raises:
+        InputError: The choice names a joint that the arm does not have.
+    """
+    if choice is not None and choice.never_touch is not None:
+        return dataclasses.replace(arm, never_touch=tuple(choice.never_touch))
+    if not any(link.capsules for link in arm.links):
+        return arm
+
+    rest = np.array([np.clip(0.0, *link.limits.position) for link in arm.links])
+    names = (*arm.joints, BASE)
+    scene = Scene(Model(_SMALL_WHIP, arm), of=("close", "apart"))
+    links = [scene.links_of(pair) for pair in scene.pairs]
+    distances = scene.distances(rest[None])[0][0] if links else []
+    pairs = sorted({both for both, distance in zip(links, distances, strict=True) if distance < 0})
+    if not pairs:
+        return arm
+    touching = tuple((names[one], names[other]) for one, other in pairs)  # the base, -1, is the last name
+    said = ", ".join(f"{one} and {other}" for one, other in touching)
+    note = f"shapes that touch where all joints are at 0 are not compared, of the links of {said}; arm.never_touch in a"
+    notes = (*arm.notes, f"{note} model file says otherwise")
+    return dataclasses.replace(arm, never_touch=touching, notes=notes)

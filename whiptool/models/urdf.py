@@ -1,11 +1,11 @@
-"""Arms from URDF files: Pinocchio reads them."""
+"""What of a URDF file is assumed, or has no part in the arm, in lines for people."""
 
 from __future__ import annotations
 
 import math
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,19 +13,91 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arm_choice import ArmChoice, quiet
 from whiptool.models.capsules import Capsule
-from whiptool.models.joint_names import joint_name
-from whiptool.models.robot_markup import read_urdf_text
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, without_inertia
-from whiptool.models.urdf_notes import assumed
+from whiptool.models.robot_files import ArmChoice, quiet, read_urdf_text
+from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, joint_name, without_inertia
 from whiptool.models.urdf_shapes import (
+    DENSITY,
     add_inertias,
     capsule_of,
     massless_links,
     shaped_links,
     simple_shapes,
+    with_meshes,
 )
+
+_BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
+
+
+def assumed(
+    robot: ET.Element,
+    movers: Collection[str],
+    moved: Collection[str],
+    weighed: Collection[str],
+    without_mass: Sequence[str],
+) -> tuple[str, ...]:
+    """Return notes on what was assumed or ignored in a URDF file, one line for each kind.
+
+    Args:
+        robot: Root element of the file.
+        movers: Names of the arm's joints.
+        moved: Names of the arm's links, its base included.
+        weighed: Names of its moving links whose mass was computed from their shapes.
+        without_mass: Names of the joints whose links have an inertia but no mass.
+    """
+
+    def of(has: Callable[[ET.Element], bool]) -> str:
+        joints = [joint for joint in robot.findall("joint") if joint.get("name") in movers and has(joint)]
+        return ", ".join(joint.get("name", "") for joint in joints)
+
+    def follow(joint: ET.Element) -> bool:
+        mimic = joint.find("mimic")
+        return mimic is not None and mimic.get("joint") in movers
+
+    light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
+    following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
+    soft, free, meshes = of(_keeps_off), of(_zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
+    fast, rubbing = of(lambda joint: joint.find(_BY_POSITION) is not None), of(_rubs)
+    said = {
+        f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
+        f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
+        f"speed limits that depend on the position of {fast} are not judged, only the largest speeds": fast,
+        f"what mimics joints of the arm does not move with them, but is held: {following}": following,
+        f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
+        f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,
+        f"soft limits of {soft} (<safety_controller>) are not kept, only those of <limit>": soft,
+        f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
+    }
+    return tuple(note for note, names in said.items() if names)
+
+
+def _rubs(joint: ET.Element) -> bool:
+    """Whether a joint has dry friction."""
+    return _number(joint.find("dynamics"), "friction") > 0
+
+
+def _zero_limit(joint: ET.Element) -> bool:
+    """Whether a joint's limit of speed or torque is written as 0."""
+    limit = joint.find("limit")
+    return limit is not None and any(
+        limit.get(x) is not None and _number(limit, x) <= 0 for x in ("velocity", "effort")
+    )
+
+
+def _keeps_off(joint: ET.Element) -> bool:
+    """Whether a joint is to stay within less than its range."""
+    soft, limit = joint.find("safety_controller"), joint.find("limit")
+    low, high = _number(soft, "soft_lower_limit"), _number(soft, "soft_upper_limit")
+    return low < high and (low > _number(limit, "lower") or high < _number(limit, "upper"))
+
+
+def _number(element: ET.Element | None, name: str) -> float:
+    """A number of an element: 0 where it is not given, NaN where it is not a number."""
+    try:
+        return 0.0 if element is None else float(element.get(name, "0"))
+    except ValueError:
+        return math.nan
+
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
 _TYPES = (*_MOVABLE, "fixed")
@@ -147,13 +219,13 @@ def _check_moving(joint: ET.Element) -> None:
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     if joint.get("type") == "continuous":
         return
-    ends = [_number("0" if limit is None else limit.get(end, "0")) for end in ("lower", "upper")]
+    ends = [_of_text("0" if limit is None else limit.get(end, "0")) for end in ("lower", "upper")]
     if not ends[0] < ends[1]:
         rule = 'a <limit> whose lower is below its upper, or type="continuous"'
         raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
 
 
-def _number(text: str) -> float:
+def _of_text(text: str) -> float:
     try:
         return float(text)
     except ValueError:
@@ -216,7 +288,7 @@ def _position_limits(joint: ET.Element) -> tuple[float, float]:
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
-    low, high = (_number(limit.get(end, "0")) for end in ("lower", "upper"))
+    low, high = (_of_text(limit.get(end, "0")) for end in ("lower", "upper"))
     return (low, high) if low < high else (-math.inf, math.inf)
 
 
@@ -230,7 +302,7 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
         mimic, name = joint.find("mimic"), joint.get("name", "")
         if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)
-            locked[name] = _number(mimic.get("multiplier", "1")) * value + _number(mimic.get("offset", "0"))
+            locked[name] = _of_text(mimic.get("multiplier", "1")) * value + _of_text(mimic.get("offset", "0"))
     return locked
 
 
@@ -238,7 +310,7 @@ def _rotor(robot: ET.Element, name: str) -> float:
     """Inertia of a joint's rotor as the joint feels it, of Drake's extension [kg m^2 or kg]."""
     joint = next(joint for joint in robot.findall("joint") if joint.get("name") == name)
     said = {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x.get("value", "") for x in joint}
-    return _number(said.get("rotor_inertia", "0")) * _number(said.get("gear_ratio", "1")) ** 2
+    return _of_text(said.get("rotor_inertia", "0")) * _of_text(said.get("gear_ratio", "1")) ** 2
 
 
 def _links_of(model: Any) -> list[set[str]]:

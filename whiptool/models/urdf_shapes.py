@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arm_choice import quiet
 from whiptool.models.capsules import Capsule
+from whiptool.models.robot_files import quiet
 
 DENSITY = 1000.0  # [kg/m3], of bodies whose mass a file does not tell: what MuJoCo takes
 SIMPLE = ("box", "cylinder", "capsule", "sphere")

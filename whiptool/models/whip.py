@@ -9,8 +9,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arrays import NoArray
-from whiptool.models.numbers import metres, number, whole
+from whiptool.models.numbers import NoArray, metres, number, whole
 
 STEEPEST = math.pi / 2  # [rad] of a rest angle
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node

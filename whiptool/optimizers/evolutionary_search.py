@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import number, whole
+from whiptool.models.numbers import number, whole
 from whiptool.objective import Objective
 
 SIGMA = 0.3  # first step size of CMA-ES, in units of the box

@@ -7,8 +7,8 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from whiptool.errors import no_attribute
-from whiptool.models.arrays import NoArray
-from whiptool.models.joint_space import AnyStrike
+from whiptool.models.numbers import NoArray
+from whiptool.models.strike import AnyStrike
 from whiptool.objective import Outcome, Trial
 from whiptool.words import counted
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.parameters import AnyArm
 from whiptool.models.strike import strike_names
 from whiptool.objective import RIG, Arrival, Outcome, Trial
 from whiptool.whole_files import append_whole, write_whole

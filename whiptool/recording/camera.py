@@ -18,7 +18,7 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
-from whiptool.models.tables import build_from, read_toml
+from whiptool.given_files import build_from, read_toml
 from whiptool.recording import homography
 from whiptool.recording.lens import COEFFICIENTS, distort, distortion_slopes, undistort
 from whiptool.whole_files import write_whole

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.models.closest import closest_on_curve
+from whiptool.models.trajectory import closest_on_curve
 from whiptool.recording.strike_recording import StrikeRecording
 
 GAP = 2.5  # usual distances of frames in time, beyond which some are missing

@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.arrays import NoArray
-from whiptool.models.joint_space import check_turns
-from whiptool.models.numbers import ASK_UNIT, texts
+from whiptool.models.numbers import ASK_UNIT, NoArray, texts
 from whiptool.models.parameters import Model
-from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.strike import T_STAY, Strike, check_turns
 from whiptool.recording.camera import Camera
 from whiptool.recording.clock import LONGEST, check_pace, check_spans, of_use, told_of_spans
 from whiptool.recording.depth_noise import depth_error

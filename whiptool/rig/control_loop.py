@@ -13,8 +13,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.constant import ConstantImpedance
 from whiptool.impedance.controller import Controller
+from whiptool.impedance.laws import ConstantImpedance
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.rig.caps import CappedLoop

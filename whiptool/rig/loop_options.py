@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.models.strike import T_STAY
 from whiptool.rig.caps import Caps
 

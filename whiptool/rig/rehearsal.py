@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.dynamics.stepping import FASTEST
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
 from whiptool.limits.motor_limits import XM430, MotorLimits
-from whiptool.models.parameters import Model
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
 from whiptool.rig.caps import CappedLoop
@@ -22,7 +20,8 @@ from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
-from whiptool.rollout.completed import States, complete_trajectory
+from whiptool.rollout.batch import FASTEST
+from whiptool.rollout.interface import States, complete_trajectory
 
 # A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
 CHATTER = 0.6

@@ -15,9 +15,8 @@ from whiptool.errors import WhiptoolError
 from whiptool.goals.target import Target
 from whiptool.identification.film_judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
-from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
-from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.strike import T_STAY, AnyStrike, Strike
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.recording.camera import Camera, camera_preset
 from whiptool.recording.filmed_approach import approach_seen, tip_seen
@@ -31,8 +30,7 @@ from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
 from whiptool.rig.stop_signals import StopSignals
 from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.rollout.completed import States, complete_trajectory
-from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
+from whiptool.rollout.interface import Points, Rollout, States, Strikes, complete_trajectory, joined, target_points
 from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 

@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.goals import Goals, arrival_angles
 from whiptool.goals.zone import Zone, directions
-from whiptool.models.closest import closest_on_segments
+from whiptool.models.trajectory import closest_on_segments
 from whiptool.rl.task import StrikeTask
 
 RATE = 500.0  # [1/s] of the paths: within a millimetre of the tip, save that they may end 2 ms before the strike

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import LARGEST
-from whiptool.models.parameters import number, whole
+from whiptool.models.numbers import LARGEST, number, whole
 
 _WIDEST, _MOST = 10_000, 1_000_000  # layer; any other whole number. What is beyond is a slip, and fills memory
 

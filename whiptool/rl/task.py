@@ -22,7 +22,8 @@ from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone, check_fits, usual_disc
 from whiptool.limits.all_limits import AllLimits, Limits, distance_beyond, limits_given
 from whiptool.models.kinematics import joint_points
-from whiptool.models.parameters import Model, number, whole
+from whiptool.models.numbers import number, whole
+from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.rollout.compiled import CompiledRollout

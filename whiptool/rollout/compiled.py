@@ -7,33 +7,31 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.dynamics.columns import Columns, outcome_columns, row_columns
 from whiptool.dynamics.directions import parameter_directions
 from whiptool.dynamics.posture import start_derivative, start_posture
-from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.structure import Columns, Structure, outcome_columns, row_columns
 from whiptool.errors import InputError, expect
-from whiptool.impedance.controller import Controller
-from whiptool.impedance.default import default_controller
+from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.hand_space import StrikeSpace
-from whiptool.models.joint_space import AnyStrike, JointSpace
-from whiptool.models.numbers import array_of, texts, whole
-from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY
+from whiptool.models.numbers import array_of, number, texts, whole
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, AnyStrike, JointSpace
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.progress import Progress
-from whiptool.rollout.batch import Batch, Engine
-from whiptool.rollout.completed import States, complete_trajectory
+from whiptool.rollout.batch import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, Batch, Engine, time_grid
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
+    SLOPES,
+    ApproachSlopes,
     Points,
     Rollout,
+    States,
     Strikes,
+    complete_trajectory,
     joined,
     target_points,
 )
 from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve, stepped
-from whiptool.rollout.slopes import SLOPES, ApproachSlopes
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance

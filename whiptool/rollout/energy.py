@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.dynamics.rod_damping import RodDamping, rod_damping
-from whiptool.dynamics.rods import half_square
+from whiptool.dynamics.rods import RodDamping, half_square, rod_damping
 from whiptool.errors import InputError
 from whiptool.models.kinematics import MovingFrame, arm_frames, chain_motion, hinged_frames
-from whiptool.models.parameters import Model, WhipParameters
+from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
+from whiptool.models.whip import WhipParameters
 
 
 @dataclass(frozen=True)

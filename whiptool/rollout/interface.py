@@ -1,22 +1,85 @@
-"""What every rollout of strikes does, be it compiled, the reference, or a rig."""
+"""Exact derivatives of what a closest approach tells."""
 
 from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, TypeAlias
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.closest import Points, target_points
-from whiptool.models.hand_space import StrikeSpace
-from whiptool.models.joint_space import AnyStrike, JointSpace, checked_vectors
+from whiptool.impedance.controller import Controller
+from whiptool.models.hand_space import HandPath, HandSpace, StrikeSpace
+from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
-from whiptool.models.strike import T_STAY
-from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.rollout.slopes import ApproachSlopes
+from whiptool.models.strike import T_STAY, AnyStrike, JointSpace, StrikePath, checked_vectors
+from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
+
+SLOPES = ("tip", "velocity", "effort", "max_torque")  # of which an outcome's columns hold derivatives by name
+
+
+@dataclass(frozen=True, eq=False)
+class ApproachSlopes:
+    """Derivatives of an `Approach` of B strikes by m parameters, in d dimensions, for an arm with a joints.
+
+    Args:
+        distance: Derivatives of the distance of the tip from the target [m per unit of the parameter], (B, m).
+        tip: Derivatives of the tip's position at the closest approach [m per unit], (B, d, m).
+        velocity: Derivatives of the tip's velocity there [m/s per unit], (B, d, m).
+        effort: Derivatives of each joint's integral of squared torque [N^2 m^2 s per unit], (B, a, m).
+        max_torque: Derivatives of each joint's largest torque [N m per unit], (B, a, m).
+    """
+
+    distance: np.ndarray
+    tip: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    max_torque: np.ndarray
+
+
+class States(NamedTuple):
+    """States of a strike at T instants, see `Trajectory`; `tip` is the tip's path and velocity, None: not known."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    tau: np.ndarray
+    diverged: bool = False
+    tip: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def complete_trajectory(model: Model, controller: Controller, strike: StrikePath, states: States) -> Trajectory:
+    """Return a trajectory with what follows from states: references, gains, and, unless given, the tip's path.
+
+    For control in hand space the gains are those in joint space, `J^T K J` and `J^T B J`.
+    """
+    t, q, v, tau, diverged, tip = states
+    a = model.arm.n
+    q_d, v_d, _ = strike.reference(t)
+    space = controller.strike_space(model.arm)
+    if isinstance(strike, HandPath) and isinstance(space, HandSpace) and not controller.prescribed:
+        K, B = _hand_gains(controller, strike, space, t, q[:, :a], v[:, :a])
+    else:
+        K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
+    if tip is None:
+        points, velocities = chain_motion(model, q, v)
+        tip = points[:, -1], velocities[:, -1]
+    return Trajectory(t, q, v, q_d, v_d, tau, K, B, *tip, diverged=diverged, names=model.coordinate_names)
+
+
+def _hand_gains(
+    controller: Controller, path: HandPath, space: HandSpace, t: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness and damping (T, a, a) that an arm's joints (T, a) feel of a law of the hand's errors."""
+    hand = space.kinematics.motion(q)
+    J = space.kinematics.rows @ hand.jacobian
+    K, B = controller.law.gains(*path.errors(t, hand, np.einsum("tmj,tj->tm", J, v)))
+    back = np.swapaxes(J, 1, 2)
+    return back @ K @ J, back @ B @ J
+
 
 Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_posture
-from whiptool.dynamics.rod_damping import rod_damping
-from whiptool.dynamics.rods import half_square
+from whiptool.dynamics.rods import half_square, rod_damping
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import Model
 from whiptool.rollout.mujoco_import import mujoco

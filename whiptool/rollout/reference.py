@@ -11,19 +11,16 @@ from typing import Literal, get_args
 import numpy as np
 
 from whiptool.dynamics.posture import start_posture
-from whiptool.dynamics.stepping import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
 from whiptool.errors import InputError, expect
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.controller import Controller
-from whiptool.impedance.default import default_controller
+from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.hand_space import StrikeSpace
-from whiptool.models.joint_space import AnyStrike
-from whiptool.models.numbers import numbers
-from whiptool.models.parameters import Model, number
-from whiptool.models.strike import T_STAY
+from whiptool.models.numbers import number, numbers
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, AnyStrike
 from whiptool.models.trajectory import Trajectory
-from whiptool.rollout.completed import States, complete_trajectory
-from whiptool.rollout.interface import Rollout
+from whiptool.rollout.batch import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
+from whiptool.rollout.interface import Rollout, States, complete_trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.rollout.mujoco_rods import MujocoRods

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.impedance.controller import Controller
-from whiptool.models.joint_space import AnyStrike
 from whiptool.models.parameters import Model
-from whiptool.models.strike import StrikeBounds
+from whiptool.models.strike import AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import Rollout

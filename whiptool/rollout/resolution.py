@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.dynamics.columns import Columns
 from whiptool.dynamics.modes import explicit_timestep
-from whiptool.dynamics.structure import Structure
+from whiptool.dynamics.structure import Columns, Structure
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from scipy.interpolate import BPoly
 
-from whiptool.dynamics.stepping import FASTEST
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.impedance.position import PositionControl
-from whiptool.models.joint_space import check_turns
+from whiptool.impedance.laws import PositionControl
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
+from whiptool.models.strike import check_turns
 from whiptool.models.trajectory import Trajectory
+from whiptool.rollout.batch import FASTEST
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout, control_callback
 

@@ -1,6 +1,6 @@
 """Strike maps: the strike for any goal of a region, without a search."""
 
-from whiptool.goals.goal_region import GoalRegion
+from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.strike_map import StrikeMap

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.goals.goal_region import GoalRegion
+from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.models.numbers import whole
 from whiptool.progress import Progress
 from whiptool.strike_map.answers import Answers

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from whiptool.goals.goal_region import GoalRegion
+from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.models.strike import strike_names
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.striker import Striker

@@ -10,7 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
-from whiptool.goals.goal_region import GoalRegion, usual_region
+from whiptool.goals.arrival_rule import GoalRegion, usual_region
 from whiptool.models import Model
 from whiptool.models.presets import PRESETS
 from whiptool.rollout.compiled import CompiledRollout

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, expect
-from whiptool.goals.arrival_rule import named_rule, named_zone
-from whiptool.goals.goal_region import GoalRegion, usual_region
+from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone, usual_region
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import RADIUS
 from whiptool.impedance.controller_files import controller_from_table

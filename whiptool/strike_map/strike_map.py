@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.goals.goal_region import GoalRegion
+from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target, as_target
 from whiptool.models.strike import Strike

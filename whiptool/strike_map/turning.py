@@ -10,8 +10,7 @@ import numpy as np
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Zone, sample
 from whiptool.models.mount import turns_as_a_whole
-from whiptool.models.parameters import Model
-from whiptool.models.planar_arm import AnyArm
+from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import StrikeBounds, default_bounds
 from whiptool.strike_map.answers import Answers
 

@@ -8,8 +8,7 @@ from whiptool.errors import WhiptoolError
 from whiptool.models.parameters import Model
 from whiptool.recording.camera import Camera
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.rollout.mujoco_model import build_spec
-from whiptool.rollout.mujoco_scene import add_ball
+from whiptool.rollout.mujoco_model import add_ball, build_spec
 from whiptool.viz.opengl import gl_context
 
 # Red, green, blue of the markers, as bright tape shows them; the tip's hue is a quarter turn from the target's and from

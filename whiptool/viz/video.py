@@ -14,8 +14,7 @@ from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.rollout.mujoco_model import build_spec, set_posture
-from whiptool.rollout.mujoco_scene import FLOOR
+from whiptool.rollout.mujoco_model import FLOOR, build_spec, set_posture
 from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_camera, film_of
 from whiptool.viz.frames import write_film
 from whiptool.viz.opengl import add_bar, add_rod, draws_in_software, gl_context

@@ -15,7 +15,7 @@ from papers.nah2023.hand import (
     task_compliance,
 )
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.spatial_arm import IDENTITY, SpatialArm, SpatialLink
 
 

@@ -11,7 +11,7 @@ from papers.nah2023 import published
 from papers.nah2023.how_near import REACH, link_angles
 from papers.nah2023.report import nearest_strikes
 from whiptool.models.kinematics import joint_points
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 
 
 def _bent(q: np.ndarray) -> SimpleNamespace:

@@ -10,7 +10,7 @@ from papers.nah2023.last_nodes import LastNodes
 from papers.nah2023.units import simulator
 from whiptool.errors import InputError
 from whiptool.models.kinematics import joint_points
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.strike import default_bounds
 
 STRIKES = default_bounds(NAH2023.arm).sample(np.random.default_rng(0), 3)

@@ -7,7 +7,7 @@ import pytest
 
 from papers.nah2023 import published
 from papers.nah2023.units import BOUNDS, first_strikes
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 
 
 def test_targets_lie_at_two_distances_in_three_directions():

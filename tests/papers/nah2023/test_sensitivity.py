@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from papers.nah2023.sensitivity import across, links_at, path_sensitivity
-from whiptool.models.robots import NAH2023
+from whiptool.models.presets import NAH2023
 from whiptool.models.strike import strike_names
 from whiptool.rollout.compiled import ChainPath
 

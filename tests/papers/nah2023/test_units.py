@@ -19,7 +19,7 @@ from papers.nah2023.units import (
     first_strikes,
     noisy,
 )
-from whiptool.models.joint_space import JointSpace
+from whiptool.models.strike import JointSpace
 from whiptool.optimizers.result import Result, Status
 from whiptool.rollout.interface import Rollout
 

@@ -95,7 +95,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.files import load_model
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         self._check_space(load_model(self.model))

@@ -12,7 +12,7 @@ from whiptool.words import as_named
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.impedance.law import Law
+    from whiptool.impedance.laws import Law
     from whiptool.models.parameters import Model
 
 Preset = Annotated[str, Names("whiptool.impedance:OIAC_PRESETS", "whiptool.impedance:CONSTANT_PRESETS")]
@@ -169,7 +169,7 @@ class SimulatedControllerOptions(ControllerOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         if self.control_period is not None:

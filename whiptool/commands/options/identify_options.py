@@ -120,7 +120,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.identification.inputs import read_marker
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         if not self.recordings:

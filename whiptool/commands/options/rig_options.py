@@ -55,7 +55,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.rig.loop_options import LONGEST_DELAY
 
         super().check()

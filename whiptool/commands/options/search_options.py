@@ -73,7 +73,7 @@ class SearchOptions(OptionGroup):
             InputError: A bound has a wrong length, or a lower bound is not below the upper one.
         """
         from whiptool.models.hand_space import numbers_of
-        from whiptool.models.joint_space import JointSpace
+        from whiptool.models.strike import JointSpace
 
         space = JointSpace(model.arm) if space is None else space
         for name, given in (("--lower", self.lower), ("--upper", self.upper)):

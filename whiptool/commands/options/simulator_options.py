@@ -33,8 +33,8 @@ class StepOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.dynamics.stepping import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
+        from whiptool.rollout.batch import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
 
         super().check()
         if self.timestep is not None:

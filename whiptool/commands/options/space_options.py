@@ -14,7 +14,7 @@ from whiptool.errors import InputError
 if TYPE_CHECKING:
     from whiptool.commands.options.target_options import ModelOptions
     from whiptool.impedance import Controller
-    from whiptool.impedance.hand import HandControl
+    from whiptool.impedance.controller import HandControl
 
 _GAINS = ("stiffness", "damping", "turn_stiffness", "turn_damping")
 _OF_CONSTANT = when("controller", "constant", of="law_or_file")
@@ -56,7 +56,7 @@ class SpaceOptions(SimulatedControllerOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         for name in ("null_damping", *_GAINS):
             if getattr(self, name) is not None:
@@ -85,7 +85,7 @@ class SpaceOptions(SimulatedControllerOptions):
         return named + (" of the hand's pose" if self.space == "pose" else " of the hand")
 
     def _hand(self) -> HandControl:
-        from whiptool.impedance.hand import HandControl
+        from whiptool.impedance.controller import HandControl
 
         try:
             return HandControl(self.home, self.null_damping, orientation=self.space == "pose")
@@ -100,7 +100,7 @@ class SpaceOptions(SimulatedControllerOptions):
                 "--preset", self.preset, f"only without --space {self.space}; give --stiffness and --damping"
             )
         from whiptool.impedance import ConstantImpedance
-        from whiptool.impedance.hand import hand_impedance
+        from whiptool.impedance.controller import hand_impedance
 
         model = cast("ModelOptions", self).find_model()  # every command with a space has a model
         usual, d = hand_impedance(model, self._hand()), model.dimension

@@ -43,7 +43,7 @@ class TargetOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         self.build_target()
@@ -86,7 +86,7 @@ class GoalOptions(TargetOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         number("--cone", self.cone, low=0, high=180, strict=True)
         if self.arrival_angle is not None:
@@ -126,7 +126,7 @@ class ZoneOptions(TargetOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         number("--zone-radius", self.zone_radius, low=0, strict=True)

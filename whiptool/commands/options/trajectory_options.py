@@ -14,9 +14,9 @@ from whiptool.progress import note
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.limits.all_limits import Limits
-    from whiptool.models.joint_space import StrikePath
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
+    from whiptool.models.strike import StrikePath
 
 _WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
 
@@ -44,7 +44,7 @@ class TrajectoryOptions(OptionGroup):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         for angle in self.posture or ():

@@ -50,7 +50,7 @@ class WhipOptions(OptionGroup):
         changes = {"length": self.whip_length, "nodes": self.number_of_nodes, "taper": self.taper}
         try:
             if material:
-                from whiptool.models.material import of_material
+                from whiptool.models.profile import of_material
 
                 model = replace(model, whip=of_material(model.whip, **material))
             return model if set(changes.values()) == {None} else model.with_whip(**changes)

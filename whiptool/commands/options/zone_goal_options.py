@@ -36,7 +36,7 @@ class ZoneGoalOptions(ZoneOptions):
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
 
         super().check()
         number("--cone", self.cone, low=0, high=180, strict=True)

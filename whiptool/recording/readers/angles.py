@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, read_arrays, sha256, whole_file
-from whiptool.models.parameters import number, whole
-from whiptool.models.tables import read_toml
+from whiptool.given_files import parsing, read_arrays, read_toml, sha256, whole_file
+from whiptool.models.numbers import number, whole
 from whiptool.recording.readers.table import read_columns
 from whiptool.recording.strike_recording import StrikeRecording
 

@@ -25,8 +25,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.given_files import parsing, read_json, sha256, whole_file
-from whiptool.models.tables import read_toml
+from whiptool.given_files import parsing, read_json, read_toml, sha256, whole_file
 from whiptool.recording.readers.footage import VideoSource, segment, source, video_frames
 from whiptool.recording.readers.frame_clock import clock_of_rows, frame_clock
 from whiptool.recording.readers.joint_log import JointLog, joint_log

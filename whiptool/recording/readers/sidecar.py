@@ -36,10 +36,9 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import sha256
+from whiptool.given_files import read_toml, sha256
 from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
-from whiptool.models.tables import read_toml
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
 from whiptool.recording.joint_columns import order_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from whiptool.errors import InputError
 from whiptool.limits.motor_limits import XM430
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 
 RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
 

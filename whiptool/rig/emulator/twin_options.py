@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.presets import preset
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
 from whiptool.rig.emulator.motor import Motor

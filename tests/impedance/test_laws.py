@@ -1,4 +1,4 @@
-"""Constant impedance: published matrices, gains of robots, and checks at the door."""
+"""Control laws: NumPy against CasADi."""
 
 from __future__ import annotations
 
@@ -7,13 +7,56 @@ import math
 import casadi as ca
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
+from whiptool.commands.options.controller_options import ControllerOptions
+from whiptool.commands.options.rig_options import ArmOptions
 from whiptool.errors import InputError
-from whiptool.impedance import CONSTANT_PRESETS, ConstantImpedance, Controller, constant_preset
+from whiptool.impedance import (
+    CONSTANT_PRESETS,
+    OIAC,
+    OIAC_PRESETS,
+    ConstantImpedance,
+    Controller,
+    PositionControl,
+    constant_preset,
+    oiac_preset,
+)
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller_files import controller_from_table, controller_to_table
-from whiptool.models import PRESETS, Strike, preset
+from whiptool.models import PRESETS, preset
+from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
+
+errors = arrays(float, 2, elements=st.floats(-2, 2))
+laws = st.one_of(
+    st.builds(OIAC, a=st.floats(1e-4, 1), beta=st.floats(0, 1), C=st.floats(0, 10)),
+    st.builds(
+        lambda K, B: ConstantImpedance().changed({"K": K, "B": B}),
+        *[arrays(float, (2, 2), elements=st.floats(-50, 50))] * 2,
+    ),
+)
+
+
+@given(laws, errors, errors)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_numpy_and_casadi_agree(law, e, de):
+    K, B = law.gains(e, de)
+    numpy = K @ e + B @ de  # Eq. 2
+    casadi = law.expression({k: ca.DM(v) for k, v in law.parameters().items()}, ca.DM(e), ca.DM(de))
+    np.testing.assert_allclose(casadi.full()[:, 0], numpy, rtol=1e-12, atol=1e-12 * (1 + np.abs(numpy).max()))
+
+
+def test_gains_broadcast_over_time():
+    rng = np.random.default_rng(0)
+    e, de = rng.normal(size=(2, 7, 2))
+    for law in (OIAC(), ConstantImpedance()):
+        K, B = law.gains(e, de)
+        assert K.shape == B.shape == (7, 2, 2)
+        np.testing.assert_allclose(K[3], law.gains(e[3], de[3])[0])
+
 
 every_preset = pytest.mark.parametrize("name", CONSTANT_PRESETS)
 
@@ -182,3 +225,95 @@ def test_a_row_of_numbers_is_a_diagonal_and_no_number_may_push():
     for K in (-1.0, [1.0, -1.0]):
         with pytest.raises(InputError, match=r"K: got .*; allowed: a matrix that acts against any error"):
             ConstantImpedance(K, 1.0)
+
+
+@given(st.floats(1e-4, 1), errors, errors)
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_oiac_has_rank_one_and_its_closed_form(a, e, de):
+    """Eqs. 2 and 8-10 reduce to tau = eps (|e|^2 + |de|^2)(1 + C |eps|^2) / a."""
+    law = OIAC(a=a, beta=0.6, C=5.0)
+    K, B = law.gains(e, de)
+    epsilon = e + 0.6 * de
+    tau = epsilon * (e @ e + de @ de) * (1 + 5 * epsilon @ epsilon) / a
+    np.testing.assert_allclose(K @ e + B @ de, tau, rtol=1e-12, atol=1e-300)
+    assert np.linalg.matrix_rank(K) <= 1
+    assert np.linalg.matrix_rank(B) <= 1
+
+
+def test_presets():
+    assert (oiac_preset("printed").a, oiac_preset("printed").beta, oiac_preset("printed").C) == (0.2, 0.6, 5.0)
+    assert oiac_preset("table4").a < 1e-3
+    with pytest.raises(InputError, match="printed, table4"):
+        oiac_preset("table5")
+    assert ConstantImpedance().K == ((29.5, 14.3), (14.3, 39.3))  # Eq. 22
+    for wrong in ({"a": 0}, {"a": -1}, {"beta": -1}, {"C": -0.5}, {"C": float("nan")}):
+        with pytest.raises(InputError):
+            OIAC(**wrong)
+
+
+def test_table4_tracks_better_than_constant_and_printed_worse():
+    """What the presets are for; benchmarks/table4_sweep.py has the whole sweep."""
+    model = preset("lemon2024")
+    rng = np.random.default_rng(3)
+    from whiptool.models.strike import default_bounds
+
+    largest = {}
+    laws = {"constant": ConstantImpedance(), **OIAC_PRESETS}
+    strikes = default_bounds(model.arm).sample(rng, 10)
+    for name, law in laws.items():
+        rollout = CompiledRollout(model, Controller(law), timestep=2e-4)
+        paths = [rollout.trajectory(Strike.from_vector(s), t_stay=0.3) for s in strikes]
+        largest[name] = np.mean([np.abs(p.q_d - p.q[:, :2]).max(axis=0)[0] for p in paths])
+    assert largest["table4"] < 0.5 * largest["constant"]
+    assert largest["printed"] > largest["constant"]
+
+
+CONTROLLER = Controller(PositionControl())
+
+
+def test_a_table_holds_its_name_alone():
+    assert controller_to_table(CONTROLLER)["law"] == "position"
+    assert controller_from_table({"law": "position"}) == CONTROLLER
+    assert CONTROLLER.parameters() == {}
+    with pytest.raises(InputError, match=r"^controller\.K: "):
+        controller_from_table({"law": "position", "K": [[1.0]]})
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("feedforward", True), ("torque_limit", 3.0), ("control_period", 0.002), ("compensated", (1.0, 1.0, 1.0))],
+)
+def test_it_has_no_options(option, value):
+    with pytest.raises(InputError, match=rf"^{option}: .*only without position control"):
+        Controller(PositionControl(), **{option: value})
+
+
+def test_it_gives_no_torques_to_a_rig():
+    model = preset("lemon2024")
+    with pytest.raises(InputError, match=r"^controller: got 'position'; allowed: a law that gives torques"):
+        CONTROLLER.bind(Arm(model), Strike((0.0, 0.1), (0.5, 0.6), 0.5))
+
+
+@pytest.mark.parametrize("port", ["twin", "/dev/ttyUSB0"])
+def test_a_rigs_options_refuse_it(port):
+    with pytest.raises(InputError, match=r"^--controller: got 'position'; allowed: one that gives torques"):
+        ArmOptions(controller="position", port=port, target=(1.3, 0.0)).build_controller()
+
+
+def test_it_fits_every_arm_and_has_no_impedance():
+    for name in ("lemon2024", "ur5e"):
+        model = preset(name)
+        CONTROLLER.check_fits(model.arm)
+        assert CONTROLLER.reckoning_with(model) == CONTROLLER
+    K, B = CONTROLLER.law.gains(np.ones((5, 3)), np.ones((5, 3)))
+    assert K.shape == B.shape == (5, 3, 3)
+    assert not K.any()
+    assert not B.any()
+
+
+def test_the_option_takes_it_without_a_preset():
+    assert ControllerOptions(controller="position").build_controller() == CONTROLLER
+    assert ControllerOptions(controller="position").controller_label() == "position control"
+    for option, value in (("preset", "nah2020"), ("feedforward", True), ("torque_limit", 2.0)):
+        with pytest.raises(InputError, match="only without"):
+            ControllerOptions(controller="position", **{option: value}).check()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.limits.arm_limits import ArmLimits
-from whiptool.limits.command_limits import CommandLimits
+from whiptool.limits.limits import CommandLimits
 from whiptool.models import JointLimits, Strike, default_bounds, preset
 
 SLOW = JointLimits(velocity=2.0, acceleration=9.0, jerk=200.0)
