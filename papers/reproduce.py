@@ -47,28 +47,29 @@ class ReproduceOptions(ComparisonOptions):
     may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
 
     what: tyro.conf.Positional[Part] = "all"
-    """Part to reproduce. table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9 and 10.
-    Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023 (another paper, an arm in space;
-    minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces (joint space compared with hand
-    space; an hour)."""
+    """Part to reproduce (--help-all describes each). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere;
+    sim2real is Figs. 9 and 10. Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023
+    (another paper, an arm in space; minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces
+    (joint space compared with hand space; an hour)."""
     whips: int = 30
-    """Number of unknown whips of each family, in adapt."""
+    """Number of unknown whips of each family, in the part adapt."""
     whip_targets: int = 3
-    """Number of targets for each unknown whip."""
+    """Number of targets for each unknown whip, in the part adapt."""
     space: bool = False
-    """Run adapt in space: ropes on a UR5e, goals with a point and a direction."""
+    """Run adapt in space: a UR5e with ropes, targets with a direction."""
     rows: tuple[Row, ...] = ("still", "wiggle")
-    """What adapt is run with. still: the whip is filmed as it hangs, before the first strike; wiggle: in one slow
-    movement; unseen: not at all; rig: as it hangs, through emulated servos and images; nominal: nothing is learned."""
+    """Measurement before the first strike, in the part adapt. still: the whip is filmed as it hangs; wiggle: it is
+    filmed in one slow movement; unseen: none; rig: as still, through emulated servos and images; nominal: nothing is
+    learned."""
     further_episodes: int | None = 100
     """Training episodes for observations other than tip, which learn much faster."""
     further_zones: Annotated[tuple[str, ...], arg(metavar="[RADIUS|fast ...]")] = ("0.3", "fast")
-    """Repeat Fig. 6 with harder zones: discs of these radii [m] around --target, and fast, the places where the tip of
-    random strikes moves at 3 m/s or more."""
+    """Repeat Fig. 6 with harder zones: discs of these radii [m] around --target, and fast, where the tip of random
+    strikes moves at 3 m/s or more."""
     further_methods: Methods = ("directl", "ga", "sac", "td3", "ddpg", "ppo")
-    """Methods compared in those zones; random is always added."""
+    """Methods that are compared in the zones of --further-zones; random is always added."""
     further_observation: tuple[Observation, ...] = ("goal",)
-    """What learners observe in those zones."""
+    """Observations of the learners in the zones of --further-zones."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "further_methods")

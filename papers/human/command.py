@@ -27,10 +27,9 @@ class HumanOptions(ResumableOptions):
     changeable: ClassVar[tuple[str, ...]] = ("workers",)
 
     folder: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]] = None
-    """Folder that holds trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their original
-    names."""
+    """Folder with trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their original names."""
     resamples: int = 40
-    """Number of bootstrap samples of people for the intervals of the whip's parameters; 0: no intervals."""
+    """Number of bootstrap samples of people for the confidence intervals of the whip's parameters; 0: no intervals."""
     seeds: int = 4
     """Number of random seeds of each method."""
     trials: int = 600

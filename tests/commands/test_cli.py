@@ -82,7 +82,7 @@ def test_what_is_positional_keeps_its_name():
 @pytest.mark.parametrize(
     ("words", "option", "meaning"),
     [
-        (["rig", "strike"], "--strike", "Joint angles at start and end [rad], and duration [s]: q_si q_ei q_sf q_ef D"),
+        (["rig", "strike"], "--strike", "Joint angles at start and end [rad], and duration [s]. They are q_si q_ei"),
         (["view"], "RUN", "Run folder"),
         (["simulate"], "--strike", "numbers q_si q_ei q_sf q_ef D"),
         (["optimize", "--method"], "--method", "a value"),

@@ -59,10 +59,10 @@ def test_types_and_defaults_are_told_as_people_read_them():
     for part in (
         "--target X ... Target position x y, in space x y z [m].",
         "Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda.",
-        "--max-trials N Largest number of trials. [default: 600]",
+        "--max-trials N Largest number of trials, each of which is one strike. [default: 600]",
         "--space joint|hand|pose Coordinates",
         "--video, --no-video Render the strike as a video. [default: --video]",
-        "--torque-limit X Limit every joint torque to this value [N m].",
+        "--torque-limit X Largest absolute torque of every joint [N m].",
     ):
         assert part in said
     assert "None" not in said

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 REPORT = "report.html"
 AWAITS = 3  # exit status
 _ABOUT = (
-    "Learn an unknown whip, strike by strike, until it hits. "
+    "Identify an unknown whip, strike by strike, until its tip hits the target. "
     "Example: python -m whiptool.adapt --target 1.2 0.1 --port twin --camera points --family strange --seed 3"
 )
 
@@ -52,12 +52,12 @@ class NextOptions(OptionGroup):
     """Options of `whiptool adapt next`, which reads a recording and prints the next strike."""
 
     recordings: Positional[tuple[Path, ...]] = ()
-    """Recording of the strike that was printed last, with its sidecar. For cameras in space, give one film or one table
-    of pixels per camera, two or more. Without a recording the strike is printed again."""
+    """Recording of the strike that was printed last, with its sidecar file. For cameras in space, give one film or one
+    table of pixels per camera, two or more. Without a recording the strike is printed again."""
     run: Path
     """Run folder that `whiptool adapt --port robot` made."""
     cameras: Path | None = None
-    """TOML file with the calibrated cameras in space; default: the file that each sidecar names."""
+    """TOML file with the calibration of the cameras in space; default: the file that each sidecar file names."""
     json: bool = False
     """Print one JSON object."""
 

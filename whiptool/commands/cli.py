@@ -563,15 +563,15 @@ def tell(options: JsonOptions, summary: Mapping[str, Any], text: str) -> None:
 COMMANDS = {
     "optimize": "find a strike that hits a target",
     "identify": "fit a whip's parameters to recorded strikes",
-    "adapt": "learn an unknown whip, strike by strike",
+    "adapt": "identify an unknown whip, strike by strike, until it hits",
     "train": "train a policy over a zone of targets",
-    "compare": "compare how many trials methods need until they hit",
+    "compare": "compare the numbers of trials that methods need until a hit",
     "reproduce": "reproduce the paper's figures and tables in one report",
     "human": "compare people's whip throws with planned strikes",
     "map": "find the strike for any goal of a region, without a search",
     "simulate": "play one strike, or export the model",
     "view": "show a run: viewer, video, interactive page, report",
-    "rig": "strike with a rig, or with its simulated twin",
+    "rig": "strike with a real arm, or with its simulated twin",
     "doctor": "check the installation and this machine",
 }
 

@@ -77,7 +77,7 @@ class ComparisonOptions(
     targets: int = 300
     """Number of random targets, the same for all methods."""
     target_seed: int = 0
-    """Seed from which the targets are drawn."""
+    """Seed from which the targets are drawn (default: 0)."""
     seeds: int = 3
     """Number of random seeds: 0, 1, ..."""
     max_trials: int = 600
@@ -85,9 +85,9 @@ class ComparisonOptions(
     tighter: tuple[float, ...] = (0.03, 0.01)
     """Also evaluate these smaller hit radii [m]; learners are trained with --hit-radius."""
     further_episodes: int | None = None
-    """Training episodes for observations other than tip; default: as --episodes."""
+    """Training episodes for observations other than tip (default: --episodes)."""
     workers: int | None = None
-    """Number of processes on this machine; default: one per core, at most 8. The results do not depend on it."""
+    """Number of processes (default: one per core, at most 8). The results do not depend on it."""
     cluster: str | None = None
     """Run on a Ray cluster: its address, or auto for the cluster that this machine belongs to."""
     quick: bool = False
@@ -175,13 +175,12 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     }
 
     methods: Methods = ("directl", "ga", "cmaes", "gradient", "sac", "td3", "ddpg", "ppo")
-    """Methods to compare. They are those of whiptool.optimize; random is always added. sac, td3, ddpg and ppo are
-    trained once per seed."""
+    """Search methods. They are those of whiptool optimize; random is always added. sac, td3, ddpg and ppo are trained
+    once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
-    """Learners see tip, tip minus target, or tip and goal. They are trained
-    separately for each observation."""
+    """Learners see tip, tip minus target, or tip and target. They are trained separately for each observation."""
     zone: Literal["disc", "fast"] = "disc"
-    """Targets from a disc, or from where the tip can be fast. disc: around --target; fast: wherever the tip of random
+    """Zone of targets (fast: the tip can reach 3 m/s there). disc: around --target; fast: where the tip of random
     strikes moves at 3 m/s or more."""
 
     def __post_init__(self) -> None:
@@ -201,7 +200,8 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
 
 
 _EXAMPLE = (
-    "Compare how many trials each method needs until it first hits each of many random targets (Fig. 6). "
+    "Compare how many trials each method needs until its first hit of each of many random targets, as in Fig. 6 of "
+    "Wang et al. 2024. "
     "Example: python -m whiptool.compare --quick --methods directl sac"
 )
 

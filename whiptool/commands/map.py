@@ -63,13 +63,13 @@ class BuildOptions(
     in_space: ClassVar[bool] = True
 
     random_strikes: int = 8192
-    """Number of random strikes. Their passages through the region are the first answers of the map."""
+    """Number of random strikes. The map begins with the points of the region that they pass."""
     room: int = 2
-    """Number of answers in each cell of the region at first (a cell is two hit radii and two cones wide); each round of
-    practice adds one."""
+    """Largest number of strikes that are stored in each cell of the region at first; every round adds one. A cell is
+    two hit radii and two cones wide."""
     rounds: int = 4
-    """Number of rounds in which missed goals are added. In each round the goals that the map misses are refined and
-    added to it."""
+    """Number of rounds in which missed goals are added. In each round the map is asked for random goals; strikes for
+    those that it misses are refined and added to it."""
     goals: int = 1000
     """Number of random goals in each round."""
     gate_strikes: int = 20_000
@@ -103,18 +103,18 @@ class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
     )
 
     run: Positional[Path]
-    """Run folder of `whiptool map build`, or a preset whose map comes with the package: lemon2024, panda, ur5e."""
+    """Run folder of map build, or a model: lemon2024, panda or ur5e. The maps of these models come with the package."""
     refine: bool = True
-    """Refine the strike of the map by rollouts. Without refinement the first guess is the answer."""
+    """Refine the strike of the map by rollouts. Without refinement the first strike that the map returns is taken."""
     video: bool = True
     """Render the strike as a video."""
 
 
 _BUILD = (
-    "Build a map, which returns a strike for any goal of a region without a search. "
+    "Build a map, which then returns a strike for any goal of a region without a search. "
     "Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
 )
-_STRIKE = "Look up a strike in a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
+_STRIKE = "Look up the strike for a goal in a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"
 
 
 def _build(options: BuildOptions) -> int:

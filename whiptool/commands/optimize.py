@@ -59,14 +59,14 @@ class OptimizeOptions(
     }
 
     method: Annotated[str, METHODS] | None = None
-    """Search method; default: directl, in space gradient. nlopt:NAME is any of NLopt's global algorithms, such as
-    nlopt:GN_CRS2_LM."""
+    """Search method (default: directl, for an arm in space gradient). nlopt:NAME is any of NLopt's global algorithms,
+    such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
-    """Start no trial after this many seconds. A resumed run with this limit may end differently from an uninterrupted
-    one."""
+    """Start no trial after this time [s]. A resumed run with this limit may end differently from an uninterrupted one.
+    Default: no limit."""
     stop_at_hit: bool = True
-    """End at the first hit, or after the batch that contains it; otherwise continue to reduce the miss. A search that
-    minimises another criterion always continues."""
+    """End at the first hit, or after the batch that contains it; otherwise continue to reduce the miss distance. A
+    search that minimises another criterion always continues."""
     video: bool = True
     """Render the strike as a video."""
 

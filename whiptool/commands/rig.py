@@ -47,10 +47,10 @@ class RigOptions(ArmOptions):
     only_with: ClassVar[Conditions] = {"true_model": when("port", "twin")}
 
     cap: bool = False
-    """Reduce stiffness and damping to what is stable at the sampling rate, instead of refusing an unstable
-    controller."""
+    """Reduce stiffness and damping to values that are stable at the rate of the control loop, instead of refusing an
+    unstable controller."""
     true_model: ModelName | None = None
-    """Model that the simulated twin really has; default: --model."""
+    """Model of the simulated twin, if it differs from that of the controller; default: --model."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -69,7 +69,8 @@ class RigStrikeOptions(RigOptions):
     only_with: ClassVar[Conditions] = {"seed": when("port", "twin")}
 
     strike: tuple[float, ...]
-    """Joint angles at start and end [rad], and duration [s]: q_si q_ei q_sf q_ef D."""
+    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei (shoulder and elbow at the start), q_sf
+    q_ef (at the end) and D."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -90,12 +91,13 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     first: ClassVar[tuple[str, ...]] = ("method",)
 
     method: Annotated[str, WITHOUT_DERIVATIVES] = "cmaes"
-    """Search method; any method of whiptool optimize that needs no derivatives."""
+    """Search method. It is any method of whiptool optimize that needs no derivatives."""
     max_trials: int = 20
     """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
-    """Camera. With a real arm: realsense, or a RealSense recording. With the twin: twin or d435-infrared (rendered
-    infrared images), d435-color, or points (positions of the tip with the error of tracked images, without images)."""
+    """Camera (points: positions without images). With a real arm: realsense, or a RealSense recording. With the twin:
+    twin or d435-infrared (rendered infrared images), d435-color (colour images), or points (positions of the tip with
+    the error of tracked images)."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "method")
@@ -117,10 +119,12 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
 
 
 _STRIKE = (
-    "Make a strike on a rig and save its recording. "
+    "Make one strike with a rig or its simulated twin, and save the recording. "
     "Example: python -m whiptool.rig strike --strike -1.57 0 0.857 2.334 1.5 --target 1.2 0.1 --port twin"
 )
-_LEARN = "Search for a hit on the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
+_LEARN = (
+    "Search for a hit by strikes of the rig itself. Example: python -m whiptool.rig learn --port twin --camera points"
+)
 
 
 def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
@@ -402,5 +406,5 @@ main = cli.subcommands(
         "strike": (_STRIKE, cli.command(RigStrikeOptions, "rig strike", _STRIKE, _strike)),
         "learn": (_LEARN, cli.command(LearnOptions, "rig learn", _LEARN, _learn)),
     },
-    note="\n\nNothing here replaces a switch that cuts the servos' power, within reach.",
+    note="\n\nKeep a switch that cuts the servos' power within reach; these commands do not replace it.",
 )

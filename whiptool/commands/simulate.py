@@ -60,16 +60,17 @@ class SimulateOptions(
     }
 
     run: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="[RUN]")]] = None
-    """Run folder of optimize or simulate, whose strike is played again; or of train, or a policy file in it, whose
-    policy strikes at --target. Options that are not given are those of the run."""
+    """Run folder of optimize or simulate, whose strike is played again. It can also be a folder of train, or a policy
+    file in it, whose policy strikes at --target. Options that are not given are those of the run."""
     strike: tuple[float, ...] | None = None
-    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei q_sf q_ef and D, in this order with any
-    number of joints; in hand space x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
+    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei (shoulder and elbow at the start), q_sf
+    q_ef (at the end) and D, or so for any number of joints; in hand space x_i y_i x_f y_f [m] and D, in space x_i y_i
+    z_i x_f y_f z_f and D."""
     trajectory: Path | None = None
-    """Play the joint trajectory in this CSV file, as --export-trajectory writes it, with position servos in MuJoCo;
-    takes the place of --strike."""
+    """Play the joint trajectory in this CSV file instead of --strike, with position servos in MuJoCo. The file is such
+    as --export-trajectory writes."""
     export: Path | None = None
-    """Write the model as MJCF for MuJoCo's own viewer."""
+    """File for the model as MJCF, which MuJoCo's viewer opens."""
     video: bool = True
     """Render the strike as a video."""
 
@@ -100,7 +101,7 @@ class SimulateOptions(
 
 
 _EXAMPLE = (
-    "Play one strike. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7; "
+    "Simulate one strike, or export the model. Example: python -m whiptool.simulate --strike -1.2 0.9 1.2 0.3 0.7; "
     "python -m whiptool.simulate runs/directl-20260102-030405"
 )
 

@@ -70,48 +70,49 @@ class TrainOptions(
     method: Learner = "sac"
     """Learning algorithm."""
     region: Path | None = None
-    """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
+    """NPZ file with the region of targets (default: --zone-radius). whiptool.goals.zone.Region.save writes such
+    files."""
     observation: Observation = "goal"
     """What the policy observes."""
     reward: Annotated[str, Names("whiptool.rl.task:REWARDS")] = "paper"
-    """Reward: Eq. 17, or minus the logarithm of the miss distance in units of the hit radius."""
+    """Reward: paper (Eq. 17), or log: minus the logarithm of the miss distance in units of the hit radius."""
     strikes: int = 100
     """Largest number of strikes at one target in an episode."""
     hidden: tuple[int, ...] | None = None
     """Sizes of the hidden layers. The defaults of this and the following options down to --spread depend on the method;
-    see the documentation."""
+    docs/paper.md lists them."""
     learning_rate: float | None = None
     """Learning rate of Adam."""
     discount: float | None = None
     """Discount factor gamma; default: 0 for observation goal, else 0.99."""
     alpha: float | None = None
-    """Weight of the entropy (sac)."""
+    """Weight alpha of the entropy (sac)."""
     tau: float | None = None
     """Soft-update rate (sac, td3, ddpg)."""
     batch_size: int | None = None
-    """Transitions per update (sac, td3, ddpg)."""
+    """Number of transitions per update (sac, td3, ddpg)."""
     updates: int | None = None
-    """Updates per strike (sac, td3, ddpg)."""
+    """Number of updates per strike (sac, td3, ddpg)."""
     noise: float | None = None
     """Standard deviation of the exploration noise (td3, ddpg)."""
     target_noise: float | None = None
-    """sigma of Eq. 15 (td3)."""
+    """Standard deviation sigma of the noise that smooths the target policy, Eq. 15 (td3)."""
     noise_clip: float | None = None
-    """c of Eq. 15 (td3)."""
+    """Largest absolute value c of that noise, Eq. 15 (td3)."""
     delay: int | None = None
-    """Critic updates per actor update (td3)."""
+    """Number of critic updates per actor update (td3)."""
     kl_target: float | None = None
     """Target KL divergence per batch, towards which beta is adjusted (ppo)."""
     beta: float | None = None
     """Initial weight of the KL penalty (ppo)."""
     epochs: int | None = None
-    """Passes over a batch (ppo)."""
+    """Number of passes over a batch (ppo)."""
     minibatch: int | None = None
-    """Transitions per gradient step (ppo)."""
+    """Number of transitions per gradient step (ppo)."""
     spread: float | None = None
     """Initial standard deviation of the actions (ppo)."""
     checkpoint_every: int = 10
-    """Episodes between checkpoints."""
+    """Number of episodes between checkpoints."""
     tests: int = 300
     """Number of targets on which the trained policy is tested (Eq. 21)."""
 

@@ -36,8 +36,8 @@ class ViewOptions(JsonOptions):
     """Options of `view`, which shows a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Run folder of optimize or simulate (shows the strike), of train (a strike of its policy; also a policy file in
-    it), or of identify, adapt, reproduce or rig strike (opens the report)."""
+    """Run folder. The strike of optimize or simulate is shown, or one of the policy of train, which can also be a
+    policy file; the report of identify, adapt, reproduce or rig strike is opened."""
     page: bool = False
     """Write the interactive page again and open it in the browser, instead of MuJoCo's viewer."""
 

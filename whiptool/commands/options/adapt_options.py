@@ -48,42 +48,44 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     }
 
     port: str = "twin"
-    """Serial device of servos, twin (a simulated rig), or robot. The device is such as /dev/ttyUSB0; twin is the
-    emulated servos behind the same protocol; robot is a position-controlled robot of yours. A robot takes each strike
-    as a trajectory from the run folder; put its recording there as recorded.csv and use --resume."""
+    """Serial device, twin (simulated rig) or robot. A device is, for example, /dev/ttyUSB0; twin emulates the servos
+    and their protocol; robot is your position-controlled robot. A robot takes each strike as a trajectory from the run
+    folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera (tip, points: positions without images). With the twin: points (the tip with the error of tracked
-    images), twin or d435-infrared (rendered and tracked images), d435-color (the same in colour), or tip (60 frames a
-    second, 5 mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
+    """Camera (tip and points: positions without images). With the twin: points (the tip with the error of tracked
+    images), twin or d435-infrared (rendered infrared images), d435-color (colour images), or tip (60 frames a second, 5
+    mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
-    """Twin's whip: near the model (kin) to far (stranger). kin: uniform; strange: tapered,
-    with a bead, a soft joint and more; stranger: the same deviations, doubled."""
+    """Deviation of the simulated whip from --model. kin: a uniform whip near the model; strange: tapered, with a bead,
+    a soft joint and more; stranger: the same deviations, doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
-    """Known material of the whip, for the prior mean. The prior mean is then that of the material, otherwise that of
-    --model; the prior covariance is that of materials in general."""
+    """Known material of the whip, for the prior mean. Without it the prior mean is --model. The prior covariance is
+    that of materials in general."""
     diameter: float | None = None
-    """Diameter of a whip of --material, as measured, for a chain that of its wire, or of --youngs-modulus [m]."""
+    """Measured diameter of a whip of --material [m], of a chain that of its wire; or the diameter that belongs to
+    --youngs-modulus."""
     length: float | None = None
     """Measured length of a whip of --material [m]."""
     max_strikes: int = 6
-    """Largest number of strikes; the look before the first strike does not count."""
+    """Largest number of strikes. Measurements before the first strike do not count."""
     whip: Annotated[str, Names("whiptool.adaptation.prior:WHIPS")] = "profile"
-    """Model of the whip that is learned: profile (tapers, drag, friction, rest curvature) or uniform (k, b, m, l)."""
+    """Parametrisation of the whip that is identified: profile (tapers, drag, friction, rest curvature) or uniform (k,
+    b, m, l)."""
     prior: str | None = None
-    """TOML file with lines such as "profile.length" = {value = 0.9, error = 0.05}. They replace the default prior of
-    the parameters that they name."""
+    """TOML file that replaces the default prior of the parameters that it names, with lines such as "profile.length" =
+    {value = 0.9, error = 0.05}."""
     known: tuple[str, ...] = ()
-    """Recordings of earlier strikes with the same whip, with the tip and the commanded strike."""
+    """Recordings of earlier strikes with the same whip, which contain the tip and the commanded strike."""
     limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS")] | None = None
-    """Motor whose limits plans have to keep; default: xm430, but none for --camera tip, which has no motors."""
+    """Motor whose limits strikes have to keep; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
     """Film the hanging whip before the first strike, to measure its length. Not needed with --wiggle or --known."""
     wiggle: bool = False
-    """Begin with a short, slow movement that is chosen for its information gain about the whip."""
+    """Begin with a short, slow movement that is planned for its information gain about the whip."""
     starts: int = 3
-    """Number of starting points of every identification."""
+    """Number of starting points of every fit."""
     seed: int = 0
-    """Seed of the twin's whip and of all other random numbers."""
+    """Seed of the twin's whip and all other random numbers (default: 0)."""
 
     @property
     def material_of_model(self) -> dict[str, float]:

@@ -35,12 +35,12 @@ class LawOptions(OptionGroup):
     only_with: ClassVar[Conditions] = {"preset": (_NOT_IN_FILE, _NOT_POSITION)}
 
     controller: LawName | None = None
-    """Control law, or a TOML file with one. oiac is online impedance adaptation. The file has a table [controller], as
-    config.toml of a run has. With position the joints follow their path exactly, as those of stiff robots do. Default:
-    position for a robot's arm, constant for nah2023, oiac for planar arms."""
+    """Control law (oiac: online impedance adaptation), or a TOML file. The file has a table [controller], as
+    config.toml of a run has. With position the joints follow the commanded path exactly, as those of stiff robots do.
+    Default: position for a robot's arm, constant for nah2023, oiac for planar arms."""
     preset: Preset | None = None
-    """Parameters of the law. OIAC: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4); default:
-    table4. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
+    """Parameters of the control law. OIAC: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4);
+    default: table4. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
     nah2020."""
 
     def check(self) -> None:
@@ -144,7 +144,7 @@ class ControllerOptions(LawOptions):
     feedforward: bool = False
     """Add the torque that the arm without the whip needs to follow the reference."""
     torque_limit: float | None = None
-    """Limit every joint torque to this value [N m]."""
+    """Largest absolute torque of every joint [N m]. Default: no limit."""
 
     def build_controller(self) -> Controller:
         """The controller that the options describe, or that of the file."""
@@ -165,7 +165,7 @@ class SimulatedControllerOptions(ControllerOptions):
     only_with: ClassVar[Conditions] = {"control_period": (_NOT_IN_FILE, _NOT_POSITION)}
 
     control_period: float | None = None
-    """Hold the torque constant for this long [s], as a sampled controller does."""
+    """Hold the torque constant for this time [s], as a sampled controller does. Default: continuous control."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -30,15 +30,14 @@ class CriteriaOptions(OptionGroup):
     }
 
     minimise: CriterionName = "miss"
-    """Criterion among hits: least, for speed the largest. The criteria are the miss distance; the effort, which is the
-    integral of the squared torques; the largest torque; and the root mean square miss under noise (robustness). The
-    tip's speed at the target is maximised. With any criterion other than miss the search continues after the first
-    hit."""
+    """Criterion to minimise among hits (speed: maximise). miss: miss distance; effort: integral of the squared torques;
+    peak-torque: largest torque; speed: that of the tip at the target; robustness: root mean square miss under noise.
+    With any criterion other than miss the search continues after the first hit."""
     pareto: tuple[CriterionName, CriterionName] | None = None
     """Find the Pareto front of these two criteria among the hits, with derivatives."""
     noise: tuple[float, ...] = (0.01,)
-    """Standard deviation of the noise on each number of a strike [rad, s] for robustness; one value, or one per
-    number."""
+    """Standard deviation of the noise on each coordinate of a strike [rad, s], for robustness; one value, or one per
+    coordinate."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

@@ -62,32 +62,32 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     }
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
-    """Recordings: tracks (CSV, DeepLabCut, NPZ, MAT, C3D, LeRobot folders) or videos (files, ROS bags), in which the
-    tip is tracked first."""
+    """Recorded strikes: tables, motion capture files or videos. They are tracks (CSV, DeepLabCut, NPZ, MAT, C3D,
+    LeRobot folders), or videos (files, ROS bags), in which the tip is tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
-    """Parameters to fit, by name: k (for whip.k), whip.k[3], arm.mass[0], gravity, law.a, bending_stiffness, delay,
-    ..."""
+    """Parameters to fit, such as k, arm.mass[0] or law.a. k, b and m are stiffness, damping and mass of the whip's
+    nodes; others are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""
     drive: Drive = "command"
-    """What drives the whip (free: a pendulum, no whip). command: the commanded strike, with the controller simulated.
-    joints: the measured joint angles. robot: in space, the command behind a first-order lag that is fitted. hand: in
-    space, the measured pose of the hand. handle: a tracked marker at the handle. passive: nothing; the whip is released
-    by hand and its first state is fitted. free: no whip but a pendulum, from the angles of its links."""
+    """Motion or command that drives the simulated whip. command: the commanded strike, with the controller simulated.
+    joints: the measured joint angles. robot: in space, the command with a first-order lag that is fitted. hand: in
+    space, the measured pose of the hand. handle: a tracked marker at the handle. passive: none; the whip is released by
+    hand and its first state is fitted. free: no whip but a pendulum, from the angles of its links."""
     clamp: float | None = None
-    """With --drive passive: the whip is clamped at this angle, 0 being straight down [rad]; a first guess if clamp is
+    """With --drive passive: angle at which the whip is clamped, 0 being straight down [rad]; a first guess if clamp is
     in --free. Default: the whip hangs from a free hinge."""
     model: ModelName = "lemon2024"
     """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
     controller: LawName | None = None
-    """Controller for recordings that do not contain theirs; default: the controller of simulate for this model."""
+    """Controller of recordings without one (default: as for simulate)."""
     preset: Preset | None = None
-    """Parameters of that controller's law; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
+    """Parameters of the law of --controller; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
-    """Recordings that are predicted and not fitted: their number, counted from the end, or their paths. Default: one,
-    if there are three or more."""
+    """Recordings for validation, not for the fit: their number, or paths. A number counts from the last recording.
+    Default: 1 with three or more recordings."""
     per_recording: tuple[Own, ...] = ()
-    """Parameters that each recording has its own value of."""
+    """Parameters whose value is fitted for each recording separately."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
-    """Numbers of nodes to try; the one with the smallest held-out error is kept."""
+    """Numbers of nodes to try (default: that of the model). The one with the smallest held-out error is kept."""
     profile: bool = False
     """Fit a whip whose properties vary from handle to tip. Its parameters are length, linear_density,
     bending_stiffness, bending_damping, drag, tapers."""
@@ -101,16 +101,17 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     starts: int = 3
     """Number of starting points of the fit; the first is the model as given."""
     prior: str | None = None
-    """TOML file with prior knowledge: "whip.m" = {value = 0.012, error = 0.1}; see the file formats."""
+    """TOML file with prior knowledge, such as "whip.m" = {value = 0.012, error = 0.1}; docs/file-formats.md describes
+    it."""
     mend_labels: bool = False
-    """Put exchanged labels of markers back, and leave out points where one marker swallowed another. Without this
-    option such a recording is refused."""
+    """Restore exchanged marker labels, and leave out points where two markers are merged. Without this option such a
+    recording is refused."""
     cameras: str | None = None
-    """TOML file with the cameras in space, for recordings in pixels and for films; default: the file that each
-    recording names."""
+    """TOML file with the calibration of the cameras in space. It is for recordings in pixels and for films; default:
+    the file that each recording names."""
     tip: str | None = None
-    """TOML file with the appearance of the tip in videos: radius [m], hue [deg, deg], saturation, or value for
-    infrared."""
+    """TOML file with the appearance of the tip in videos: radius [m], hue range [deg, deg] and saturation, or for
+    infrared the brightness (value)."""
 
     @property
     def number_of_nodes(self) -> None:

@@ -33,16 +33,15 @@ class LimitOptions(OptionGroup):
     }
 
     limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS", others=("arm", "none"))] | None = None
-    """Limits that strikes have to keep: of a motor (xm430) or of the arm. arm: those of the joints; xm430: the
-    speed-torque line of that motor. optimize counts strikes beyond a limit as misses; simulate reports them. Default:
-    arm, if its joints have limits."""
+    """Limits of a motor (xm430) or of the joints (arm: default if any). xm430 is the speed-torque line of that motor.
+    optimize counts strikes that exceed a limit as misses; simulate reports them."""
     keep_free: float = 0.0
-    """Fraction of those limits to keep free, such as 0.1."""
+    """Fraction of those limits that strikes do not use, such as 0.1 (default: 0)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
     """Height of the floor above the base [m], or none. The base of a planar arm is its shoulder; a floor below it has a
     negative height. Default: 0 for a robot that stands on its base, otherwise none."""
     clearance: float = 0.0
-    """Least distance between arm, whip and floor [m]."""
+    """Least distance between arm, whip and floor [m] (default: 0)."""
     ignore_collisions: bool = False
     """Do not check collisions of arm, whip and floor. Planar models never check collisions of arm and whip."""
 

@@ -181,7 +181,7 @@ class SeedOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("seed",)
 
     seed: int = 0
-    """Seed of all random numbers."""
+    """Seed of all random numbers (default: 0)."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -211,7 +211,8 @@ class OutputOptions(JsonOptions):
     first: ClassVar[tuple[str, ...]] = ("out",)
 
     out: Path | None = None
-    """Run folder; default: a new folder in runs/, named after the command or method, the date and the time."""
+    """Run folder (default: a new folder in runs/). The new folder is named after the command or method, the date and
+    the time."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,11 +26,11 @@ class RegionOptions(ZoneGoalOptions):
     }
 
     region: Path | None = None
-    """Draw the targets from the region in this file instead of a disc (see whiptool.goals.zone.Region)."""
+    """NPZ file with the region of targets (default: --zone-radius). whiptool.goals.zone.Region.save writes such
+    files."""
     sector: tuple[float, ...] | None = None
-    """Targets from part of a shell: 2 distances, 2 heights, angle. The five numbers are the least and the largest
-    distance from the base, the least and the largest height above it [m], and the angle from forward to either side
-    [degrees]."""
+    """Region of targets: NEAR FAR LOW HIGH [m] ANGLE [degrees]. NEAR and FAR are distances from the base, LOW and HIGH
+    heights above it, and ANGLE is that from forward to either side."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

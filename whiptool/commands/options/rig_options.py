@@ -31,25 +31,27 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     only_with: ClassVar[Conditions] = {"friction": when("port", "twin")}
 
     preset: Preset | None = None
-    """Parameters of the law. OIAC: printed, or table4, which is stable only at rates far above 500; default: printed.
-    Constant impedance: nah2020 (Eq. 22) or the others; default: that of the model, otherwise nah2020."""
+    """Parameters of the control law. OIAC: printed, or table4, which is stable only at rates far above 500 Hz; default:
+    printed. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
+    nah2020."""
     port: str = "twin"
-    """Serial device of servos, or twin (a simulated rig). The device is such as /dev/ttyUSB0; twin is the emulated
-    servos behind the same protocol."""
+    """Serial device of the servos, or twin (a simulated rig). A device is, for example, /dev/ttyUSB0; twin emulates the
+    servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
     """Camera, or none (points: positions without images). With a real arm: realsense, or a RealSense recording. With
-    the twin: twin or d435-infrared (rendered infrared images), d435-color, or points (positions of the tip with the
-    error of tracked images, without images)."""
+    the twin: twin or d435-infrared (rendered infrared images), d435-color (colour images), or points (positions of the
+    tip with the error of tracked images)."""
     rate: float = 500.0
-    """Control cycles per second."""
+    """Rate of the control loop [Hz]."""
     approach_speed: float = 0.2
-    """Largest joint speed on the way to the start of the strike [rad/s]; it is low so that the whip does not swing."""
+    """Largest joint speed on the way to the start of the strike [rad/s]. A low speed keeps the whip from swinging."""
     settle: float = 2.0
-    """Waiting time at the start of the strike [s]. The whip's hinge is free, so waiting alone does not stop a swing."""
+    """Waiting time at the start of the strike [s]. The whip's hinge is free, so a swing does not stop by waiting
+    alone."""
     friction: bool = True
     """Give the twin's motors friction and inertia."""
     latency: float = 0.001
-    """Round-trip latency of the serial line [s], of the twin and in rehearsals."""
+    """Round-trip latency of the serial line [s], for the twin and for the simulation before a strike."""
     yes: bool = False
     """Do not ask before a real arm moves."""
 

@@ -50,12 +50,13 @@ class SearchOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("max_trials",)
 
     lower: tuple[float, ...] | None = None
-    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s], in this order with any number of joints; in hand space of
-    x_i y_i x_f y_f [m] and D, in space x_i y_i z_i x_f y_f z_f."""
+    """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]: joint angles at the start and at the end, for any number of
+    joints, and duration. In hand space they are those of x_i y_i x_f y_f [m] and D, in space of x_i y_i z_i x_f y_f z_f
+    and D. Default: those of the model."""
     upper: tuple[float, ...] | None = None
-    """Upper bounds, in the same order."""
+    """Upper bounds, in the same order. Default: those of the model."""
     max_trials: int = 600
-    """Largest number of trials."""
+    """Largest number of trials, each of which is one strike."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -110,7 +111,8 @@ class TrainingOptions(OptionGroup):
     random_episodes: int = 50
     """Number of episodes with random strikes at the start."""
     hindsight: int = 0
-    """Number of relabelled copies of every strike (sac, td3, ddpg with observation goal)."""
+    """Number of relabelled copies of every strike in the replay buffer (sac, td3, ddpg with observation goal; default:
+    0)."""
 
     def check(self) -> None:
         """Refuse lengths of a training with which nothing would be learned, or that need too much memory."""

@@ -27,9 +27,11 @@ class StepOptions(OptionGroup):
     only_with: ClassVar[Conditions] = {"tolerance": unless("timestep")}
 
     tolerance: float | None = None
-    """Largest integration error of the miss distance [m]; default: 0.0001. The steps are chosen accordingly."""
+    """Largest integration error of the miss distance [m] (default: 1e-4). The integration steps are chosen
+    accordingly."""
     timestep: float | None = None
-    """Use equal integration steps of this length [s], without an estimate of their error."""
+    """Use equal integration steps of this length [s], without an estimate of their error. Default: steps that
+    --tolerance needs."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -82,8 +84,8 @@ class SimulatorOptions(StepOptions):
     simulator: Simulator = "compiled"
     """Simulator: compiled (CasADi) or reference (MuJoCo)."""
     timestep: float | None = None
-    """Use equal integration steps of this length [s]. Default: compiled, the steps that --tolerance needs; reference,
-    at most 0.0001, with rods 0.0004."""
+    """Use equal integration steps of this length [s]. Default: with compiled the steps that --tolerance needs; with
+    reference at most 0.0001, for rods 0.0004."""
     integrator: Annotated[str, Names("whiptool.rollout.reference:INTEGRATORS")] | None = None
     """Integrator of the reference simulator; default: RK4 unless the whip is too stiff for it."""
 

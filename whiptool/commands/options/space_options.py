@@ -36,23 +36,25 @@ class SpaceOptions(SimulatedControllerOptions):
     }
 
     space: Space = "joint"
-    """Coordinates of a strike. They are the joints, the position of the hand, or the pose of the hand, which includes
-    its orientation and takes an arm with enough joints. In hand space the impedance acts on the hand's errors [m, m/s;
-    rad, rad/s]; with --controller position the joints follow the hand's path exactly."""
+    """Coordinates of a strike: joints, hand or hand pose. hand is the position of the hand; its pose includes the
+    orientation and takes an arm with enough joints. In hand space the impedance acts on the errors of the hand [m, m/s;
+    rad, rad/s]; with --controller position the joints follow the path of the hand exactly."""
     home: tuple[float, ...] | None = None
-    """Home posture for hand space [rad]; the arm stays near it. Default: a posture in which the hand moves easily."""
+    """Home posture for hand space [rad], near which the arm stays. Default: a posture in which the hand moves
+    easily."""
     null_damping: float = 1.0
     """Damping of joint motions that do not move the hand, in hand space [N m s/rad]."""
     stiffness: float | None = None
     """Stiffness of the hand in all directions, for --controller constant in hand space [N/m]; default: a natural
     frequency of 3 Hz, critically damped."""
     damping: float | None = None
-    """Damping of the hand in all directions, as --stiffness [N s/m]."""
+    """Damping of the hand in all directions, for --controller constant in hand space [N s/m]; default: as for
+    --stiffness."""
     turn_stiffness: float | None = None
     """Rotational stiffness of the hand about all axes, for --space pose [N m/rad]; default: a natural frequency of 3
     Hz, critically damped."""
     turn_damping: float | None = None
-    """Rotational damping of the hand about all axes, as --turn-stiffness [N m s/rad]."""
+    """Rotational damping of the hand about all axes, for --space pose [N m s/rad]; default: as for --turn-stiffness."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

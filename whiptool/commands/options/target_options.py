@@ -34,12 +34,13 @@ class TargetOptions(OptionGroup):
     )
 
     target: tuple[float, ...] | None = None
-    """Target position x y, in space x y z [m]. It counts from the shoulder, y up; in space from the base, y to the
-    left, z up. Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda."""
+    """Target position x y, in space x y z [m]. The origin is the shoulder and y is up; in space the origin is the base,
+    y is to the left and z is up. Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and
+    panda."""
     hit_radius: float = 0.06
     """Largest distance between tip and target at a hit [m]."""
     t_stay: float = T_STAY
-    """Time after the movement during which the tip is still followed [s]."""
+    """Time after the movement in which the tip can still hit [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -75,14 +76,15 @@ class GoalOptions(TargetOptions):
     only_with: ClassVar[Conditions] = DIRECTED
 
     direction: tuple[float, ...] | None = None
-    """Direction in which the tip has to arrive. A vector x y, in space x y z, of any length. Default: any direction."""
+    """Direction of the tip's velocity at a hit: x y, in space x y z. The vector can have any length. Default: any
+    direction."""
     arrival_angle: float | None = None
-    """Angle at which the tip has to arrive [degrees]. In the plane it turns from forward to upward. In space, seen from
-    the base, 0 is upward and 90 is to the left; motion along the line of sight is ignored."""
+    """Angle of the tip's velocity at a hit [degrees]. In the plane 0 is forward and 90 is upward. In space, seen from
+    the base, 0 is upward and 90 is to the left; motion along the line of sight is ignored. Default: any angle."""
     cone: float = 10.0
-    """Largest angle between the tip's velocity and the required direction [degrees]."""
+    """Largest angle at a hit between the tip's velocity and the required direction [degrees]."""
     least_speed: float | None = None
-    """Least speed of the tip at the target [m/s], along the required direction if there is one."""
+    """Least speed of the tip at a hit [m/s], along the required direction if there is one. Default: any speed."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -122,7 +124,7 @@ class ZoneOptions(TargetOptions):
 
     zone_radius: float = 0.1
     """Radius of the zone of targets around --target [m]. The zone is a disc, in space a ball; targets out of reach are
-    excluded."""
+    left out."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
@@ -165,20 +167,20 @@ class ModelOptions(WhipOptions):
     in_space: ClassVar[bool] = False  # whether the command takes models in space
 
     model: ModelName = "lemon2024"
-    """Model of arm and whip. A preset (nah2023, ur5e and panda are in space) or a file. A robot in URDF or MJCF gets
-    the rope of ur5e."""
+    """Model of arm and whip: a preset or a file. The presets nah2023, ur5e and panda are in space. A robot in URDF or
+    MJCF gets the rope of ur5e."""
 
     arm: str | None = None
-    """Replace the arm by that of this preset or file. The file can be a robot's URDF. The whip is that of --model if it
-    is in space."""
+    """Use the arm of this preset or file with the whip of --model. The file can be a robot's URDF. If only one of the
+    two models is in space, the arm keeps its own whip."""
 
     arm_tip: str | None = None
-    """Link, body or site of the robot's file to which the whip is attached, if the robot branches; default: its only
-    end."""
+    """Link, body or site of the robot's file to which the whip is attached; needed if the robot's chain branches.
+    Default: the last link."""
 
     base: tuple[str, ...] = ("floor",)
-    """How the base of an arm in space is mounted: floor, wall (its z axis points forward), ceiling, or its roll, pitch
-    and yaw [rad]."""
+    """Mounting of the base of an arm in space: floor, wall (its z axis points forward), ceiling, or its roll, pitch and
+    yaw [rad]."""
 
     def build_model(self) -> Model:
         """Return the model of `--model` with the arm of `--arm`; assumptions about the arm are printed on stderr.

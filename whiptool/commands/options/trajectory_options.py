@@ -31,16 +31,16 @@ class TrajectoryOptions(OptionGroup):
     of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", "trajectory_rate", "posture", "rest")
 
     export_trajectory: Path | None = None
-    """Write the strike as a joint trajectory for a robot. FILE.csv holds positions, velocities and accelerations;
-    FILE.yaml is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the poses of the hand are
-    written too, in further columns or as FILE-hand.yaml."""
+    """File for the strike as a joint trajectory, for a robot. A .csv file holds positions, velocities and
+    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the
+    poses of the hand are written too, as further columns of FILE.csv or as FILE-hand.yaml."""
     trajectory_rate: float = 500.0
-    """Samples per second in that file."""
+    """Samples per second in the file of --export-trajectory."""
     posture: tuple[float, ...] | None = None
-    """Present posture of the robot [rad], from which that file leads to the start of the strike; default: the robot is
-    already there."""
+    """Present posture of the robot [rad], from which the exported trajectory moves to the start of the strike. Default:
+    the start of the strike."""
     rest: float = 3.0
-    """Time for which the robot rests before the strike in that file, so that the whip comes to rest [s]."""
+    """Pause before the strike in the exported trajectory, in which the whip comes to rest [s]."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""

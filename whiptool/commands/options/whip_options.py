@@ -23,18 +23,18 @@ class WhipOptions(OptionGroup):
     first: ClassVar[tuple[str, ...]] = ("whip_length", "nodes")
 
     whip_length: float | None = None
-    """Length of the whip [m], whose material stays the same; default: that of the model."""
+    """Length of the whip [m] (default: that of --model). The material stays the same."""
     nodes: int | None = None
-    """Number of nodes of the whip; default: that of the model."""
+    """Number of nodes of the whip (default: that of --model)."""
     taper: float | None = None
-    """Thickness of the whip at its tip divided by that at its handle; default: that of the model."""
+    """Thickness of the whip at its tip divided by that at its handle (default: that of --model)."""
     youngs_modulus: float | None = None
-    """Young's modulus of a round whip of one material that replaces the whip of the model [Pa]; requires --diameter and
+    """Young's modulus [Pa] of a uniform round whip that replaces the whip of --model; requires --diameter and
     --density. The ratio of damping to stiffness is kept."""
     diameter: float | None = None
-    """Diameter of that whip [m]."""
+    """Diameter of the whip that --youngs-modulus describes [m]."""
     density: float | None = None
-    """Mass per volume of that whip [kg/m^3]."""
+    """Density of the whip that --youngs-modulus describes [kg/m^3]."""
 
     def changed_whip(self, model: Model) -> Model:
         """Return the model with its whip changed as the options say.

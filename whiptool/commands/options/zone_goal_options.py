@@ -23,16 +23,16 @@ class ZoneGoalOptions(ZoneOptions):
     only_with: ClassVar[Conditions] = DIRECTED
 
     direction: tuple[float, ...] | None = None
-    """Direction in which the tip has to arrive at every target: a vector x y, in space x y z, of any length. Default:
+    """Direction of the tip's velocity at every target: x y, in space x y z. The vector can have any length. Default:
     any direction."""
     arrival_angle: Annotated[tuple[float, ...] | None, arg(metavar="ANGLE|FROM TO")] = None
-    """Angle at which the tip has to arrive at every target [degrees]. In the plane it turns from forward to upward. In
-    space, seen from the base, 0 is upward and 90 is to the left. With two angles each target has its own, drawn
-    uniformly between them; -180 180 is the full turn."""
+    """Angle of the tip's velocity at every target [degrees]. In the plane 0 is forward and 90 is upward. In space, seen
+    from the base, 0 is upward and 90 is to the left. If two angles are given, that of each target is drawn uniformly
+    between them; -180 180 is the full turn. Default: any angle."""
     cone: float = 10.0
-    """Largest angle between the tip's velocity and the required direction [degrees]."""
+    """Largest angle at a hit between the tip's velocity and the required direction [degrees]."""
     least_speed: float | None = None
-    """Least speed of the tip at the target [m/s], along the required direction if there is one."""
+    """Least speed of the tip at a hit [m/s], along the required direction if there is one. Default: any speed."""
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
