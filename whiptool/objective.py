@@ -37,7 +37,7 @@ _WHY_LOST = {
 
 @dataclass(frozen=True)
 class Arrival:
-    """How the tip arrived at a target that asks for a direction or a speed.
+    """Arrival of the tip at a target that requires a direction or a speed.
 
     Args:
         angle: Angle between the tip's velocity and the required direction [rad], see `Target`; None: no direction is
@@ -294,8 +294,8 @@ class Objective:
     def admissible(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 n + 1) for a search, shortened so that the commanded path keeps the joints' limits.
 
-        They stay within the bounds. The limits may still be exceeded, because the motion of the joints depends on the
-        whip and the controller; this is judged with the outcome.
+        The strikes stay within the bounds. The limits may still be exceeded, because the motion of the joints depends
+        on the whip and the controller; this is judged with the outcome.
         """
         strikes = self._array(strikes)
         return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes

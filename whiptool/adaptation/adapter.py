@@ -91,7 +91,8 @@ class Options:
 
 
 class Adapter:
-    """Learns an unknown whip from strikes that are made elsewhere: `ask` plans one, `tell` takes its recording.
+    """Plans strikes and identifies an unknown whip from their recordings: `ask` plans a strike, `tell` takes its
+    recording.
 
     Steps of an earlier run are read from the folder and not planned again. A strike that was planned but not reported
     is returned by `ask` again, unchanged.
@@ -102,11 +103,13 @@ class Adapter:
         options: See `Options`.
         folder: Run folder; None: nothing is written.
         recordings: Earlier recordings of the same whip, from which the first strike is planned.
-        known: Belief after those recordings, if it was computed before; None: it is identified from them.
+        known: Belief after those recordings, if it was computed before; None: the belief is identified from the
+            recordings.
         opening: The first plan, if it was made before; None: it is computed.
 
     Attributes:
-        number: Number of the strike that is to be planned or reported next, from 1; 0 is a first look at the whip.
+        number: Number of the strike that is to be planned or reported next, from 1; 0 is the measurement of the whip
+            before the first strike.
         belief: Belief about the whip after all reported recordings.
         steps: All steps that were reported.
         done: Whether all strikes have been made, or the last one hit.
@@ -170,14 +173,14 @@ class Adapter:
         """Learn from the recording of the planned strike, and return the step: plan, outcome and posterior.
 
         Args:
-            told: Its recording, time 0 being the start of the command, with the marker `tip`; or a `Seen`, which says
-                why there was none.
-            must_teach: Whether to refuse, and not to keep, a recording that nothing can be learned from: a person can
-                mend it, or record the strike again.
+            told: Recording of the strike with the marker `tip`, in which time 0 is the start of the command; or a
+                `Seen`, which can say why there is no recording.
+            must_teach: Whether to refuse a recording without information instead of storing it, so that a person can
+                correct it or record the strike again.
 
         Raises:
-            InputError: No strike was asked for, the recording is of another strike or another controller, was reported
-                before or has to teach and does not, or the folder is damaged.
+            InputError: `ask` was not called before, the recording is of another strike or controller or was reported
+                before, `must_teach` is true and it has no information, or the folder is damaged.
         """
         strike = self.asked
         if isinstance(told, StrikeRecording):

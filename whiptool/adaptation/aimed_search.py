@@ -22,7 +22,7 @@ STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approa
 
 
 class AimedSearch(Search):
-    """Search in space: random strikes and past ones, of which the best are refined along derivatives."""
+    """Search in space: the best of random strikes and past strikes are refined along derivatives."""
 
     spread = 0.02
 
@@ -41,7 +41,7 @@ class AimedSearch(Search):
         return self.refined(starts, effort.steps), effort.pool + len(past)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the excess of strikes (B, m) over the limits, (B,), cut at 10; see `Search.beyond`."""
+        """Return the excess of strikes (B, m) over the limits, (B,), at most 10; see `Search.beyond`."""
         return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
 
     def allows(self, strike: np.ndarray) -> bool:
@@ -85,8 +85,8 @@ class AimedSearch(Search):
     def refined(self, starts: np.ndarray, steps: int) -> np.ndarray:
         """Return strikes (B, m) refined along derivatives until they hit with the belief's mean or improve no further.
 
-        Strikes without finite and moderate derivatives are dropped, unless all are such: where the tip is at rest at
-        its closest approach, its direction and the instant of that approach are not differentiable.
+        Strikes without finite and moderate derivatives are dropped, unless no strike has such derivatives: if the tip
+        is at rest at its closest approach, its direction and the time of that approach are not differentiable.
         """
         slopes = self.striker.derivatives(starts, self.goals(len(starts)))
         size = np.abs(slopes).max(axis=(1, 2))

@@ -12,15 +12,15 @@ LEAST_ELITE = 2  # strikes that the spread is learned from, at least
 
 @dataclass(frozen=True)
 class CrossEntropy:
-    """How such a search goes.
+    """Settings of the cross-entropy search.
 
     Args:
-        width: Width of the box of strikes, by number, (m,).
-        spread: Standard deviation of the first draws, in parts of the width.
+        width: Width of the box of strikes in each coordinate, (m,).
+        spread: Standard deviation of the first draws, as a fraction of the width.
         population: Strikes in a round.
         rounds: Largest number of rounds.
-        within: Brings strikes (B, m) to where they may be.
-        sure: Whether a strike of this worth needs no better one.
+        within: Function that moves strikes (B, m) into the feasible set.
+        sure: Function that returns whether the search may stop at a strike of this value.
     """
 
     width: np.ndarray

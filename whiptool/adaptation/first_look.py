@@ -77,10 +77,10 @@ def choose_wiggle(
     candidates: int = 32,
     keeps: Given = (),
 ) -> tuple[Strike, float]:
-    """Return the D-optimal movement among short ones in which the tip stays slow, and its information gain [nat].
+    """Return the D-optimal movement among short movements with a slow tip, and its information gain [nat].
 
-    In space, a linearised prior overrates movements that it can hardly predict, and whose recordings many whips
-    explain; such movements are left out if others remain.
+    In space, the linearised prior overestimates the gain of movements whose outcome is hardly predictable; such
+    movements are left out if others remain.
 
     Args:
         belief: Belief before the movement.
@@ -91,7 +91,7 @@ def choose_wiggle(
         keeps: Limits that the movement has to keep, judged with the mean of the belief.
 
     Raises:
-        InputError: None of them is slow enough, or keeps the limits.
+        InputError: No candidate is slow enough, or keeps the limits.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n

@@ -74,7 +74,7 @@ class Adaptation:
             raise InputError("target", self.target.position, rule, "give both the same")
 
     def adapter(self) -> Adapter:
-        """Return what plans and learns, without the port."""
+        """Return the part of the adaptation that plans and identifies, without the port."""
         return Adapter(
             self.prior,
             self.target,
@@ -96,7 +96,7 @@ class Adaptation:
             on_step: Called with every step as soon as it is complete.
 
         Returns:
-            All steps, the first look included.
+            All steps, including the measurement before the first strike.
 
         Raises:
             StrikeStopped: A fault interrupted a strike, from which nothing was learned.

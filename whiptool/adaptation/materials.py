@@ -152,7 +152,7 @@ class Stock:
 
 
 def uniform_whip(numbers: Mapping[str, float], like: WhipParameters) -> WhipParameters:
-    """Return a uniform whip with the parameters `numbers` (`NUMBERS`), with as many nodes and the same joints as
+    """Return a uniform whip with the parameters `numbers` (see `NUMBERS`), and the number of nodes and the joints of
     `like`.
     """
     N = like.N

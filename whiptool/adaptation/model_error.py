@@ -39,8 +39,8 @@ class ModelError:
     def updated(self, variance: float, readings: float, strikes: float) -> ModelError:
         """Return the distribution after errors were observed.
 
-        The scale is updated as by `readings` independent readings. The residuals of one strike only tell how well the
-        whip is modelled in that strike, so each strike adds one degree of freedom.
+        The scale is updated as by `readings` independent readings. The residuals of one strike only show the model
+        error of that strike, so each strike adds one degree of freedom.
 
         Args:
             variance: Mean square of the errors [m^2].

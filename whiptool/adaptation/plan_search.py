@@ -31,7 +31,7 @@ _FAR = 0.5  # [m], beyond which a miss is as good as any other
 
 @dataclass(frozen=True)
 class PlanningEffort:
-    """How much computation the planner spends.
+    """Amount of computation of the planner.
 
     Args:
         pool: Number of random candidate strikes, simulated with the mean of the belief.
@@ -76,20 +76,20 @@ class Demands:
 
 @dataclass(frozen=True)
 class Plan:
-    """The chosen strike, and what is predicted of it.
+    """The chosen strike and predictions of its outcome.
 
     Args:
         strike: Strike vector.
-        probability: Predicted probability of a hit; None, as below, for a movement that is not meant to hit.
+        probability: Predicted probability of a hit; None for a movement that is not a strike at the target.
         expected_miss: Mean miss distance over the sampled whips that do not diverge [m]; None also if all diverge.
         mean_miss: Miss distance with the mean of the belief [m].
-        usage: Largest share of the motors' speed-torque line that the strike uses with the mean of the belief; None: no
-            limits were given, or the arm is in space.
+        usage: Largest usage of the motors' speed-torque line by the strike with the mean of the belief, 1 being the
+            limit; None: no limits were given, or the arm is in space.
         reason: Why this strike was chosen, in words.
         wall_time: Time that planning took [s].
         allowed: Whether limits, least speed and `check` all allow the strike; if not, no allowed one was found.
         misses: Predictive sample of the miss distance [m], ascending: one per sampled whip, with a random model error;
-            None where the simulation diverges. Empty for a movement that is not meant to hit.
+            None where the simulation diverges. Empty for a movement that is not a strike at the target.
         contact: Time of the closest approach with the mean of the belief [s].
     """
 
@@ -110,7 +110,7 @@ class Passes:
     """Closest approaches of B strikes with each of S whips to a goal.
 
     Args:
-        distance: Miss distance [m], (B, S); infinite where it is not known.
+        distance: Miss distance [m], (B, S); infinite if not known.
         velocity: Velocity of the tip at the closest approach [m/s], (B, S, d).
     """
 
@@ -131,7 +131,7 @@ class Search(ABC):
 
     Args:
         belief: Distribution of the whip's parameters.
-        target: What is to be hit.
+        target: Target of the strike.
         demands: Further requirements of the strike.
         sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
 
@@ -182,8 +182,8 @@ class Search(ABC):
         return self.check is None or self.check(Strike.from_vector(strike)) is None
 
     def usage(self, near: Approach) -> float | None:
-        """Return the share of the motors' speed-torque line that a strike uses (one approach, B = 1); None: not
-        computed.
+        """Return the usage of the motors' speed-torque line by a strike (one approach, B = 1), 1 being the limit; None:
+        not computed.
         """
         return None
 

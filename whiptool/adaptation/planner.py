@@ -66,7 +66,7 @@ def plan(
         target: A point, and on request a direction and a least speed.
         rng: Generator for candidates and samples.
         past: Strikes that were tried before; they are candidates, too.
-        demands: What else is required of the strike.
+        demands: Further requirements of the strike.
         effort: Amount of computation.
         sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
 

@@ -27,15 +27,15 @@ _SAME = 1e-6  # [rad], [s]: two strikes are one
 
 @dataclass(frozen=True)
 class Seen:
-    """What a port returns after a strike.
+    """Result of a strike, which a port returns.
 
     Args:
         recording: The filmed path of the tip; None: the tip was not seen.
         seen_miss: Miss distance along the filmed path, interpolated smoothly between frames [m]; None: unknown.
-        true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
-        fault: Why the strike was interrupted, which ends the session; empty: it was not.
-        refused: Why the strike was refused before anything moved; empty: it was not. The session then goes on with the
-            next strike.
+        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
+        fault: Reason why the strike was interrupted, which ends the session; empty: not interrupted.
+        refused: Reason why the strike was refused before anything moved; empty: not refused. The session continues with
+            the next strike.
     """
 
     recording: StrikeRecording | None
@@ -53,7 +53,7 @@ class Seen:
 def seen_of(
     recording: StrikeRecording, target: Sequence[float], *, true_miss: float | None = None, fault: str = ""
 ) -> Seen:
-    """Return what a port returns after a filmed strike: the recording, and the miss distance that its frames show.
+    """Return the result of a filmed strike: the recording, and the miss distance in its frames.
 
     The tip's path is interpolated smoothly between frames; gaps of more than two frames are left out, see
     `approach_seen`.
@@ -61,11 +61,12 @@ def seen_of(
     Args:
         recording: Path of the tip; its time 0 is the start of the command.
         target: Position of the target [m].
-        true_miss: True miss distance, which only a twin knows [m]; None: the port is not a twin.
-        fault: Why the strike was interrupted; empty: it was not. After a fault no miss distance is computed.
+        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
+        fault: Reason why the strike was interrupted; empty: not interrupted. After a fault no miss distance is
+            computed.
 
     Raises:
-        InputError: The recording has no marker `tip`, is in pixels, or in a plane where the target is in space.
+        InputError: The recording has no marker `tip`, is in pixels, or in a plane although the target is in space.
     """
     _refuse_pixels(recording)
     recording.check_coordinates(len(target))
@@ -77,12 +78,12 @@ class Port(Protocol):
     """Anything that makes a strike and films it: a simulated twin, a whiptool rig, or a lab's own robot."""
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Make a strike, film it, and return what was seen.
+        """Make a strike, film it, and return the result.
 
         Args:
             strike: The strike to make.
-            number: Number of the strike, from 1; 0 is a first look at the whip. A simulated port draws the same noise
-                for the same number.
+            number: Number of the strike, from 1; 0 is the measurement of the whip before the first strike. A simulated
+                port draws the same noise for the same number.
             folder: For the port's own records; None: none are kept.
             believed: The posterior mean of whip and arm, with which a port may simulate the strike before making it.
 
@@ -94,7 +95,7 @@ class Port(Protocol):
 
 
 def checked(seen: Any, strike: Strike, number: int) -> Seen:
-    """Check what a port returned, and add the strike and a source to a recording that does not state them.
+    """Check the result of a port, and add the strike and a source to a recording without them.
 
     Raises:
         InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
@@ -171,7 +172,7 @@ class TipPort:
         return t[whole], paths[0, whole]
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Simulate the strike, and return what was seen; see `Port.strike`."""
+        """Simulate the strike, and return the result; see `Port.strike`."""
         near = self.passes(strike)
         if near.diverged[0]:
             return Seen(None, None, refused="the simulated whip diverged")
@@ -206,7 +207,7 @@ class RigPort:
         self._make, self.target = make, target
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """As `Port.strike`.
+        """Make a strike with the rig; see `Port.strike`.
 
         Raises:
             StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it does not count as a

@@ -104,7 +104,7 @@ def update(
         prior: Belief before any recording.
         recordings: All recordings so far, with different sources, each with its command and the marker `tip`.
         guess: Belief after all recordings but the last, where the first fit starts; None: the prior.
-        contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
+        contacts: Planned time of the closest approach of each strike [s], by source, if it is known.
         starts: Largest number of starting points.
         screened: Number of prior samples from which the further starting points are chosen.
         seed: Seed of the samples.
@@ -154,10 +154,10 @@ def _consistent(
 
 
 def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
-    """Return what drives the whip in a fit, a value of `--drive`: `command`, or for a position-controlled robot in
-    space whose joints were logged `joints`.
+    """Return the drive of a fit, a value of `--drive`: `joints` for a position-controlled robot in space whose joints
+    were logged, else `command`.
 
-    Where a robot lags behind its command, a log of its joints shows how its hand really moved.
+    If a robot lags behind its command, the log of its joints gives the true motion of its hand.
     """
     logged = all(recording.joints_q is not None for recording in recordings)
     robot = plant.controller is not None and plant.controller.prescribed and plant.model.dimension == 3

@@ -113,10 +113,10 @@ def log_posterior(
         prior: Belief before the recordings; the density is zero where a parameter is out of its bounds.
         recordings: Recordings of the whip.
         redundancy: Number of readings that carry as much information as one independent reading.
-        contacts: When each strike was planned to be nearest to its target [s], by source, where that is known.
+        contacts: Planned time of the closest approach of each strike [s], by source, if it is known.
 
     Raises:
-        InputError: There is no usable recording.
+        InputError: No recording can be used.
     """
     planned = contacts or {}
     cuts = [usable(recording, planned.get(recording.source))[0] for recording in recordings]
@@ -159,7 +159,7 @@ def importance_sample(
     computed, and the covariance is mixed with the first one.
 
     Args:
-        log_density: Returns the log density (S,) of draws (S, m), up to a constant; minus infinity where it is zero.
+        log_density: Returns the log density (S,) of draws (S, m), up to a constant; minus infinity for density zero.
         centre, covariance: Centre and covariance of the first proposal, (m,) and (m, m).
         rng: Random generator of the draws.
         rounds, size: Number of proposals, and of draws from each.

@@ -31,7 +31,7 @@ from whiptool.rig.emulator.motor import Motor
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations of the prior of a whip, relative where no unit is given.
+    """Standard deviations of the prior of a whip; those without unit are relative.
 
     Args:
         thickness_taper: Error of the taper of the whip's thickness; density, stiffness and damping scale with powers of

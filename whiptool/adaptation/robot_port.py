@@ -67,11 +67,11 @@ class RobotPort:
         return seen_of(self.read(file, strike), self.target.position)
 
     def read(self, file: Path, strike: Strike) -> StrikeRecording:
-        """Return the recording of a strike from a file, with the strike as its command, which its sidecar need not
+        """Return the recording of a strike from a file, with the strike as its command, which the sidecar file need not
         contain.
 
         Raises:
-            InputError: It cannot be read.
+            InputError: The file cannot be read.
         """
         return self._of(replace(read_recording(file), **self._about), strike)
 

@@ -100,10 +100,10 @@ def lines(step: Step, prior: Belief, previous: Belief | None = None) -> list[str
 
 
 def sections(steps: Sequence[Step], prior: Belief, target: Target) -> list[Section]:
-    """The report's sections, for `whiptool.viz.report.to_html`.
+    """Return the report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
-        steps: All strikes, in order; the first look, if any, first.
+        steps: All steps in order; the measurement before the first strike, if any, comes first.
         prior: Belief before any recording.
         target: Target of the strikes.
     """

@@ -18,17 +18,17 @@ def expected_sag(law: Law, recordings: Sequence[StrikeRecording | None]) -> Sag 
     """Return a function that predicts how far the arm at rest deviates from a commanded posture, from earlier
     recordings.
 
-    The gravity torque of link j, and of all links beyond it, that the compensation leaves is `c_j sin(theta_j)` at the
-    joints up to j, with theta_j the link's angle to the vertical. The measured errors at rest give the controller's
-    torques, these give c by least squares, and c predicts the errors at other postures.
+    The uncompensated gravity torque of link j and the links after it is `c_j sin(theta_j)` at the joints up to j, with
+    theta_j the link's angle to the vertical. The measured errors at rest give the controller's torques, these give c by
+    least squares, and c predicts the errors at other postures.
 
     Args:
         law: Control law of the arm.
         recordings: Recordings of earlier strikes; those without measured joints are ignored.
 
     Returns:
-        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured,
-            or none deviated.
+        A function from commanded postures q_i (B, a) to deviations (B, a) [rad]; None if no joints were measured, or no
+        joint deviated.
     """
     rows, torques = [], []
     for recording in recordings:

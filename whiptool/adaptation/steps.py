@@ -15,16 +15,16 @@ _SHOWN = 5  # strikes that the representation of a whole adaptation shows, the l
 
 @dataclass(frozen=True, repr=False)
 class Step:
-    """One strike: its plan, what was seen of it, and what was learned from it.
+    """One strike: its plan, its outcome, and the belief after it.
 
     Args:
-        number: Counted from 1; 0 is the first look at the whip, before any strike.
+        number: Counted from 1; 0 is the measurement of the whip before the first strike.
         plan: The strike that was planned, and its predicted probability of a hit.
         outcome: The recording, and the miss distance that it shows.
-        learned: The belief about the whip after this strike; None if the adaptation does not learn.
-        judged: The estimated miss distance with its standard error: from the learned whip and the camera together if
-            the recording was used for learning, else from the camera alone; never from a twin's true path. None: the
-            tip was not seen.
+        learned: The belief about the whip after this strike; None if the adaptation does not identify the whip.
+        judged: The estimated miss distance with its standard error: from the belief and the camera if the recording was
+            used for identification, else from the camera alone; the true path of a twin is not used. None: the tip was
+            not seen.
     """
 
     number: int
@@ -51,7 +51,7 @@ class Step:
 
 
 class Steps(list[Step]):
-    """All steps of an adaptation, in order; the first look at the whip, number 0, comes first where there was one."""
+    """All steps of an adaptation in order, beginning with the measurement before the first strike, number 0, if any."""
 
     def __repr__(self) -> str:
         strikes = self.strikes
@@ -65,7 +65,7 @@ class Steps(list[Step]):
 
     @property
     def strikes(self) -> list[Step]:
-        """The steps of strikes that were meant to hit: all but the first look, number 0."""
+        """The steps of strikes at the target: all except number 0, the measurement before the first strike."""
         return [step for step in self if step.number]
 
 

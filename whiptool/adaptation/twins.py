@@ -82,7 +82,7 @@ def draw_twin(family: str, seed: int, model: Model, controller: Controller, stoc
         seed: A whole number >= 0; with the same seed `strange` and `stranger` deviate in the same directions, and have
             the same parameters from the stock.
         model, controller: The nominal model and its controller; the twin has the model's arm.
-        stock: Distribution of the whip's material parameters; None: around the model's own.
+        stock: Distribution of the whip's material parameters; None: centred on those of the model.
 
     Raises:
         InputError: The family or seed is not allowed, or there is no stock and the model has values per node.
@@ -115,7 +115,8 @@ class Family:
     Args:
         stream: Whole number with which random numbers are seeded, next to the seed: families with the same number
             deviate in the same directions.
-        draw: Draws one from the numbers of a stock, a generator, and the nominal model and controller.
+        draw: Function that draws a whip from the parameters of a stock, a generator, and the nominal model and
+            controller.
         like_model: Whether whips have the drag and the friction of the nominal model if no stock is given.
     """
 

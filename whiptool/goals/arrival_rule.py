@@ -79,7 +79,7 @@ class ArrivalRule:
         return self.angle if isinstance(self.angle, tuple) else None
 
     def within(self, angles: np.ndarray) -> np.ndarray:
-        """Return the nearest angles within `range` to the given ones [rad], any shape."""
+        """Return, for angles of any shape [rad], the nearest angles within `range`."""
         assert self.range is not None
         low, high = self.range
         middle = (low + high) / 2
@@ -223,8 +223,8 @@ def named_zone(named: Mapping[str, Any], model: Model) -> Zone:
     """Return the zone that options name: the file of a `region`, a `sector`, or a disc or ball around `target`.
 
     Raises:
-        InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read; or no
-            tip moves along the direction of `named_rule` at the target.
+        InputError: The zone has another dimension than the model or is out of its reach, or its file cannot be read; or
+            no tip moves along the direction of `named_rule` at the target.
     """
     rule, hit_radius = named_rule(named), named.get("hit_radius", HIT_RADIUS)
     if named.get("region") is None and named.get("sector") is None:

@@ -106,7 +106,7 @@ class Goals(NoArray, instead="its positions"):
         return replace(self, **{name: None if x is None else x[which] for name, x in self._arrays().items()})
 
     def with_rows(self, which: np.ndarray, new: Goals) -> Goals:
-        """Return the goals with `new` ones (b) in place of some, given by a mask (B,) or by indices (b,)."""
+        """Return the goals with some replaced by `new` (b), given by a mask (B,) or by indices (b,)."""
         changed = {name: None if x is None else x.copy() for name, x in self._arrays().items()}
         for name, x in new._arrays().items():
             into = changed[name]
@@ -119,7 +119,7 @@ class Goals(NoArray, instead="its positions"):
         return {"positions": self.positions, "directions": self.directions, "sights": self.sights}
 
     def angle(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the angle between direction and velocity [rad], (B,); NaN where no direction is asked for.
+        """Return the angle between direction and velocity [rad], (B,); NaN for goals without direction.
 
         For a tip at rest, as before a strike begins, the angle is pi.
 
@@ -149,9 +149,9 @@ class Goals(NoArray, instead="its positions"):
         return arrives
 
     def excess(self, distance: np.ndarray, velocity: np.ndarray) -> dict[str, np.ndarray]:
-        """Return by how much strikes exceed each part of the goal, (B,) each; zero or less where a part is met.
+        """Return by how much strikes exceed each part of the goal, (B,) each; at most zero for parts that are met.
 
-        The parts are `point` [m] and, where they are asked for, `direction` [rad] and `speed` [m/s].
+        The parts are `point` [m] and, if they are required, `direction` [rad] and `speed` [m/s].
 
         Args:
             distance, velocity: As in `hit`.

@@ -228,7 +228,7 @@ def checked_radius(radius: float) -> float:
     """Return a hit radius [m] after checking it.
 
     Raises:
-        InputError: It is not positive, or implausibly large, such as one in millimetres.
+        InputError: The radius is not positive, or implausibly large, such as a value in millimetres.
     """
     return metres("hit radius", radius, longest=LARGEST_RADIUS)
 

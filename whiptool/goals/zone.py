@@ -306,7 +306,7 @@ class Region:
 
     @classmethod
     def load(cls, path: Path | str) -> Region:
-        """Read what `save` wrote.
+        """Read a region that `save` wrote.
 
         Raises:
             InputError: The file does not exist, or is not a region.

@@ -27,12 +27,13 @@ SHARED = ("gravity", "friction_velocity")  # numbers of the whole arm
 
 @dataclass(frozen=True)
 class BareArm:
-    """Rigid links in a row that swing freely, the first on a fixed pivot: a model in a `Plant`, as one with a whip is.
+    """Rigid links in a row that swing freely, the first on a fixed pivot: a model for a `Plant`, in place of arm and
+    whip.
 
     Args:
         arm: The links; `friction` is viscous, of a link's own joint.
         dry_friction: Dry friction of each joint at high speed [N m], one per link; empty: none.
-        friction_velocity: Joint speed around which dry friction turns over smoothly [rad/s].
+        friction_velocity: Joint speed around which dry friction changes its sign smoothly [rad/s].
         drag: Quadratic air drag at each link's end [N s^2/m^2], one per link; empty: none.
         gravity: Gravity [m/s^2].
         name: A label only.

@@ -76,7 +76,7 @@ class Autoregression:
 
     @property
     def long_run(self) -> float:
-        """Variance of the mean of many values, relative to that of as many independent ones."""
+        """Variance of the mean of many values, relative to that of as many independent values."""
         return self.innovation / (1 - self.coefficients.sum()) ** 2
 
     def correlations(self, count: int) -> np.ndarray:

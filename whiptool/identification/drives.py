@@ -82,7 +82,7 @@ class Shot:
 
 
 class Drive:
-    """What drives the whip in one recording; base class of the drives.
+    """Base class of drives: the motion or command that moves the whip in one recording.
 
     Attributes:
         structure: Structure of the simulated system.
@@ -115,7 +115,7 @@ class Drive:
         raise NotImplementedError
 
     def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
-        """Return what to simulate for a packed plant and this recording's own unknowns."""
+        """Return the input of a simulation for a packed plant and this recording's unknowns."""
         raise NotImplementedError
 
     def link_of(self, marker: str) -> int | None:
@@ -278,7 +278,7 @@ class SwingDrive(Drive):
         """Matrix (2 n, 2 n) from the unknown initial state x to joint angles and velocities, `of_start @ x`.
 
         In the plane x contains the absolute angles of the links and their rates. Joint angles would be strongly
-        correlated in the fit, because each of them moves all links beyond it.
+        correlated in the fit, because each of them moves all later links.
         """
         assert isinstance(self.structure, SwingStructure)
         n = self.structure.coordinates
@@ -571,7 +571,7 @@ def make_drive(
     """Return the drive of a recording.
 
     Raises:
-        InputError: `kind` is not in `DRIVES`, or the recording or plant does not hold what it needs.
+        InputError: `kind` is not in `DRIVES`, or the recording or plant lacks data that it needs.
     """
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))

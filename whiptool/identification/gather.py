@@ -77,7 +77,7 @@ def in_pixels(path: str) -> bool:
 def tracked(
     found: StrikeRecording | VideoSource, *, name: str, tip: Marker | None = None
 ) -> tuple[StrikeRecording, bool]:
-    """One recording, tracked if it is filmed (with progress on stderr): on the strike plane, or in pixels of a camera
+    """Return one recording; a film is tracked (with progress on stderr) on the strike plane, or in pixels of a camera
     in space.
 
     Args:
@@ -89,7 +89,7 @@ def tracked(
         The recording, and whether it states that it is synthetic.
 
     Raises:
-        InputError: There is neither a calibrated strike plane nor a camera in space, or the tip is never seen.
+        InputError: The film has neither a calibrated strike plane nor a camera in space, or never shows the tip.
     """
     if isinstance(found, StrikeRecording):
         return found, False

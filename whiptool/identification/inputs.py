@@ -67,7 +67,7 @@ def full_name(name: str, plant: Plant) -> str:
     """Return the full name of a parameter of a plant, or of a nuisance parameter: `whip.k` for `k`.
 
     Raises:
-        InputError: There is no such parameter, or several.
+        InputError: No parameter has this name, or several have it.
     """
     known = plant.values() if isinstance(plant.model, BareArm) else {**plant.values(), **NEUTRAL}
     found = names_of(name, known)
@@ -203,7 +203,7 @@ def check_controllers(
     Args:
         recordings: Recordings; those without a controller are accepted.
         controller: Controller of the plant.
-        free: Names of the fitted parameters; fitted ones of the controller may differ from the recordings'.
+        free: Names of the fitted parameters; fitted parameters of the controller may differ from the recordings'.
 
     Raises:
         InputError: A recording states another controller, or an invalid one.

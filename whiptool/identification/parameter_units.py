@@ -40,7 +40,7 @@ def unit_of(name: str, slides: Sequence[bool] = ()) -> str:
     Args:
         name: Name of the parameter, such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
         slides: Which joints of the arm are prismatic, (a,), as the unit of a gain depends on it: for two joints
-            `law.K[1]` is torque of joint 1 per position of joint 2. Empty: none is.
+            `law.K[1]` is torque of joint 1 per position of joint 2. Empty: all are revolute.
     """
     group, dot, quantity = name.partition(".")
     group, quantity = (group, quantity) if dot else ("", name)

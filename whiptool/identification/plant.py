@@ -32,13 +32,13 @@ class Plant:
 
     Args:
         model: Whip, arm, gravity; or an arm without a whip, a `BareArm`.
-        controller: Controller of the arm; needed where the command drives the whip.
+        controller: Controller of the arm; needed if the command drives the whip.
         profile: The whip's profile, from which the nodes of the model's whip are then computed; its dry friction is
             kept.
         clamp: Direction of a clamp that holds the whip, 0 for straight down [rad]; the first joint then has the bending
             stiffness of the clamped half link, see `held`. None: the hinge of the model.
 
-    Its parameters are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
+    The parameters are called `whip.k` (or `whip.k[3]`), `arm.mass[0]`, `gravity`, `law.a`, and, with a profile,
     `profile.length` and so on instead of the whip's.
     """
 
@@ -71,8 +71,8 @@ class Plant:
     def held(self) -> Model:
         """The model with the clamp applied: the hinge gets the bending parameters of half a link.
 
-        Its compliance, rest angle and losses are half those of a joint between two links. Values that are given per
-        node are kept, as they include the hinge.
+        Compliance, rest angle and losses of the hinge are half those of a joint between two links. Values that are
+        given per node are kept, as they include the hinge.
         """
         if self.clamp is None:
             return self.model
@@ -172,8 +172,8 @@ class Plant:
 
 
 def units(plant: Plant, names: Sequence[str]) -> dict[str, str]:
-    """Return the units of a plant's parameters by name; of gains they depend on whether joints slide or the hand is
-    controlled.
+    """Return the units of a plant's parameters by name; those of gains depend on whether joints are prismatic, and on
+    whether the hand is controlled.
     """
     arm, controller = plant.model.arm, plant.controller
     of_law = of_arm = [joint in arm.slides for joint in arm.joints]

@@ -50,7 +50,7 @@ class Predictor:
     Args:
         recordings: Recordings to predict.
         plant: Plant of which some parameters vary; its structure is fixed.
-        drive: What drives the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
+        drive: Drive of the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of free parameters that are the same for all recordings: of the plant, or in `NUISANCE`.
         own: Names in `NUISANCE` of parameters that are free for each recording separately; also `start`, its initial
             state.
@@ -58,7 +58,7 @@ class Predictor:
         knots: Spacing of the spline of a prescribed motion [s].
 
     Raises:
-        InputError: A name is unknown or given twice, or a recording does not hold what the drive needs.
+        InputError: A name is unknown or given twice, or a recording lacks data that the drive needs.
     """
 
     def __init__(

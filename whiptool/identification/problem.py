@@ -34,10 +34,9 @@ class FitOptions:
     """Options of a fit.
 
     Args:
-        drive: What drives the whip: `command`; `robot` (the command, followed by a position-controlled arm in space
-            with a fitted lag); `joints` (measured joints); `hand` (the hand's measured pose, in space); `handle` (a
-            tracked handle); `passive` (nothing: the whip hangs from a fixed point after release); `free` (a pendulum's
-            angles).
+        drive: Drive of the whip: `command`; `robot` (the command, followed by a position-controlled arm in space with a
+            fitted lag); `joints` (measured joints); `hand` (the hand's measured pose, in space); `handle` (a tracked
+            handle); `passive` (nothing: the whip hangs from a fixed point after release); `free` (a pendulum's angles).
         per_recording: Nuisance parameters with a separate value for each recording: names in `NUISANCE`, see
             `whiptool.identification.placement`, and `start`, the initial state (always included for `passive` and
             `free`).
@@ -314,7 +313,7 @@ class Problem:
 
     def with_clocks(self) -> Problem | None:
         """Return the problem with a free delay and clock rate for each recording; None if they are free already or
-        cannot be.
+        cannot be fitted.
 
         With a free initial state a delay cannot be distinguished, and encoders have no separate clock.
         """

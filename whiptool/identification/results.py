@@ -66,7 +66,7 @@ class RecordingFit:
 
     @property
     def deep(self) -> np.ndarray:
-        """Which residuals are residuals of depth, (K,)."""
+        """Whether each residual is one of depth, (K,)."""
         return (self.channels[:, 2] == DEPTH_AXIS) & (self.view is not None)
 
     @property
@@ -142,7 +142,7 @@ class FittedStart:
 
     @property
     def outcome(self) -> str:
-        """How the run ended, as text."""
+        """Description of how the run ended."""
         if self.failed:
             return f"failed: it ended at {self.over_best:.3g} times the cost of the best start"
         return self.solution.status.value
@@ -268,7 +268,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def status(self) -> Ending:
-        """How the best run ended."""
+        """Description of how the best run ended."""
         return self.runs[0].solution.status
 
     @property

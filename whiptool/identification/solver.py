@@ -84,7 +84,7 @@ Evaluate = Callable[[np.ndarray, list[np.ndarray], bool], list[Block]]
 
 
 def huber(r: np.ndarray, limit: float | None) -> tuple[float, np.ndarray]:
-    """Return half the sum of Huber's loss of residuals r (K,), quadratic up to `limit` and linear beyond, and their
+    """Return half the sum of Huber's loss of residuals r (K,), quadratic up to `limit` and linear above, and their
     weights (K,).
     """
     size = np.abs(r)
@@ -124,10 +124,11 @@ class Loss:
 
 
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Eliminate a block's own unknowns: return the triangular form of [B A r], its first L rows and the remaining rows.
+    """Eliminate the unknowns of one recording: return the triangular form of [B A r], first L rows and remaining rows.
 
     Returns:
-        First L rows, (L, L + G + 1), and the remaining ones without own unknowns, (at most G + 1, G + 1).
+        First L rows, (L, L + G + 1), and the remaining rows, which do not contain these unknowns, (at most G + 1, G +
+        1).
     """
     L = block.B.shape[1]
     rows = np.hstack([block.B, block.A, block.r[:, None]])

@@ -38,7 +38,7 @@ def format_interval(p: Parameter) -> str:
 
 
 def parameter_lines(fit: Fit) -> list[str]:
-    """Return lines of text on the parameters, one each, and on directions without information."""
+    """Return lines of text: one for each parameter, and those on directions without information."""
     width = max(len(p.name) for p in fit.parameters)
     lines = []
     for p in fit.parameters:
@@ -241,7 +241,7 @@ def _listed(names: list[str]) -> str:
 
 
 def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[StrikeRecording]) -> dict[str, Any]:
-    """Return a fit as plain data for JSON, in SI units, with None for numbers that do not exist."""
+    """Return a fit as plain data for JSON, in SI units, with None for missing values."""
     U = fit.uncertainty
     pairs = [(r, f, False) for r, f in zip(fitted, fit.recordings, strict=True)]
     pairs += [(r, f, True) for r, f in zip(held_out, fit.held_out, strict=True)]

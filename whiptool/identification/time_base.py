@@ -62,7 +62,9 @@ class ClockFault:
 
     @property
     def plain(self) -> bool:
-        """Whether the fault is significant, large enough, and explains most of the unexplained residuals."""
+        """Whether the fault is significant, large enough, and explains most of the residuals that the fit leaves
+        unexplained.
+        """
         return self.p_value <= SIGNIFICANCE and self.frames >= LEAST and self.share >= SHARE
 
 

@@ -61,7 +61,7 @@ class Variable:
         return float(np.exp(z) if self.log else self.scale)
 
     def bound(self, z: float) -> str:
-        """Return which bound a value of z lies at: `lower`, `upper`, or empty where it lies inside."""
+        """Return which bound a value of z lies at: `lower`, `upper`, or empty if it lies inside."""
         if z <= self.lower + _AT_BOUND:
             return "lower"
         return "upper" if z >= self.upper - _AT_BOUND else ""
@@ -101,11 +101,11 @@ def variable(name: str, value: float, bounds: tuple[float, float] | None = None,
 
 @dataclass(frozen=True)
 class Prior:
-    """Normal prior of free parameters, for positive ones in terms of the logarithm.
+    """Normal prior of free parameters; that of positive parameters is on the logarithm.
 
     Args:
         names: Names of m free parameters that are the same for all recordings.
-        mean: Prior values in the parameters' own units, (m,).
+        mean: Prior values in the parameters' units, (m,).
         covariance: Covariance, of the logarithms for positive parameters (relative errors), (m, m).
 
     Raises:
@@ -149,11 +149,11 @@ class Prior:
 
 
 def room(variables: Sequence[Variable], z: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-    """Return the error of each unknown above which it counts as not determined, in units of z, (G,).
+    """Return the error of each unknown above which the unknown counts as not determined, in units of z, (G,).
 
     It is a factor of e for a positive parameter, and ten times its magnitude, at least its typical size, for one that
-    may be zero. An inertia about the centre of mass may become negligible, so that its logarithm has no effect; its
-    room is at least the inertia of a rod with the link's mass and length.
+    may be zero. An inertia about the centre of mass may become negligible, so that its logarithm has no effect; the
+    value returned for it is at least the inertia of a rod with the link's mass and length.
 
     Args:
         variables, z: The G unknowns and their values (G,).

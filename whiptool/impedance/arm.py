@@ -43,7 +43,7 @@ def pinocchio_chain(
 def pinocchio_arm(arm: SpatialArm, gravity: float) -> pin.Model:
     """Return an arm in space as a Pinocchio model; gravity [m/s^2] is along -z.
 
-    Its frames `com1`, ... are at the links' centres of mass, `end` is at the hand.
+    The frames `com1`, ... are at the links' centres of mass, `end` is at the hand.
     """
     model = pin.Model()
     model.gravity.linear = np.array([0.0, 0.0, -gravity])

@@ -27,14 +27,14 @@ SINGULAR = 0.02  # [m/rad] below which a direction of the hand counts as one in 
 class HandControl:
     """Control of the hand's motion instead of the joints'.
 
-    With J the hand's Jacobian and a law's force `F = K e + B de` (Eq. 2) from the hand's errors [m, m/s], with
-    orientation also its rotation errors [rad, rad/s] (see `rotation_left`), the joints' torques are `J^T F` plus
+    The law gives a force `F = K e + B de` (Eq. 2) from the hand's errors [m, m/s], and with orientation also from its
+    rotation errors [rad, rad/s] (see `rotation_left`). With the hand's Jacobian J the joint torques are `J^T F` plus
     gravity compensation plus damping of the null space, `-b (1 - J^+ J) v`. With position control the joints follow the
     hand's path exactly.
 
     Args:
-        posture: Home posture of the arm [rad or m], (a,); of all postures with the same hand pose the nearest to it is
-            taken. Default: see `home_posture`.
+        posture: Home posture of the arm [rad or m], (a,); the arm takes the posture with the given hand pose that is
+            nearest to it. Default: see `home_posture`.
         null_damping: Damping b of the null space, for every joint [N m s/rad]; only for laws that give torques.
         orientation: Whether strikes prescribe the hand's orientation, too.
 
@@ -110,8 +110,9 @@ class Controller(NoArray, instead="its parameters()"):
             OIAC with the preset `table4`.
         feedforward: Add the torque that the arm without the whip needs to follow the reference, `I(q_d) ddq_d` with its
             velocity and viscous terms. Eq. 2 has no feedforward; the authors of the law use one in later work.
-        torque_limit: Largest torque of every joint, or one for each [N m; N for a prismatic joint]; None: no limit.
-        control_period: Period at which the torque is computed [s] and between which it is held, as on a rig; None:
+        torque_limit: Largest torque of every joint, or one value per joint [N m; N for a prismatic joint]; None: no
+            limit.
+        control_period: Period at which the torque is computed [s] and for which it is held, as on a rig; None:
             continuous.
         compensated: Masses [kg] of the links and, last, of the whip that gravity compensation (Eq. 3) assumes, (n +
             1,); None: those of the simulated model. A rig's controller has the masses of the nominal model.
@@ -175,8 +176,8 @@ class Controller(NoArray, instead="its parameters()"):
         """Refuse a controller that does not fit an arm.
 
         Raises:
-            InputError: The law gives torques and the arm's inertia is unknown; or the size of the law's matrices is not
-                the number of the arm's joints, in hand space of the hand's coordinates; or `torque_limit` or
+            InputError: The law gives torques and the arm's inertia is unknown; or the law's matrices do not have as
+                many rows as the arm has joints, or in hand space the hand has coordinates; or `torque_limit` or
                 `compensated` has a wrong length.
         """
         expect(ArmParameters, SpatialArm, arm=arm)

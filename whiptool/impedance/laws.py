@@ -142,7 +142,7 @@ class ConstantImpedance(NoArray, instead="its K or B"):
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
         """Return the same law with other values of its `parameters`.
 
-        All finite values are allowed, since fits may pass through invalid ones.
+        All finite values are allowed, since fits may pass through invalid values.
         """
         law = object.__new__(ConstantImpedance)
         for name in ("K", "B"):

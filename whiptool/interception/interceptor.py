@@ -91,10 +91,10 @@ class Interceptor:
     Args:
         library: Strikes of the whip.
         hit_radius: Hit radius [m].
-        camera: It goes on seeing the target, and the strike is aimed again (`refresh`) until it starts: doubt is
-            counted as it will be then. None: as it is now.
+        camera: Camera that observes the target until the strike starts, so that the strike can be refined (`refresh`);
+            plans assume the covariance that the track will have then. None: they assume the present covariance.
         latency: Time from a decision to the arm's first motion [s].
-        horizon: A strike hits no later than this after the decision [s], at most `LONGEST`.
+        horizon: Largest time from the decision to the hit [s], at most `LONGEST`.
         plan_time, refresh_time: Computing times [s] of `plan` and `refresh`: no strike starts sooner than that (and the
             latency) after the frame that it is computed from.
 
@@ -119,13 +119,14 @@ class Interceptor:
     def plan(
         self, track: TargetTrack, *, now: float, rng: np.random.Generator, earliest: float | None = None
     ) -> Interception | None:
-        """Return the strike and start of the largest probability of a hit; None if nothing comes near it in time.
+        """Return the strike and start of the largest probability of a hit; None if no strike comes near the target in
+        time.
 
-        With t0 free, the tip's path has only to cross the target's; where paths of the library come near it, the
-        crossings are ranked by the squared miss that is expected there: that of the paths, and that of the track's
-        covariance across the relative velocity (an error along it is only a matter of when). The best of different
-        strikes are brought onto the target by Gauss-Newton steps of strike, t0 and time of contact, along exact
-        derivatives; of them, the one that hits most of the tracks that are still possible is chosen.
+        As the start time t0 is free, the tip's path only has to cross the target's path. Points at which paths of the
+        library come near it are ranked by the expected squared miss: that between the paths plus the track's variance
+        perpendicular to the relative velocity. The best of different strikes are refined by Gauss-Newton steps of
+        strike, t0 and time of contact along exact derivatives. The refined strike that hits most samples of the track
+        is chosen.
 
         Args:
             track: Track of the target.
@@ -155,10 +156,10 @@ class Interceptor:
         aim: bool = True,
         earliest: float | None = None,
     ) -> Interception:
-        """Return the same strike with a newer track: started at another time and, if `aim`, moved a little.
+        """Return the interception for a newer track: with another start time and, if `aim`, a slightly changed strike.
 
-        The arm is at `q_i` already, so that only `q_f` and D move. What would hit less probably than the interception
-        as it is, is not taken.
+        The arm is at `q_i` already, so that only `q_f` and D change. If no change raises the hit probability, the
+        interception is unchanged.
 
         Args:
             interception: Interception that has not started yet.
@@ -194,19 +195,19 @@ class Interceptor:
     ) -> Iterator[Interception | None]:
         """Watch a target, plan, and keep the plan up to date until the strike has to start.
 
-        Frames that come while a plan is computed wait. The standard error of the frames is the camera's, or that of
-        `TargetCamera()`.
+        Frames that arrive during the computation of a plan are used afterwards. The standard error of the frames is the
+        camera's, or that of `TargetCamera()`.
 
         Args:
-            frames: (t, position (2,)) as they come [s], [m]; NaN where the target is not seen.
-            decide: The first frame at or after this time is planned on [s]; while there is no plan, so is the next one
-                that comes when the planner is free again.
+            frames: Pairs (t [s], position (2,) [m]), as they arrive; NaN where the target is not seen.
+            decide: Time of the first plan [s], which uses the first frame from then on. As long as no plan is found,
+                planning is repeated with the next frame.
             rng: As in `plan`.
-            motion, pivot: As in `fit_track`; what is chosen at the first plan is kept.
+            motion, pivot: As in `fit_track`; the motion chosen for the first plan is kept.
             update: Quantities that later frames change: `aim` (strike and t0), `time` (t0 alone), `none`.
 
         Yields:
-            The plan, or None as long as none was made, after every frame that it was made or refreshed from; the last
+            The plan after every frame from which it was made or refreshed, or None before the first plan. The last plan
             is the one to strike.
 
         Raises:

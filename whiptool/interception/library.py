@@ -56,16 +56,16 @@ class Library:
         """Simulate random strikes and return the library.
 
         Args:
-            striker: Rolls out; strikes beyond its limits are left out.
+            striker: Simulator of strikes; those that exceed its limits are left out.
             size: Number of strikes.
             seed: Seed of the strikes.
             q_i: Posture in which the arm waits and from which all strikes start [rad], (a,). Default: the start posture
                 differs between strikes, and the arm has to be there with the whip at rest.
-            speed: Speed of the tip, at least, where it is to hit [m/s].
+            speed: Least speed of the tip at a hit [m/s].
 
         Raises:
-            InputError: A number is out of range, `q_i` is beyond the bounds, the arm can do none of the strikes, or
-                their tips are all slower than `speed`.
+            InputError: A number is out of range, `q_i` is outside the bounds, no strike keeps the limits, or the tip is
+                slower than `speed` in all strikes.
         """
         number("size", size, low=1)
         number("speed", speed, low=0)

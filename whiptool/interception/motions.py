@@ -17,7 +17,7 @@ _OVER_THE_TOP = 1 - 1e-9  # a bob with more energy than this part of the top's i
 
 @dataclass(frozen=True)
 class TargetMotion(ABC):
-    """A family of paths with p numbers.
+    """A family of target motions with p parameters.
 
     Args:
         name: Name of the motion.
@@ -28,11 +28,11 @@ class TargetMotion(ABC):
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Names of the p numbers."""
+        """Names of the p parameters."""
 
     @property
     def loosely(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and weight (1 / standard error, 0: none) of what is known of the numbers beforehand, (p,) each."""
+        """Weak prior of the parameters: means, and inverses of the standard errors (0: no prior), (p,) each."""
         return np.zeros(len(self.names)), np.zeros(len(self.names))
 
     @abstractmethod
@@ -80,7 +80,7 @@ class Polynomial(TargetMotion):
 class PendulumMotion(TargetMotion):
     """A bob on a string that does not swing over the top: exact solution of theta'' = -(g / L) sin(theta).
 
-    Its parameters are the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0.
+    The parameters are the pivot x, y [m] unless it is known, log(L / 1 m), theta [rad] and its rate [rad/s] at time 0.
     theta is 0 straight below the pivot and positive towards +x. As half a second of a long swing does not determine the
     string, there is a weak prior (mean and standard deviation): log(L / 1 m) 0 +- 1, pivot 0 +- 10 m, theta 0 +- 3 rad,
     rate 0 +- 10 rad/s.
@@ -108,7 +108,7 @@ class PendulumMotion(TargetMotion):
         return np.zeros(len(self.names)), 1 / errors
 
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Where it is, (..., T, 2) [m]."""
+        """Return the target's positions (..., T, 2) [m]; see `TargetMotion.positions`."""
         numbers = np.asarray(numbers, float)
         L, theta, rate = np.exp(numbers[..., -3, None]), numbers[..., -2, None], numbers[..., -1, None]
         omega = np.sqrt(self.gravity / L)

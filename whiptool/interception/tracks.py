@@ -30,7 +30,7 @@ class TargetTrack:
         dof: Degrees of freedom: number of measured coordinates minus p.
         bic: chi2 + p log(number of measured coordinates); the motion with the smallest value is the most plausible
             (Schwarz 1978).
-        last: Time of the last frame that shows it [s]; -inf: it was given, not observed.
+        last: Time of the last frame that shows the target [s]; -inf for a track that was given, not observed.
     """
 
     motion: TargetMotion
@@ -128,10 +128,9 @@ def fit_track(
     For linear motions the result is that of a Kalman filter without process noise; a pendulum is fitted from several
     initial string lengths.
 
-    Where the residuals are larger than `sigma` says, because it is understated or because the target moves otherwise,
-    the covariance is that of the variance which they show: `sigma` squared, times chi2 / dof if that is above 1 (Birge
-    1932). So predictions, samples and stated probabilities know of the misfit. An error of the motion itself grows
-    differently from noise, so that this is a remedy for small ones; see `TargetTrack.warning`.
+    If the residuals are larger than `sigma`, because it is understated or the motion is another one, the covariance is
+    multiplied by chi2 / dof (Birge 1932), so that predictions, samples and stated probabilities account for the misfit.
+    This is adequate for small errors of the motion only; see `TargetTrack.warning`.
 
     Args:
         t: Times of the frames [s], (T,), increasing, possibly with gaps.

@@ -43,15 +43,15 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
     """Return the limits that options name.
 
     Args:
-        named: `limits`: those of the joints (`arm`), a motor, or `none`; default: those of the joints, if they have
-            any. `keep_free`: fraction of them that is kept free. `floor`: its height [m], or `none`; default:
+        named: `limits`: limits of the joints (`arm`), of a motor, or `none`; default: those of the joints, if they have
+            any. `keep_free`: fraction of the limits that stays unused. `floor`: its height [m], or `none`; default:
             `default_floor`. `clearance`: least distance between arm, whip and floor [m]. `ignore_collisions`: whether
             these may touch.
         model, prescribed: As for `default_limits`.
 
     Raises:
-        InputError: The arm has none, its torques are not known, or there is nothing of which a share or a distance
-            could be kept.
+        InputError: The arm has no such limits, its torques are not known, or `keep_free` or `clearance` is given
+            without limits.
     """
     name, found = named.get("limits"), []
     if name == "none":
@@ -82,7 +82,7 @@ def floor_height(given: str | float) -> float | None:
     """Return the height of a floor [m] as it is written, such as `-0.5`; None for `none`.
 
     Raises:
-        InputError: It is neither, or out of range.
+        InputError: The text is neither a number nor `none`, or the height is out of range.
     """
     if given == "none":
         return None
@@ -185,7 +185,7 @@ class AllLimits:
         """Return the part of a box of strikes that is within the position limits.
 
         Raises:
-            InputError: No part of the box is.
+            InputError: No part of the box is within them.
         """
         lower, upper = bounds.box
         for limits in self.members:

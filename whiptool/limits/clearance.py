@@ -263,7 +263,8 @@ class Clearance(Limits):
         return f"at {at:.3f} s {self._said(found)}"
 
     def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
-        """Return a description of what an arm without its whip comes too close to on a path; None: nothing.
+        """Return a description of the body that an arm without its whip comes too close to on a path; None: it keeps
+        the clearance.
 
         Args:
             t: Times [s], (T,).

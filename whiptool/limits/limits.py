@@ -59,7 +59,7 @@ class CommandLimits:
     def shortened(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if they are too far.
 
-        They keep the limits; their start positions and durations are unchanged.
+        The strikes then keep the limits; start positions and durations are unchanged.
         """
         a = len(self.joints)
         q_i, q_f, D = np.split(strikes, [a, 2 * a], axis=1)
@@ -69,7 +69,7 @@ class CommandLimits:
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
 
-        They are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit.
+        The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit.
 
         Args:
             strike: Strike vector, (2 a + 1,).
@@ -160,7 +160,7 @@ class Limits(ABC):
 
     @property
     def smooth(self) -> Sequence[Smooth]:
-        """What a search can keep beforehand."""
+        """The limits as smooth constraints, which a search keeps before it simulates a strike."""
         return ()
 
     @property
@@ -170,7 +170,7 @@ class Limits(ABC):
 
     @property
     def of_candidates(self) -> bool:
-        """Whether whole strikes have to be judged where they would be hits or the best."""
+        """Whether strikes that would be hits or the best have to be checked along their whole trajectory."""
         return False
 
     @abstractmethod

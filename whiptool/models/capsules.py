@@ -165,7 +165,7 @@ def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:
     """Return capsules as a tuple.
 
     Raises:
-        InputError: One of them is not a capsule.
+        InputError: An entry is not a capsule.
     """
     if not isinstance(given, (list, tuple)) or not all(isinstance(x, Capsule) for x in given):
         raise InputError(name, given, "capsules, each a Capsule")

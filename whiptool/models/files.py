@@ -262,7 +262,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
             carries no other.
 
     Raises:
-        InputError: Neither exists, or the file contains something that is not allowed.
+        InputError: There is no such preset or file, or the file contains something that is not allowed.
     """
     expect(str, PathLike, name=name)
     name = fspath(name)

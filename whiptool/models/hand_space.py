@@ -164,7 +164,7 @@ class HandPath:
 def hand_poses(kinematics: HandKinematics, q: np.ndarray) -> np.ndarray:
     """Return the poses of the hand in the base's frame for a sequence of joint positions (T, a), (T, 7).
 
-    They are position x, y, z [m] and unit quaternion x, y, z, w with a continuous sign. For a planar arm the plane is
+    A pose is position x, y, z [m] and unit quaternion x, y, z, w with a continuous sign. For a planar arm the plane is
     vertical: y is 0.
     """
     at = kinematics.motion(q)
@@ -220,7 +220,7 @@ class HandSpace:
     """Strikes in the coordinates of the hand: vectors `[x_i, x_f, D]` (2 m + 1,) of m coordinates at start and end,
     positions and optionally orientation, and the duration.
 
-    Of all postures with the same hand pose, the arm takes the one nearest to its home posture.
+    The arm takes the posture with the given hand pose that is nearest to its home posture.
 
     Args:
         arm: Arm in the plane or in space.
@@ -340,10 +340,9 @@ class HandSpace:
         return np.hstack([*blocks, vectors[:, -1:]])
 
     def slopes(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the derivatives of what `numbers` returns for strikes (B, 2 m + 1) by their coordinates.
+        """Return the derivatives of the result of `numbers` by the coordinates of strikes (B, 2 m + 1).
 
-        They have the shape (B, P, 2 m + 1), with P parameters of the simulator per strike and m coordinates of the
-        hand.
+        The shape is (B, P, 2 m + 1), with P parameters of the simulator per strike and m coordinates of the hand.
         """
         found, (B, width), (m, d) = self._solved(vectors), vectors.shape, (self.size, self.arm.dimension)
         by_vector = np.zeros((B, DEGREE + 1, self.arm.n, width))
@@ -363,8 +362,8 @@ class HandSpace:
         return np.concatenate([*blocks, identity[:, -1:]], axis=1)
 
     def beyond(self, vectors: np.ndarray) -> np.ndarray:
-        """Return how far strikes (B, 2 m + 1) are from feasible ones, (B,), a measure without unit that grows
-        with the violation; 0: feasible.
+        """Return how far strikes (B, 2 m + 1) are from feasible, (B,): a dimensionless violation, 0 for feasible
+        strikes.
         """
         found = self._solved(vectors)
         return found.reach + found.on_way + found.limits

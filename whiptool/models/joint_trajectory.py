@@ -160,7 +160,7 @@ class JointTrajectory:
     def save_csv(self, path: Path | str) -> None:
         """Write a CSV file at full precision.
 
-        Its columns are `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`, and, if known, the hand's
+        The columns are `time`, then `position_JOINT`, `velocity_JOINT`, `acceleration_JOINT`, and, if known, the hand's
         poses, `hand_x` to `hand_qw`.
         """
         text = io.StringIO()
@@ -204,7 +204,7 @@ class JointTrajectory:
     def save_hand(self, path: Path | str) -> None:
         """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.
 
-        They are not part of the goal of `save_goal`, in which such a trajectory would mean floating joints.
+        The goal of `save_goal` does not contain the poses, because there they would be commands of floating joints.
         """
         assert self.hand is not None
         points = []
@@ -266,8 +266,13 @@ _AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def free_hand(turned: np.ndarray) -> SpatialArm:
-    """Return a virtual arm for a hand: three prismatic joints for its position, and rotations about z, y, x from
-    `turned` (3, 3).
+    """Return a virtual arm whose last link is a hand.
+
+    It has three prismatic joints for the position of the hand and three revolute joints about z, y and x for its
+    orientation.
+
+    Args:
+        turned: Rotation matrix of the hand with all joints at 0, (3, 3).
     """
     slides = [_link(axis, JointLimits((-_FARTHEST, _FARTHEST)), "prismatic") for axis in _AXES]
     first = _link(_AXES[2], JointLimits(), rotation=turned)

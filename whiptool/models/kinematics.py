@@ -167,7 +167,7 @@ def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
 
 
 def upright(places: np.ndarray) -> np.ndarray:
-    """Return places in space (..., 3); those of the strike plane (..., 2) stand upright, y becoming z."""
+    """Return positions in space (..., 3); y of positions in the strike plane (..., 2) becomes z."""
     return places if places.shape[-1] == 3 else np.insert(places, 1, 0.0, axis=-1)
 
 
@@ -319,7 +319,7 @@ class HandMotion(NamedTuple):
 
 
 class HandPose(NamedTuple):
-    """Desired pose of the hand: position `place` (..., 3) [m] and rotation (..., 3, 3), or None if it is free."""
+    """Desired pose of the hand: position `place` (..., 3) [m], and rotation (..., 3, 3) or None for any orientation."""
 
     place: np.ndarray
     rotation: np.ndarray | None

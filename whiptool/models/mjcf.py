@@ -148,10 +148,10 @@ _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """Return the serial arm of an MJCF file, its base frame that of the world.
 
-    Bodies without joints, or on locked ones, are part of the link that carries them. Mesh files may be missing if all
-    moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres, capsules, cylinders
-    and boxes that may collide become the arm's capsules. Dry friction and springs of joints, `gravcomp`, air drag and
-    loops beyond the tip are ignored, which the arm's `notes` state.
+    Bodies without joints or with locked joints are part of the link to which they are attached. Mesh files may be
+    missing if all moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres,
+    capsules, cylinders and boxes that may collide become the arm's capsules. Dry friction and springs of joints,
+    `gravcomp`, air drag and loops beyond the tip are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.

@@ -29,7 +29,7 @@ def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
     in URDF.
 
     Raises:
-        InputError: It has another form, or an angle is more than two turns.
+        InputError: The base is given in another form, or an angle is more than two turns.
     """
     if isinstance(given, str) and given not in MOUNTS:
         raise InputError("base", given, MOUNT_RULE)

@@ -279,7 +279,7 @@ class Model(NoArray, instead="its parameters()"):
             taper: Thickness of the tip over that of the handle; see `whiptool.models.profile.resized`.
 
         Raises:
-            InputError: A number is out of range, or the whip's nodes differ in a way that no profile describes.
+            InputError: A number is out of range, or the whip has values per node that no `WhipProfile` reproduces.
         """
         return dataclasses.replace(self, whip=resized(self.whip, length=length, nodes=nodes, taper=taper))
 

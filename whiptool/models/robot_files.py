@@ -231,7 +231,7 @@ class ArmChoice:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress, within a `with` block, what a C++ library writes to standard error."""
+    """Suppress, within a `with` block, the output of C++ libraries to standard error."""
     sys.stderr.flush()
     kept = os.dup(2)
     with tempfile.TemporaryFile() as nowhere:

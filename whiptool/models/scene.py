@@ -237,8 +237,8 @@ class Scene:
     def contacts(self, q: np.ndarray, groups: np.ndarray, enough: Sequence[float]) -> list[Contact | None]:
         """Return the closest contact of each group of pairs; None for an empty group.
 
-        Exact distances are only computed if bounding spheres are near, first of bodies over several states, then of
-        single ones.
+        Exact distances are only computed if bounding spheres are near, first those of bodies over several states, then
+        those of single states.
 
         Args:
             q: Joint positions of successive states, (T, n).

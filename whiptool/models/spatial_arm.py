@@ -23,7 +23,7 @@ def checked_joints(given: object, count: int) -> tuple[str, ...]:
     """Return the given names of `count` joints; if none are given, shoulder and elbow, or joint1, joint2, ...
 
     Raises:
-        InputError: They are not `count` different names, or one is reserved.
+        InputError: The number of names is not `count`, a name is repeated, or it is reserved.
     """
     rule = f"{count} different names, one per link, of letters and digits; whip..., tip, target are taken"
     if not isinstance(given, (list, tuple)):
@@ -44,7 +44,8 @@ def joint_name(given: str) -> str:
 def subscripts(joints: tuple[str, ...]) -> tuple[str, ...]:
     """Return the subscript of each joint in the names of a strike's coordinates, such as `s` and `e` in q_si, q_ei.
 
-    They are the joints' initials if these differ; 1, 2, ... for joint1, joint2, ...; otherwise the whole names.
+    The subscripts are the joints' initials if these differ; 1, 2, ... for joint1, joint2, ...; otherwise the whole
+    names.
     """
     counted = tuple(str(i + 1) for i in range(len(joints)))
     if joints == tuple(f"joint{i}" for i in counted):
@@ -127,7 +128,7 @@ def kept_free(share: object) -> float:
     """Return the fraction of limits that must remain unused, after checking it.
 
     Raises:
-        InputError: It is not in [0, 1).
+        InputError: The fraction is not in [0, 1).
     """
     value = number("keep free", share, low=0, high=1)
     if value == 1:
@@ -144,7 +145,7 @@ def _or_infinite(name: str, value: object) -> float:
 class SpatialLink:
     """A joint and the rigid body that it moves; the link's frame is attached to the body at the joint.
 
-    A massless link, as between hinges at one point, is allowed if what it carries has mass.
+    A massless link, as between hinges at one point, is allowed if a later link has mass.
 
     Args:
         mass: Mass [kg].
@@ -246,14 +247,14 @@ def checked_rotation(name: str, given: object) -> Matrix:
 
 @dataclass(frozen=True)
 class JointedArm(NoArray, instead="its per_link(name)"):
-    """What arms in the plane and in space have alike: rigid links in a row, each behind a named joint."""
+    """Base class of planar and spatial arms: rigid links in a row, each of which is moved by a named joint."""
 
     links: tuple[Any, ...]
     joints: tuple[str, ...] = ()
 
     @property
     def slides(self) -> tuple[str, ...]:
-        """Names of the joints that slide: none, unless an arm says otherwise."""
+        """Names of the prismatic joints; default: none."""
         return ()
 
     @property
@@ -263,7 +264,7 @@ class JointedArm(NoArray, instead="its per_link(name)"):
 
     @property
     def turns(self) -> np.ndarray:
-        """Which joints turn, (n,); the others slide."""
+        """Whether each joint is revolute, (n,); the others are prismatic."""
         return np.array([joint not in self.slides for joint in self.joints])
 
     @property

@@ -195,9 +195,9 @@ def is_person(arm: AnyArm) -> bool:
 def default_bounds(arm: AnyArm | Model) -> StrikeBounds:
     """Return the default bounds of strikes of an arm, or of a model's arm [rad or m], [s].
 
-    For the planar arm of two joints the bounds are ours, because the paper prints none. For the human arm they are
-    those of Nah et al. 2023. For other arms in space they are the position limits of the joints, at most half a turn to
-    either side.
+    The paper prints no bounds for the planar arm of two joints; those returned for it are whiptool's. For the human arm
+    they are those of Nah et al. 2023. For other arms in space they are the position limits of the joints, at most half
+    a turn to either side.
 
     Raises:
         InputError: The arm has no default bounds; give bounds.
@@ -271,7 +271,7 @@ class HandStrike(Vector):
 
     @classmethod
     def from_vector(cls, vector: Sequence[float] | np.ndarray) -> HandStrike:
-        """From `[x_i, x_f, D]`, shape (2 m + 1,).
+        """Return the strike with the vector `[x_i, x_f, D]`, (2 m + 1,).
 
         Raises:
             InputError: The length is even, or a value is not allowed.

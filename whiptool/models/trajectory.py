@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 
 class ClosestApproach(NamedTuple):
-    """Closest approaches of paths.
+    """Closest approaches of polygonal paths to a position.
 
     Args:
-        distance: Distance [m], (...); infinite where a path has no segment, or none whose ends are known.
+        distance: Distance [m], (...); infinite for a path without a segment whose two ends are known.
         segment: Index of the segment, (...).
         share: Position within the segment, 0 to 1, (...).
     """
@@ -47,7 +47,7 @@ def closest_on_segments(paths: np.ndarray, place: np.ndarray) -> ClosestApproach
     """Return the closest approaches of polygonal paths to a position.
 
     Args:
-        paths: Paths in d dimensions, (..., T, d) [m]; NaN where there is no point.
+        paths: Paths in d dimensions, (..., T, d) [m]; NaN for missing points.
         place: Position (d,), or one for each path, (..., d) [m].
     """
     start, step = paths[..., :-1, :] - np.asarray(place)[..., None, :], np.diff(paths, axis=-2)
@@ -125,14 +125,14 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
     """Closest approach of the tip to its target, for B strikes of an arm with a joints.
 
     Args:
-        distance: Distance of the tip from the target [m], (B,); infinite where a strike diverged before its first step.
+        distance: Distance of the tip from the target [m], (B,); infinite if a strike diverged before its first step.
         time: Time of the closest approach [s], (B,).
         velocity: Velocity of the tip at the closest approach [m/s], (B, 2), in space (B, 3).
         tip: Position of the tip at the closest approach [m], (B, 2), in space (B, 3).
         max_joint_speed: Largest speed of each arm joint over the strike [rad/s], (B, a).
         max_torque: Largest torque of each arm joint over the strike [N m], (B, a).
         diverged: Whether the simulation diverged, with joint speeds that grew without bound, (B,).
-        error: Standard error of the distance [m], (B,), where it was measured; None: it was computed.
+        error: Standard error of the distance [m], (B,), for measured distances; None for computed ones.
         positions: Lowest and highest position of each arm joint over the strike [rad or m], (B, 2, a); None: not known.
         effort: Integral of each arm joint's squared torque over the strike, by the trapezoidal rule [N^2 m^2 s],
             (B, a); None: not known.
@@ -363,10 +363,10 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     @classmethod
     def load(cls, path: Path | str) -> Trajectory:
-        """Read what `save` wrote.
+        """Read a trajectory that `save` wrote.
 
         Raises:
-            InputError: There is no such file, or it is not one of these.
+            InputError: There is no such file, or it is not a trajectory.
         """
         arrays: dict[str, Any] = read_arrays(path, "trajectory", _SHAPES)
         t = arrays["t"]

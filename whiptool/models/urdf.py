@@ -36,7 +36,7 @@ def assumed(
     weighed: Collection[str],
     without_mass: Sequence[str],
 ) -> tuple[str, ...]:
-    """Return notes on what was assumed or ignored in a URDF file, one line for each kind.
+    """Return notes on assumptions about a URDF file and on its ignored parts, one line for each kind.
 
     Args:
         robot: Root element of the file.

@@ -68,8 +68,8 @@ def _positive(text: str) -> bool:
 def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) -> set[str]:
     """Add the mass of their shapes to moving bodies of a Pinocchio model without mass; return the names of their links.
 
-    Links that are fixed to a link with mass may be frames only, and get none. The mass is that of the collision shapes
-    or, without these, of the visual ones; of meshes if their files exist.
+    Links that are fixed to a link with mass may be mere frames; they get no mass. The mass is that of the collision
+    shapes or, without these, of the visual ones; of meshes if their files exist.
 
     Args:
         model: Pinocchio model, which is changed in place.

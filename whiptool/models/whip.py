@@ -19,13 +19,13 @@ PLANAR_AXIS = (0.0, -1.0, 0.0)  # of a hinge in the plane: a positive angle turn
 
 @dataclass(frozen=True)
 class JointKind:
-    """How a node of a whip bends.
+    """Kind of joint between the nodes of a whip.
 
     Args:
         dimension: 2 in the plane, 3 in space.
-        hinges: Axes of a node's hinges in order, in its frame; none: a rod, whose direction turns freely.
+        hinges: Axes of a node's hinges in order, in its frame; none: a rod, which can take any direction.
         joints: A node's degrees of freedom.
-        endings: What the name of each of a node's coordinates in a trajectory ends with.
+        endings: Suffix of the name of each of a node's coordinates in a trajectory.
         unit: Unit of these coordinates.
         absent: Quantities of a whip that such joints do not have.
     """
@@ -154,7 +154,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     @property
     def kind(self) -> JointKind:
-        """How its nodes bend."""
+        """Kind of joint between the nodes."""
         return KINDS[self.joints]
 
     def per_node(self, name: str) -> np.ndarray:

@@ -76,10 +76,10 @@ def find_method(name: str) -> Method:
 
 
 def usual_method(rollout: Rollout) -> str:
-    """Return the method of those who name none: DIRECT-L in the plane, in space `gradient` where there are derivatives.
+    """Return the default method: `directl` in the plane, `gradient` in space if the simulator has derivatives.
 
-    Of the random strikes of a robot hardly one is within its limits and clear of the floor, which DIRECT-L takes long
-    to find; the gradient search begins with such strikes.
+    Hardly any random strike of a robot is within its limits and collision-free, so that DIRECT-L takes long to find
+    one; the gradient search begins with such strikes.
     """
     has_derivatives = type(rollout).slopes is not Rollout.slopes
     return "gradient" if rollout.model.dimension == 3 and has_derivatives else "directl"
@@ -96,13 +96,13 @@ def search(
 ) -> Result:
     """Run a method on an objective until it hits, converges, uses up its budget, or is interrupted (Ctrl-C).
 
-    `search(objective, method)` searches an `Objective`. `search(rollout, target, method)` makes one, which ends with
-    the first hit and after 600 trials at most, as `python -m whiptool.optimize` does.
+    `search(objective, method)` searches an `Objective`. `search(rollout, target, method)` constructs the objective,
+    which stops at the first hit or after 600 trials, as `python -m whiptool.optimize` does.
 
     Args:
-        objective: An `Objective`, or the rollout of which one is made.
-        target: Target of a search with a rollout: a `Target`, or its place (x, y) or (x, y, z) [m]; None: the usual
-            one. An objective has its own, and the method may stand here.
+        objective: An `Objective`, or the rollout from which it is constructed.
+        target: Target of a search with a rollout: a `Target`, or its position (x, y) or (x, y, z) [m]; None: the
+            default target. With an `Objective`, which has a target, this argument may be the method.
         method: One of `METHODS`, or `nlopt:NAME`; default: `usual_method`. Capital letters, hyphens and underscores
             make no difference.
         seed: Seed of the method's random numbers.
@@ -137,7 +137,7 @@ def search(
 def run_search(
     objective: Objective, run: Method, name: str, *, seed: int, first: Sequence[float] | np.ndarray | None = None
 ) -> Result:
-    """As `search`, of a function that is not a method of the command line."""
+    """Run a search function that is not in `METHODS`; the other arguments are those of `search`."""
     start = time.monotonic()
     try:
         if first is not None:

@@ -71,7 +71,7 @@ class HitProblem:
     def begin(self, start: np.ndarray) -> tuple[np.ndarray, HitPoint] | None:
         """Return the first strike (m,) in the unit box and its `HitPoint`; None if it diverged or was refused.
 
-        Its largest measure becomes the unit of the measures.
+        The largest measure of this point becomes the unit of all measures.
 
         Args:
             start: Strike vector, (m,).

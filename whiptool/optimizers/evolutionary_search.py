@@ -26,7 +26,7 @@ class GASettings:
         population: Number of individuals in a generation.
         tournament: Number of individuals among which the fittest is selected.
         crossover: Probability that two parents are crossed (simulated binary crossover).
-        crossover_eta, mutation_eta: Distribution indices; with larger ones children are nearer to their parents.
+        crossover_eta, mutation_eta: Distribution indices; children are nearer to their parents with larger indices.
         mutation: Probability that a gene mutates (polynomial mutation).
         d_max: D_max of Eq. 20 [m]; None: reach plus the target's distance, an upper bound of any miss.
     """

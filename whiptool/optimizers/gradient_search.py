@@ -19,12 +19,12 @@ COLLISIONS = 5  # strikes that would collide after which a refinement is given u
 
 
 def gradient_search(objective: Objective, *, seed: int) -> None:
-    """Rounds of random strikes and refinement until the objective stops it.
+    """Alternate random strikes and their refinement until the objective stops the search.
 
-    Random strikes keep the limits that can be checked without simulation, and only collision-free ones are refined.
+    Random strikes keep the limits that can be checked without simulation, and only collision-free strikes are refined.
     SLSQP minimises half the squared cost inside the bounds, because the miss distance itself is not differentiable at
-    zero. Every simulation is a trial, also in the refinement; one with its gradient counts once. If the objective has a
-    criterion, it is minimised instead, with the hit as a constraint.
+    zero. Every simulation is a trial, also in the refinement; a simulation with its gradient counts once. If the
+    objective has a criterion, it is minimised instead, with the hit as a constraint.
 
     Raises:
         SearchStopped: The objective ended the search.

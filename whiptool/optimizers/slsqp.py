@@ -20,7 +20,7 @@ def slsqp(objective: Objective, *, steps: int, further: int = 0) -> nlopt.opt:
     Args:
         objective: Objective whose bounds are the box, and whose smooth limits are kept.
         steps: Gradient evaluations at most.
-        further: Number of variables behind the strike's own, which have no bounds.
+        further: Number of further variables after those of the strike; they have no bounds.
     """
     lower, upper = objective.bounds.box
     optimizer = nlopt.opt(nlopt.LD_SLSQP, len(lower) + further)

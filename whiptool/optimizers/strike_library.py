@@ -69,10 +69,10 @@ class StrikeLibrary:
 
     @classmethod
     def load(cls, path: Path | str) -> StrikeLibrary:
-        """Read what `save` wrote.
+        """Read a library that `save` wrote.
 
         Raises:
-            InputError: There is no such file, or it is not one of these.
+            InputError: There is no such file, or it is not a library.
         """
         arrays = read_arrays(path, "library of strikes", {"strikes": "nm", "paths": "nSd"})
         return cls(arrays["strikes"], arrays["paths"])

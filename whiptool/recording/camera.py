@@ -173,7 +173,7 @@ class Camera:
         return np.array([[distance / fx, 0, -u * distance / fx], [0, -distance / fy, v * distance / fy], [0, 0, 1]])
 
     def scale(self, point: np.ndarray) -> float:
-        """Return the pixels per metre at a point (2 or 3,) [m], for what is small and faces the camera."""
+        """Return the image scale at a point (2 or 3,) [m] of small objects that face the camera [pixels/m]."""
         return float(np.sqrt(np.prod(self.focal_lengths)) / self.to_camera(point)[2])
 
     def slant(self, point: np.ndarray) -> float:
@@ -220,9 +220,9 @@ def before_plane(position: Sequence[float], turn: np.ndarray | None = None) -> d
     """Return rotation and position, as `Camera` takes them, of a camera before the strike plane.
 
     Args:
-        position: Its place to the front of the shoulder, above it, and its distance from the plane [m], (3,).
-        turn: Rotation in the camera's axes, (3, 3), that turns a camera looking straight at the plane, upright, into
-            this one; None: it looks so.
+        position: Position of the camera in front of the shoulder, above it, and its distance from the plane [m], (3,).
+        turn: Rotation in the camera's axes, (3, 3), from an upright camera perpendicular to the plane to this one;
+            None: no rotation.
 
     Raises:
         InputError: The camera is behind the plane or looks away from it.
@@ -297,7 +297,7 @@ def camera_of(place: str, table: object) -> Camera:
         table: Values by the names of the fields.
 
     Raises:
-        InputError: It is not a table, has missing or unknown keys, or a value is not allowed.
+        InputError: The value is not a table, has missing or unknown keys, or a value is not allowed.
     """
     try:
         return build_from(Camera, table, f"{place}.")

@@ -31,7 +31,7 @@ def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         what: Name of the samples, for messages.
 
     Raises:
-        InputError: Too many stamps are bad, or several in a row, so that the right ones cannot be determined.
+        InputError: Too many stamps are bad, or several in a row, so that the right stamps cannot be determined.
     """
     even = len(stamps) < 2 or (np.diff(stamps) > 0).all()
     keep = np.ones(len(stamps), bool) if even else _increasing(stamps)
@@ -139,7 +139,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
         command: Start and end of the strike, if it is known [s].
 
     Raises:
-        InputError: They do not overlap; the message names likely errors of the clocks.
+        InputError: The times do not overlap; the message names likely errors of the clocks.
     """
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = "does the clock count since the computer was started, or since 1970? Say when the command began: start"

@@ -23,8 +23,8 @@ class FilmedApproach:
     Args:
         distance: Distance of the tip from the target [m].
         time: Time of the closest approach [s].
-        place: Position of the tip then, (d,) [m].
-        velocity: Velocity of the tip then, (d,) [m/s].
+        place: Position of the tip at this time, (d,) [m].
+        velocity: Velocity of the tip at this time, (d,) [m/s].
     """
 
     distance: float

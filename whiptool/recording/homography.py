@@ -17,7 +17,7 @@ def checked_homography(matrix: np.ndarray) -> np.ndarray:
     """Return a homography (3, 3) from pixels to metres after checking it.
 
     Raises:
-        InputError: It has another shape, is not finite, or maps the plane to a line.
+        InputError: The matrix has another shape, is not finite, or maps the plane to a line.
     """
     matrix = np.asarray(matrix, float)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():

@@ -35,7 +35,7 @@ def write_npz(recording: Any, path: Path | str) -> None:
     """Write a recording.
 
     Raises:
-        InputError: It cannot be written.
+        InputError: The file cannot be written.
     """
     arrays: dict[str, Any] = {"format": np.int64(LAYOUT)}
     for field in dataclasses.fields(recording):
@@ -49,12 +49,13 @@ def write_npz(recording: Any, path: Path | str) -> None:
 
 
 def read_npz(path: Path | str, build: type) -> Any:
-    """Read a recording; `t`, `points` and `markers` must be there, the other keys may be.
+    """Read a recording; the keys `t`, `points` and `markers` are required, all others optional.
 
     If the file does not state its source, the source is the file itself.
 
     Raises:
-        InputError: It is damaged, holds pickled objects, a key is unknown or missing, or a value is not allowed.
+        InputError: The file is damaged or contains pickled objects, a key is unknown or missing, or a value is not
+            allowed.
     """
     path, keys = Path(path), [field.name for field in dataclasses.fields(build)]
     values: dict[str, Any] = read_arrays(path, "recording")

@@ -11,6 +11,6 @@ def opencv() -> Any:
     """Return the module cv2.
 
     Raises:
-        InputError: It is not installed, or does not load.
+        InputError: OpenCV is not installed, or does not load.
     """
     return optional("cv2", "cameras and images")

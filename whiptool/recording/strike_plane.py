@@ -46,8 +46,8 @@ class StrikePlane:
         )
 
     def project(self, recording: StrikeRecording) -> StrikeRecording:
-        """Project a recording in space on the plane, with the projection of the shoulder as origin; planar ones are
-        unchanged.
+        """Project a recording in space on the plane, with the projection of the shoulder as origin; planar recordings
+        are unchanged.
 
         The stated standard errors are kept.
         """

@@ -45,17 +45,17 @@ class StrikeRecording(NoArray, instead="its t and points"):
         middle of the first row's exposure. Several cameras make several recordings, each with its own clock. A camera
         that measures depth, such as a D435, adds the depth of each marker.
 
-    Of an arm without a whip it holds the angles of the links, (T, M, 1) and [rad] in place of [m].
+    For an arm without a whip the points are the angles of the links, (T, M, 1) [rad].
 
     Args:
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
         points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
             point missing); in the strike plane x is forward, y up, the origin at the shoulder; of an arm in space they
             are in the axes of its base: x forward, y to the left, z up.
-        markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or free ones.
-        sigma: Standard error of each point, per coordinate [m], (T, M) or what broadcasts to it; default: 1 mm, with a
+        markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or any other names.
+        sigma: Standard error of each point, per coordinate [m], (T, M) or broadcastable to it; default: 1 mm, with a
             view half a pixel.
-        t_points: Middle of each point's exposure [s], (T, M) or what broadcasts to it (a rolling shutter reads rows at
+        t_points: Middle of each point's exposure [s], (T, M) or broadcastable to it (a rolling shutter reads rows at
             different times); default: t for all, with a view when its row was read.
         exposure: Exposure time [s]: a point is the mean of its marker's path over this span around `t_points`. 0 with a
             view: that of the view.
@@ -72,17 +72,17 @@ class StrikeRecording(NoArray, instead="its t and points"):
         joint_names: Joint names of the columns of `joints_q`, (a,); empty: they are in the arm's order.
         view: The camera whose pixels the points are; None: the points are positions.
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
-        hand_pose: Place [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
+        hand_pose: Position [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
             (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
-        depth: With a view, the depth of each marker along the camera's optical axis [m], (T, M); 0 or NaN where it was
-            not measured, and NaN where the point is missing. None: no depths.
-        depth_sigma: Standard error of the depth [m], (T, M) or what broadcasts to it; default: that of a D435 whose
+        depth: With a view, the depth of each marker along the camera's optical axis [m], (T, M); 0 or NaN if not
+            measured, NaN if the point is missing. None: no depths.
+        depth_sigma: Standard error of the depth [m], (T, M) or broadcastable to it; default: that of a D435 whose
             images are the view's (`whiptool.recording.depth_noise`).
         joints_listed: Whether the user listed the columns of `joints_q` in the arm's order, so that names that are not
             those of its joints do not matter.
         up: Upward axis of points in space, `y` or `z`, if their file names it; empty: that of the model.
         notes: Assumptions of the reader and data that it left out, in sentences.
-        first_state: Of an arm without a whip, its angles and their rates at t[0] as measured, (2, M) [rad, rad/s].
+        first_state: For an arm without a whip, its measured angles and their rates at t[0], (2, M) [rad, rad/s].
 
     Raises:
         InputError: Shapes do not fit, times do not increase, no point was seen, units or clocks are implausible, or
@@ -217,7 +217,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def seen(self) -> np.ndarray:
-        """Which points were seen, (T, M)."""
+        """Whether each point was seen, (T, M)."""
         return ~np.isnan(self.points[..., 0])
 
     @property

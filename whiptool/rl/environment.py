@@ -160,7 +160,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class WhipEnvs(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Vector environment: lanes (sub-environments) with their own targets, whose strikes are simulated as one batch.
+    """Vector environment: lanes (sub-environments) with separate targets, whose strikes are simulated as one batch.
 
     A lane whose episode ended gets its next target in the same step (`AutoresetMode.SAME_STEP`): `obs` is then the
     observation before the first strike at that target, and `info["final_obs"]` and `info["final_info"]` contain the

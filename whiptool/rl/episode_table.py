@@ -30,7 +30,7 @@ class EpisodeTable:
         self.names = [*(f.name for f in fields(TrainingEpisode) if f.name not in _OTHERS), *losses, *HELD_OUT]
 
     def cut(self, episodes: int) -> None:
-        """Keep only the lines of the first `episodes` episodes; later ones will be repeated."""
+        """Keep only the lines of the first `episodes` episodes; later episodes will be repeated."""
         lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True) if self.path.exists() else []
         write_whole(self.path, "".join(lines[: 1 + episodes if episodes else 0]))
         if episodes and lines:

@@ -16,7 +16,7 @@ from whiptool.rl.settings import OffPolicy, Settings
 
 
 class Diverged(WhiptoolError):
-    """A loss is not finite; the last checkpoint has the learner's state before."""
+    """Raised if a loss is not finite; the last checkpoint still has a finite state of the learner."""
 
 
 class Learner(ABC):
@@ -68,7 +68,9 @@ class Learner(ABC):
                 raise Diverged(f"{name} has become {value}: try a smaller learning rate")
 
     def state_dict(self) -> dict:
-        """Return the state from which a killed run can be resumed exactly; tensors and numbers only."""
+        """Return the state from which a killed run can be resumed exactly; it contains it contains tensors and numbers
+        only.
+        """
         state = {name: part.state_dict() for name, part in self._parts().items()}
         return {**state, "generator": self.generator.get_state()}
 
@@ -144,7 +146,7 @@ class OffPolicyLearner(Learner):
 
     @abstractmethod
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the next action (B, n_act) that values follow from, and what is added to its value, (B,) or ()."""
+        """Return the next action (B, n_act) of value targets, and the term that is added to its value, (B,) or ()."""
 
     @abstractmethod
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:

@@ -104,8 +104,8 @@ def trials_to_hit(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strike at each target until it is hit, with a new observation after every miss.
 
-    If a policy's mean action repeats an earlier one at the same target, it would repeat all that follows and never hit;
-    it is then not simulated further.
+    If a policy's mean action repeats an earlier action at the same target, all later actions would repeat, too, without
+    a hit; simulation then ends.
 
     Args:
         learner: Learner trained on the task's observation; its weights are not changed, its generator is used.
@@ -114,11 +114,11 @@ def trials_to_hit(
         cap: Largest number of strikes at each target.
         convention: One of `CONVENTIONS`.
         on_trial: Called after every trial with the number of targets that are finished.
-        on_strikes: Called after every trial with the indices (b,) of the targets that were struck at, and the results
-            of the strikes.
+        on_strikes: Called after every trial with the indices (b,) of the targets that are not finished, and the results
+            of the strikes at them.
 
     Returns:
-        Trials to the first hit (`cap` where there was none), (B,), and whether there was a hit, (B,).
+        Trials to the first hit (`cap` without a hit), (B,), and whether there was a hit, (B,).
 
     Raises:
         InputError: The convention is unknown.

@@ -16,7 +16,7 @@ class Transitions:
         obs, next_obs: Observations before and after, (B, n_obs) each.
         action: Actions in [-1, 1], (B, n_act).
         reward: Rewards, (B,).
-        terminated: 1 at the end of an episode, (B,); 0 for truncated ones, whose future value is bootstrapped.
+        terminated: 1 at the end of an episode, (B,); 0 for a truncated episode, whose future value is bootstrapped.
     """
 
     obs: Tensor

@@ -24,7 +24,7 @@ class SAC(OffPolicyLearner):
         return torch.tanh(self.actor(obs)[0]) if deterministic else self._sample(obs)[0]
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return a sample of the policy, and what its entropy adds to its value."""
+        """Return a sample of the policy, and the entropy term that is added to its value."""
         action, log_p = self._sample(obs)
         return action, -self.settings.alpha * log_p
 

@@ -21,7 +21,7 @@ class TrainingPlan:
 
     Args:
         episodes: Number of episodes.
-        trials: Strikes per episode, all in one batch, each in its own lane.
+        trials: Strikes per episode, simulated as one batch, one in each lane (sub-environment).
         random_episodes: Number of initial episodes in which strikes are uniformly random and nothing is learned.
         hindsight: Number of relabelled copies of every strike; needs an observation that contains the target.
 
@@ -162,7 +162,7 @@ def settings_for(method: str, **changes: Any) -> Settings:
     """Return the default settings of a learner, with changes by name.
 
     Raises:
-        InputError: There is no such learner, or it has no such setting.
+        InputError: No learner has this name, or the learner has no such setting.
     """
     if method not in SETTINGS:
         raise InputError("learner", method, ", ".join(SETTINGS))

@@ -36,11 +36,11 @@ SPEED_SCALE = 10.0  # [m/s], brings the tip's velocity to the size of one for ne
 def reward(cost: np.ndarray, hit: np.ndarray) -> np.ndarray:
     """Return the rewards (Eq. 17) of strikes, any shape: 50 for a hit, else -5 d within 0.1 m and -10 d farther away.
 
-    A hit radius other than the paper's 0.06 m only changes what counts as a hit.
+    A hit radius other than the paper's 0.06 m only changes which strikes are hits.
 
     Args:
         cost: Miss distance d [m], or `Goals.cost` if a direction or speed is required.
-        hit: Which are hits, see `Goals.hit`.
+        hit: Whether each strike hits, see `Goals.hit`.
     """
     return np.where(hit, 50.0, np.where(cost <= 0.1, -5.0, -10.0) * cost)  # Eq. 17
 
@@ -95,7 +95,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class TaskStep:
-    """Result of one strike in each of B lanes.
+    """Result of one strike in each of B lanes (sub-environments).
 
     Args:
         obs: Observation after the strike, (B, n_obs).
@@ -121,7 +121,7 @@ class TaskStep:
 
 
 class StrikeTask:
-    """The task of a learner, in a batch of lanes with one goal each.
+    """The task of a learner, in a batch of lanes (sub-environments) with one goal each.
 
     Args:
         rollout: Simulator.
@@ -208,7 +208,9 @@ class StrikeTask:
         return self.arrival.goals_at(np.array(targets, float), self.hit_radius)
 
     def reset(self, targets: np.ndarray | Goals) -> np.ndarray:
-        """Give every lane a goal, see `as_goals`, and return the observations before the first strike (B, n_obs)."""
+        """Give every lane (sub-environment) a goal, see `as_goals`, and return the observations before the first strike
+        (B, n_obs).
+        """
         self.goals = self.as_goals(targets)
         self.counts = np.zeros(len(self.targets), int)
         return self.first_look(self.goals)

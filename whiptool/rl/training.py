@@ -78,7 +78,7 @@ def make_learner(method: str, settings: Settings, task: StrikeTask, generator: t
     """Return a new learner for a task.
 
     Raises:
-        InputError: There is no such learner.
+        InputError: No learner has this name.
     """
     if method not in LEARNERS:
         raise InputError("learner", method, ", ".join(LEARNERS))

@@ -54,7 +54,7 @@ class ChainPath(NamedTuple):
 
 
 class CompiledRollout(Rollout):
-    """Simulates strikes of one model and controller, or of many that share their structure, with compiled code.
+    """Simulator with compiled code, for one model and controller, or for many with the same structure.
 
     Args:
         model: Model of arm and whip.
@@ -68,11 +68,11 @@ class CompiledRollout(Rollout):
         threads: Number of threads; default: one per core.
         sag: Deviation of the arm from the postures `q_i` when strikes begin [rad], (B, a) or (a,); None: no deviation.
 
-    Under position control the integrator is the classical Runge-Kutta method, of fourth order, where that is stable;
+    Under position control the integrator is the classical Runge-Kutta method, of fourth order, if that is stable;
     otherwise a Rosenbrock-W method, of third order, or at equal steps of second (ROS2).
 
     Attributes:
-        timestep: The largest step [s], or of a rollout of a tolerance the interval between a trajectory's instants.
+        timestep: The largest step [s], or, with a tolerance, the interval between the samples of a trajectory.
 
     Raises:
         InputError: An argument is out of range, both `tolerance` and `timestep` are given, or the law does not fit the

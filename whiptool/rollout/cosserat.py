@@ -44,7 +44,7 @@ def hand_path(model: Model, trajectory: Trajectory) -> CubicHermiteSpline:
 
 
 class TipPaths(NamedTuple):
-    """How the tips of B rods moved.
+    """Motion of the tips of B rods.
 
     Args:
         t: Times [s], (T,).
@@ -216,6 +216,6 @@ def elastica() -> tuple[Any, Any]:
     """Return the module PyElastica and `whiptool.rollout.cosserat_parts`.
 
     Raises:
-        InputError: It is not installed, or does not load.
+        InputError: PyElastica is not installed, or does not load.
     """
     return optional("elastica", "Cosserat rods"), optional("whiptool.rollout.cosserat_parts", "Cosserat rods")

@@ -90,9 +90,9 @@ def _dampen(
 
 
 class UnspunDamper(BendingDamper):
-    """As `BendingDamper`, for elements that cannot rotate about their own axes; moments along these are discarded.
+    """Variant of `BendingDamper` for elements that cannot rotate about their axes; moments along these are discarded.
 
-    It is unphysical, and only serves to show the effect of spin by comparison.
+    This damper is unphysical, and only serves to show the effect of spin by comparison.
     """
 
     def __init__(self, damping: np.ndarray, inertia: np.ndarray, timestep: float, **kwargs: Any) -> None:

@@ -325,7 +325,7 @@ def wanted_rung() -> str | None:
     """Return the engine (`simd`, `scalar` or `interpreter`) that the environment variable sets, if any.
 
     Raises:
-        InputError: It names no engine.
+        InputError: The variable names no engine.
     """
     name = os.environ.get(VARIABLE) or None
     if name is not None and name not in RUNGS:

@@ -52,7 +52,7 @@ class States(NamedTuple):
 
 
 def complete_trajectory(model: Model, controller: Controller, strike: StrikePath, states: States) -> Trajectory:
-    """Return a trajectory with what follows from states: references, gains, and, unless given, the tip's path.
+    """Return the trajectory of given states, with references, gains and, unless given, the tip's path.
 
     For control in hand space the gains are those in joint space, `J^T K J` and `J^T B J`.
     """
@@ -126,8 +126,8 @@ class Rollout(ABC):
         """Return strikes as vectors, (B, width of `space`).
 
         Raises:
-            InputError: They have a wrong length, a value is not finite, an angle is implausibly large, or a duration D
-                is not positive.
+            InputError: A vector has a wrong length, a value is not finite, an angle is implausibly large, or a duration
+                D is not positive.
         """
         space, joints = self.space, f"an arm of {self.model.arm.n} joints"
         whose = joints if space.kind == "joint" else f"the hand of {joints}"
@@ -172,7 +172,8 @@ class Rollout(ABC):
 
         Args:
             strikes: One `Strike` or many, or vectors, (B, 2 a + 1).
-            target: A `Target` or its coordinates for all, or one place each, (B, 2) or in space (B, 3) [m].
+            target: A `Target` or its coordinates for all strikes, or a position for each, (B, 2) or in space (B, 3)
+                [m].
             t_stay: Time after the movement during which the tip is followed [s].
 
         Raises:
@@ -210,8 +211,8 @@ class Rollout(ABC):
         """Return the closest approaches, and the exact derivatives of the tip's position and velocity there.
 
         Returns:
-            The approaches, and the derivatives of the place [m per unit of the parameter] and of the velocity
-            [m/s per unit], (B, d, m) each.
+            The approaches, and the derivatives of position [m per unit of the parameter] and of the velocity [m/s per
+            unit], (B, d, m) each.
 
         Raises:
             InputError: This simulator has no derivatives.

@@ -163,7 +163,7 @@ _ENDINGS = {1: ("",), 2: ("x", "y")}  # of the names of a node's hinges, by thei
 
 
 def not_native(model: Model) -> list[str]:
-    """Return descriptions of what MuJoCo's file format cannot represent; `ReferenceRollout` applies these as forces."""
+    """Return descriptions of quantities that MJCF cannot represent; `ReferenceRollout` applies them as forces."""
     missing = []
     if model.whip.per_node("drag").any():
         missing.append("quadratic air drag of the nodes")
@@ -337,7 +337,7 @@ def set_posture(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> No
 
 
 def export_xml(model: Model, *, target: np.ndarray | None = None) -> tuple[str, list[str]]:
-    """Return MJCF text for MuJoCo's viewer, and descriptions of what it cannot represent."""
+    """Return MJCF text for MuJoCo's viewer, and descriptions of quantities that it cannot represent."""
     spec = build_spec(model, target=target)
     missing = [*not_native(model), "the controller: joints are driven by plain motors"]
     spec.comment = "Written by whiptool. Not in this file: " + "; ".join(missing) + "."

@@ -36,15 +36,15 @@ def run_in_parts(
 ) -> None:
     """Call `loop(arguments, first, number)` for all of a batch, in parts that threads take in turn.
 
-    Whatever interrupts the wait (Ctrl-C) leaves parts running; each holds the memory that it reads and writes.
+    If the wait is interrupted (Ctrl-C), parts go on running; each keeps a reference to the memory that it uses.
 
     Args:
         loop: A function of a compiled library, which releases the interpreter's lock.
         arguments: Arguments of the batch; it holds addresses of the buffers.
         buffers: The arrays behind these addresses.
         count: Size of the batch.
-        lanes: How many run at once on one core.
-        threads: How many parts are worked on at a time.
+        lanes: Number of strikes that run at once on one core.
+        threads: Number of parts that run at a time.
     """
     even = -(-count // (threads * lanes)) * lanes  # an even share, in whole groups of lanes
     size = max(lanes, min(_GROUPS * lanes, even))

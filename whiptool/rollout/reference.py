@@ -236,7 +236,7 @@ def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> It
     time.
 
     Yields:
-        A list that collects MuJoCo's warnings, after which it resets the state or drops the control and continues.
+        A list that collects MuJoCo's warnings. After each, MuJoCo resets the state or drops the control.
     """
     gave_up: list[str] = []
     with _callback:
@@ -253,7 +253,7 @@ def check_integrator(name: str) -> None:
     """Refuse a name that is not one of MuJoCo's integrators.
 
     Raises:
-        InputError: It is unknown; the message lists the integrators.
+        InputError: The name is unknown; the message lists the integrators.
     """
     if name not in get_args(Integrator):
         raise InputError("integrator", name, ", ".join(get_args(Integrator)))

@@ -88,7 +88,8 @@ def stepped(
 def displacements(model: Model, n: int) -> np.ndarray:
     """Return a scale of the tip's displacement per unit of each of n coordinates, arm then whip [m], (n,).
 
-    It is the length of the whip beyond the joint (for the arm's joints the whole whip), for rods the rod's own length.
+    For a joint of the whip it is the length from there to the tip, for the arm's joints the whole length, for rods the
+    length of the rod.
     """
     lengths, a = model.whip.per_node("l"), model.arm.n
     beyond = np.cumsum(lengths[::-1])[::-1]  # of the whip, from each joint on

@@ -12,8 +12,8 @@ from whiptool.goals.goals import Goals
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """K passages, the entries of a strike map: a strike, an instant, the tip's position and velocity then, and
-    derivatives.
+    """K entries of a strike map, each a strike and an instant of it, with position, velocity and derivatives of the
+    tip.
 
     Derivatives are by the strike's m coordinates and, in the last column, by the instant, because the same strike also
     reaches goals farther along its path. Those of positions are exact; those of velocities and by the instant are
@@ -40,24 +40,24 @@ class Answers:
         return f"Answers({len(self)} passages)"
 
     def take(self, which: np.ndarray | slice) -> Answers:
-        """Return a selection of the passages."""
+        """Return a selection of the entries."""
         return Answers(*(getattr(self, f.name)[which] for f in fields(self)))
 
     @classmethod
     def none(cls, m: int, d: int) -> Answers:
-        """Return zero passages, for strikes with m coordinates in d dimensions."""
+        """Return zero entries, for strikes with m coordinates in d dimensions."""
         return cls(*map(np.empty, ((0, m), (0, d), (0, d), (0, d, m + 1), (0, d, m + 1))))
 
     @classmethod
     def joined(cls, parts: Sequence[Answers]) -> Answers:
-        """Return several sets of passages as one."""
+        """Return several sets of entries as one."""
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def shortlist(self, goal: Goals, count: int) -> np.ndarray:
-        """Return the indices of the passages of stored strikes that come closest to one goal (B = 1), (count,).
+        """Return the indices of the entries that come closest to one goal (B = 1), (count,).
 
         The closest is the first; closeness is the norm of the goal's residuals for the tip's position and velocity.
-        There are fewer indices if the map has fewer passages.
+        There are fewer indices if the map has fewer entries.
         """
         left = np.linalg.norm(goal.residuals(self.tips, self.velocities), axis=1)
         count = min(count, len(left))

@@ -29,7 +29,7 @@ class MapPlan:
     """Amount of simulation to build a map.
 
     Args:
-        random_strikes: Number of random strikes whose passages are the first entries.
+        random_strikes: Number of random strikes; the points of the region that they pass are the first entries.
         room: Largest number of entries in each cell of the region at first; each round adds one.
         rounds: Number of rounds in which missed goals are refined and added.
         goals: Number of goals of each round.
@@ -65,7 +65,7 @@ class MapPlan:
 
 
 class Building:
-    """Builds a map part by part; each part is determined by the ones before it, so that building can be resumed.
+    """Builds a map in parts; each part is determined by the previous parts, so that building can be resumed.
 
     Args:
         striker: Simulator of strikes.
@@ -109,7 +109,7 @@ class Building:
         """Return a ranking network (gate) trained with the results of candidate strikes for random goals.
 
         Limits that need the whole trajectory are not checked here, because this is slow; the entries keep them, and so
-        do nearly all corrections of them.
+        do nearly all strikes that are corrected from entries.
         """
         rng = np.random.default_rng([self.seed, self.plan.parts])
         strike_map = StrikeMap(self.striker, self.region, answers)

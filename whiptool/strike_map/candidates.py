@@ -19,13 +19,13 @@ _CHANGE = 0.2  # in widths, that counts as much against a candidate as a miss of
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """C strikes that may hit one goal, sorted by `doubt`.
+    """C strikes that may hit one goal, sorted by the score `doubt`, the best first.
 
     Args:
         strikes: Strike vectors, (C, m).
         slopes: Derivatives of the goal's residuals at the map entries from which they were computed, (C, r, m).
-        change: Difference from these entries, relative to the box's widths, with that of the instant, relative to
-            `INSTANT`, last, (C, m + 1).
+        change: Difference from these entries, (C, m + 1): of the m coordinates relative to the width of their bounds,
+            then of the time of contact relative to `INSTANT`, 0.02 s.
         left: Remaining residual to first order, in units of the hit radius, (C,).
     """
 

@@ -27,20 +27,20 @@ def correct(
     *,
     damping: float | np.ndarray = 1e-4,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the damped least-squares change of strikes within a box (Levenberg 1944, Marquardt 1963).
+    """Return the damped least-squares change of B strikes within bounds (Levenberg 1944, Marquardt 1963).
 
-    It minimises |r + J x|^2 + damping^2 |x / widths|^2; numbers that would leave the box stay on its side
+    The change minimises |r + J x|^2 + damping^2 |x / widths|^2; coordinates that would leave the bounds stay on them
     (an active-set method: Stark and Parker 1995).
 
     Args:
         residuals: r [m], (B, r).
         slopes: J, (B, r, m).
-        room: Least and largest change of each number, (B, m) each.
-        widths: By which changes are measured, (m,).
-        damping: [m], one or one each, (B,).
+        room: Least and largest change of each coordinate, (B, m) each.
+        widths: Scale of each coordinate's change, (m,).
+        damping: Weight of the changes [m], a number or one for each strike, (B,).
 
     Returns:
-        The change of each number, (B, m), and the norm of the remaining residuals to first order [m], (B,).
+        The change of each coordinate, (B, m), and the norm of the remaining residuals to first order [m], (B,).
     """
     B, r, m = slopes.shape
     low, high = (np.broadcast_to(side, (B, m)) / widths for side in room)

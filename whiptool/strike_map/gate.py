@@ -42,7 +42,9 @@ class Gate:
 
     @classmethod
     def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
-        """Train a gate by logistic regression on the features (N, f) of candidates and whether they hit, (N,)."""
+        """Return a network trained by logistic regression on the features (N, f) of candidates and whether they hit,
+        (N,).
+        """
         torch = optional("torch", "the gate of a strike map")
         from whiptool.rl.networks import Layers
 

@@ -23,10 +23,10 @@ _WORTH = 4  # cells with room that a strike has to pass
 
 
 class Harvest:
-    """Counts the map entries in each cell of a region, and selects further ones for cells that are not full.
+    """Counts the map entries in each cell of a region, and selects further entries for cells that are not full.
 
-    A cell is two hit radii wide, and two cones if directions are required. Only strikes that pass several cells with
-    room are used, because derivatives cost as much for the whole path as for one point.
+    A cell is two hit radii wide, and two cones if directions are required. Only strikes that pass several cells that
+    are not full are used, because derivatives cost as much for the whole path as for one point.
 
     Args:
         striker: Simulator of strikes.
@@ -45,7 +45,8 @@ class Harvest:
         self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
 
     def pick(self, strikes: np.ndarray, *, room: int) -> Answers:
-        """Return the passages of strikes (B, m) through cells with room, rotated to the front.
+        """Return entries of strikes (B, m) at points in cells that are not full, rotated about the vertical to the
+        front.
 
         Args:
             strikes: Strikes; those that exceed the limits are left out.
@@ -102,13 +103,13 @@ class Harvest:
 
 
 def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: np.ndarray) -> Answers:
-    """Return the passages of strikes (S, m) at samples of their paths, `RATE` a second, as `paths_of` has them.
+    """Return the entries of strikes (S, m) at samples of their paths, `RATE` a second, as `paths_of` returns them.
 
     Args:
-        striker: Rolls out.
+        striker: Simulator of strikes.
         strikes: Vectors, (S, m).
-        which: Numbers of the strikes, (K,), in ascending order.
-        when: Number of the sample, (K,), neither a path's first nor its last.
+        which: Indices of the strikes, (K,), in ascending order.
+        when: Index of the sample, (K,), neither a path's first nor its last.
     """
     names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
     parts = [Answers.none(strikes.shape[1], d)]

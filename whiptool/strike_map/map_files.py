@@ -64,7 +64,7 @@ def load_parts(folder: Path, count: int) -> list[Answers]:
 
 
 def save_gate(folder: Path, gate: Gate) -> None:
-    """Write a gate."""
+    """Write a ranking network (gate)."""
     write_npz(folder / GATE, _gate_arrays(gate))
 
 

@@ -33,7 +33,7 @@ def building_of(config: Mapping[str, Any]) -> Building:
     """Return the building of a run of `whiptool map build`, from its configuration, not begun.
 
     Raises:
-        InputError: What the options name is out of the model's reach, or of another dimension.
+        InputError: The region that the options name is out of the model's reach, or of another dimension.
     """
     options, model = config["options"], model_from_table(config["model"])
     controller = controller_from_table(config["controller"])
@@ -67,7 +67,7 @@ def load_map(run_folder: str | Path) -> StrikeMap:
             whose map comes with the package.
 
     Raises:
-        InputError: There is no preset of that name, the folder is of another command, or its map is not whole.
+        InputError: No preset has this name, the folder is of another command, or its map is not complete.
     """
     expect(str, PathLike, run_folder=run_folder)
     folder = Path(run_folder)

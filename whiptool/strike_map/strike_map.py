@@ -29,8 +29,8 @@ class StrikeMap:
     Args:
         striker: Simulator of strikes.
         region: Region of the goals that the map was built for.
-        answers: Entries of the map, rotated to the front.
-        gate: Ranking network; None: candidates are ranked by `doubt`.
+        answers: Entries of the map, rotated about the vertical to the front.
+        gate: Ranking network; None: candidates are ranked by `Candidates.doubt`.
     """
 
     def __init__(self, striker: Striker, region: GoalRegion, answers: Answers, gate: Gate | None = None) -> None:

@@ -131,7 +131,7 @@ class Striker:
         return self.judged(strikes, self.land(strikes, goals))
 
     def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
-        """As `strike`, but checking only the limits that follow from peak values."""
+        """Return the results of strikes like `strike`, but with only those limits that follow from peak values."""
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         beyond = self._beyond(strikes, near)
         hit = goals.hit_by(near) & (beyond <= 0)

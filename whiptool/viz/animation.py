@@ -97,7 +97,7 @@ def animate(
         speed: Speed of the film: 1 is real time, 0.25 four times slower.
         fps: Frames per second.
         width, dpi: Width [inches] and resolution [pixels per inch] of the frames.
-        beyond: The strike is beyond its limits: it is shown as no hit.
+        beyond: Whether the strike exceeds its limits; it is then not shown as a hit.
 
     Raises:
         InputError: A number is not positive, or the target has a wrong number of coordinates.

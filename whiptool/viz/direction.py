@@ -19,7 +19,7 @@ _SHORTEST = 0.1  # share of its length below which an arrow points at the behold
 
 
 def arrow(target: Target) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the arrow begins, and where it ends: at the target, (d,) each [m]."""
+    """Return start and end of the arrow, (d,) each [m]; the end is at the target."""
     end = np.array(target.position)
     return end - _LENGTH * float(np.linalg.norm(end)) * np.array(target.direction), end
 

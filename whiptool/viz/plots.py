@@ -216,7 +216,7 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
 
 
 def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
-    """Return the units for an axis of all joints: of revolute joints, and of prismatic ones if there are any."""
+    """Return the units for an axis of all joints: of revolute joints and, if there are any, of prismatic joints."""
     if not slides:
         return turning
     return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding

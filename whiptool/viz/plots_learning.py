@@ -20,7 +20,7 @@ _TRAINING, _HELD_OUT = COLORS["blue"], COLORS["vermilion"]
 def plot_learning(
     reward: Axes, hits: Axes, columns: Mapping[str, np.ndarray], *, trials: int, best: int | None
 ) -> None:
-    """Draw the mean reward of every episode's strikes, and the shares of them and of held-out goals that were hit.
+    """Draw the mean reward of every episode's strikes, and the fractions of strikes and of held-out goals that hit.
 
     Args:
         reward, hits: Axes to draw into.

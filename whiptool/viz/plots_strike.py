@@ -42,7 +42,7 @@ _HEIGHT = 6.6  # [in] of a figure with one view, whose shape sets its width
 
 @dataclass(frozen=True)
 class Drawn:
-    """What of a strike is drawn, in numbers; places are in d coordinates [m] in the base's axes.
+    """Data of the drawing of a strike; positions have d coordinates [m] in the base's axes.
 
     Args:
         arms, whips: Postures at equal intervals up to the closest approach, the last is the one there, see
@@ -96,11 +96,11 @@ class Drawn:
 
 
 def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Drawn:
-    """Return what is drawn of a strike.
+    """Return the data of the drawing of a strike.
 
     Args:
         trajectory: Trajectory of the strike.
-        model: The model that it was rolled out with.
+        model: Model with which it was simulated.
         target: Target of the strike, or (x, y) or (x, y, z) [m].
 
     Raises:
@@ -174,7 +174,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
 
 
 def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest corner (d,) [m] of what shows all places (..., d) and a target.
+    """Return the lowest and the highest corner (d,) [m] of a box that contains all points (..., d) and a target.
 
     The box has a margin, and no side is much shorter than the longest.
     """
@@ -251,7 +251,7 @@ def plot_strike(
 
 
 def draw_strike(figure: Figure, trajectory: Trajectory, model: Model, target: Target | Sequence[float]) -> Axes:
-    """Draw a strike into a figure without axes, whose size is set to what the strike asks for; see `plot_strike`."""
+    """Draw a strike into a figure without axes, whose size is adapted to the strike; see `plot_strike`."""
     strike = drawn(trajectory, model, target)
     if strike.dimension == 3:
         return _draw_views(figure, strike)

@@ -44,7 +44,7 @@ def render_video(
         trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         target: Target of the strike, or its position (2,) or (3,) [m].
         fps, speed: Frames per second of the film, and its speed: 1 is real time, 0.25 four times slower.
-        size: Width and height [pixels], both even; of what matplotlib draws, the height is what the strike asks for.
+        size: Width and height [pixels], both even; a film drawn by matplotlib has a height that fits the strike.
         beyond: Whether the strike exceeds its limits; it is then not shown as a hit.
 
     Returns:

@@ -32,14 +32,14 @@ from whiptool.recording.strike_recording import StrikeRecording
 
 @dataclass(frozen=True)
 class Format:
-    """A format of recordings.
+    """A file format of recordings.
 
     Args:
-        what: For people.
-        matches: Whether a path with these first bytes (none of a folder) is of it.
-        tracks: Reads tracks, if it can hold any.
-        video: Reads images, if it can hold any.
-        needs: Module of an extra that it is read with, if any.
+        what: Description of the format.
+        matches: Whether a path with these first bytes (none of a folder) has this format.
+        tracks: Function that reads tracks, if the format can contain any.
+        video: Function that reads images, if the format can contain any.
+        needs: Module of an extra with which the format is read, if any.
     """
 
     what: str
@@ -133,8 +133,7 @@ def _installed_format(path: Path, head: bytes) -> str | None:
 
 
 def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
-    """Return the modules of extras that recordings are read with; what is not a recording is reported when it is
-    read."""
+    """Return the modules of extras with which recordings are read; other files are reported when they are read."""
     found = []
     for path in paths:
         with suppress(InputError):

@@ -58,12 +58,12 @@ def read_angles(path: Path | str, *, episode: int = 0) -> StrikeRecording:
 
 
 def read_swings(path: Path | str) -> list[StrikeRecording]:
-    """All swings of an NPZ or CSV file, named `FILE#0`, `FILE#1`, ... where there are several.
+    """Return all swings of an NPZ or CSV file; several are named `FILE#0`, `FILE#1`, ...
 
     The points of each are angles, (T, links, 1) [rad], of the markers `link1`, `link2`, ...
 
     Raises:
-        InputError: The file cannot be read or has another format, a key is unknown, or numbers break a rule.
+        InputError: The file cannot be read or has another format, a key is unknown, or a value is not allowed.
     """
     path = whole_file(path)
     side = read_toml(path.with_suffix(".toml")) if path.with_suffix(".toml").is_file() else {}

@@ -18,7 +18,7 @@ class Foreign:
 
     Args:
         what: Description of the format.
-        cure: What the user can do.
+        cure: Advice to the user.
         suffixes: File suffixes; empty: any.
         head: Regular expression for the first bytes of a file.
     """
@@ -61,7 +61,7 @@ def refuse_foreign(path: Path, head: bytes) -> None:
     """Refuse a file of another program by its first bytes.
 
     Raises:
-        InputError: The format is one of `FOREIGN`; the message says what to do.
+        InputError: The format is one of `FOREIGN`; the message advises the user.
     """
     for form in FOREIGN:
         if form.matches(path, head):

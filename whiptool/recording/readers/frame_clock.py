@@ -47,7 +47,8 @@ def frame_clock(
         hint: Frame rate in the file [1/s], for messages only, because it does not account for dropped frames.
 
     Raises:
-        InputError: There is no clock, the number of timestamps differs from that of frames, or stamps are implausible.
+        InputError: The recording has no time stamps and no frame rate, the number of timestamps differs from that of
+            frames, or stamps are implausible.
     """
     if "timestamps" in side.table:
         times, note = _timestamps(side)
@@ -70,13 +71,13 @@ def frame_clock(
 
 
 def clock_of_rows(side: Sidecar, stamps: np.ndarray, note: str, what: str) -> FrameClock:
-    """The clock of rows with their own stamps (T,) [s], less the command's `start`.
+    """Return the clock of rows with time stamps (T,) [s], relative to the command's `start`.
 
     Args:
-        side: Its key `start`.
-        stamps: As they stand in the file.
-        note: Where they come from.
-        what: Name of the stamps, for the sentence about bad ones and for errors.
+        side: Sidecar, of which the key `start` is read.
+        stamps: Time stamps as in the file.
+        note: Where the stamps come from.
+        what: Name of the stamps, for messages.
     """
     keep, bad = good_stamps(stamps, what)
     return FrameClock(stamps[keep] - side.start, keep, (note, *bad))

@@ -30,7 +30,7 @@ class JointLog:
     Args:
         t: Times [s], (S,), strictly increasing.
         q: Positions in the unit of the file, (S, n).
-        names: Names of the n joints; empty where their order alone says which is which.
+        names: Names of the n joints; empty if they are in the arm's order.
         columns: Names of their columns in the file.
         unit: `rad` or `deg` if the columns' names state it; else empty.
         listed: Whether the columns were listed in the arm's order.
@@ -76,19 +76,20 @@ def joint_log(
     *,
     of: str,
 ) -> JointLog:
-    """The log of those columns that are joints.
+    """Return the log of the columns that are joints.
 
     Args:
         t: Times [s], (S,).
         table: The other columns, (S, N).
-        names: Names of the N columns; empty: they have none, and are the joints in the arm's order.
-        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: as they are called.
-        place: Where the columns are, for errors.
+        names: Names of the N columns; empty: the columns have no names, and are the joints in the arm's order.
+        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: the columns that have the
+            joints' names.
+        place: Location of the columns, for messages.
         of: Name of the times.
 
     Raises:
-        InputError: There are not as many names as columns, a requested column is missing, no column is a joint, their
-            units differ, or stamps cannot be right.
+        InputError: The number of names is not that of columns, a requested column is missing, no column is a joint,
+            their units differ, or time stamps are implausible.
     """
     if len(names) != table.shape[1] and (names or asked is not None):
         raise InputError(place, list(names), f"{table.shape[1]} names, one for each column", "or no joint_columns")

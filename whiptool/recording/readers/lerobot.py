@@ -64,7 +64,8 @@ def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
     """Read the rows of an episode, and the location of its images.
 
     Raises:
-        InputError: It is not a dataset of version 3, is damaged, or has no such episode; or pyarrow is not installed.
+        InputError: The folder is not a dataset of version 3, is damaged, or has no such episode; or pyarrow is not
+            installed.
     """
     folder = Path(folder)
     info_file = whole_file(folder / "meta/info.json")
@@ -116,8 +117,8 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As in `lerobot_episode`; or there are no markers (then its images must be tracked), or a value is
-            not allowed.
+        InputError: See `lerobot_episode`; or the dataset has no markers (its images must be tracked), or a value is not
+            allowed.
     """
     folder = Path(folder)
     side = _sidecar(folder, episode, options)

@@ -25,7 +25,7 @@ REFUSED, FAILED = 3, 4  # its exit status after an InputError, and after any oth
 
 
 def unpack(path: Path, kind: str) -> dict[str, np.ndarray]:
-    """Parse a file of a kind (`mat`, `c3d`) in a separate process, and return its arrays of numbers and texts by name.
+    """Parse a file of format `mat` or `c3d` in a separate process, and return its arrays of numbers and texts by name.
 
     Raises:
         InputError: The file is damaged, has content that is not allowed, or takes too long or too much memory.

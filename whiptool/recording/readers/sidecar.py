@@ -214,11 +214,11 @@ class Sidecar:
         files: Iterable[Path] = (),
         **read: Any,
     ) -> StrikeRecording:
-        """The recording of a file, with what the common keys say of it; the keys go before what was read.
+        """Return the recording of a file; keys of the sidecar override data of the file.
 
         Args:
-            path: The file, which is hashed where no `files` are given.
-            notes, log: As of `fields`.
+            path: The file, which is hashed if no `files` are given.
+            notes, log: See `fields`.
             files: Files that were read.
             read: Arguments of `StrikeRecording` that were read from the file.
         """

@@ -39,7 +39,7 @@ def read_columns(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def time_column(names: Sequence[str]) -> tuple[int, float, str]:
-    """Return the index of the time column, its unit in seconds, and a sentence about it.
+    """Return the index of the time column, its unit in seconds, and a sentence about that unit.
 
     Raises:
         InputError: There are several time columns.

@@ -84,7 +84,7 @@ def _places(names: list[str], table: np.ndarray, stamps: np.ndarray, side: Sidec
 
 
 def places_and_sigma(columns: dict[str, dict[str, int]], table: np.ndarray, side: Sidecar) -> dict[str, Any]:
-    """Markers, places in metres in our axes, and their standard errors, as arguments of `StrikeRecording`."""
+    """Return markers, positions [m] in whiptool's axes, and standard errors, as arguments of `StrikeRecording`."""
     axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
     unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
     return {
@@ -118,7 +118,7 @@ def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) ->
 def split_columns(
     names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
 ) -> dict[str, dict[str, int]]:
-    """Where each marker's columns are, by what they hold (`x`, `y`, `z` and `more`), in order of appearance.
+    """Return the columns of each marker by quantity (`x`, `y`, `z` and `more`), in order of appearance.
 
     Args:
         names: Names of the columns.
@@ -156,7 +156,7 @@ def stacked(
     *,
     unit: float = 1.0,
 ) -> np.ndarray:
-    """What columns of all markers hold, times a unit, (T, M); `otherwise`, which is in our units, without a column."""
+    """Return one column of all markers times a unit, (T, M); without such columns `otherwise`, which is not scaled."""
     default = np.broadcast_to(otherwise, (len(table), len(columns)))
     found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
     return np.stack(found, axis=1)
