@@ -33,7 +33,7 @@ class MissingPackage(InputError):
     """A package that is needed is not installed, or cannot be imported.
 
     Args:
-        purpose: What needs it, such as `whiptool train`.
+        purpose: Feature that needs the package, such as `whiptool train`.
         state: A sentence about the package, such as `the package torch is not installed`.
         fix: Command that installs it.
     """
@@ -43,7 +43,7 @@ class MissingPackage(InputError):
         self.args = (f"{purpose}: {state}; install with: {fix}",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """Return the error unchanged: its name is what needs the package, and not that of an option."""
+        """Return the error unchanged: its name is the feature that needs the package, and not an option."""
         return self
 
 
@@ -51,11 +51,11 @@ def require(purpose: str, modules: Iterable[str]) -> None:
     """Check that modules are installed, without importing them.
 
     Args:
-        purpose: What needs them, such as `whiptool train`.
+        purpose: Feature that needs them, such as `whiptool train`.
         modules: Top-level modules of extras.
 
     Raises:
-        MissingPackage: Some are not installed; the message names all of them, and the command that installs them.
+        MissingPackage: A module is not installed; the message names all of them, and the command that installs them.
     """
     missing = [module for module in dict.fromkeys(modules) if find_spec(module) is None]
     if missing:
@@ -67,7 +67,7 @@ def optional(module: str, purpose: str = "") -> Any:
 
     Args:
         module: Name of the module, such as `pyarrow.parquet`.
-        purpose: What needs it; default: the module itself.
+        purpose: Feature that needs the module; default: the module.
 
     Raises:
         MissingPackage: The module is not installed, or cannot be imported.
@@ -84,16 +84,16 @@ def optional(module: str, purpose: str = "") -> Any:
 
 
 class Registry(dict[str, T]):
-    """What users choose by name: of the toolbox, and of installed packages, which add theirs by entry points.
+    """Objects that users choose by name: those of whiptool, and those that installed packages add by entry points.
 
-    Nothing of a package is loaded until a name is asked for that the toolbox does not have.
+    Packages are only loaded when a name is looked up that whiptool does not have.
 
     Args:
         group: Packages register objects as entry points of `whiptool.<group>`.
         kind: Type of the objects.
-        known: Those of the toolbox.
-        what: What a name is called in error messages; default: the group.
-        spelled: Returns the one of some names that a written name means.
+        known: The objects of whiptool by name.
+        what: Word for a name in error messages; default: the group.
+        spelled: Function that returns the known name for a name as written.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Registry(dict[str, T]):
         """Return the object called `name`, in any spelling.
 
         Raises:
-            InputError: None has that name; the message lists the names. Or one of a package cannot be taken up.
+            InputError: The name is unknown (the message lists the names), or an object of a package cannot be added.
         """
         return self[self.name(name)]
 
@@ -129,10 +129,10 @@ class Registry(dict[str, T]):
         return own
 
     def add_installed(self) -> None:
-        """Add what installed packages register; the names of the toolbox itself stay.
+        """Add the objects that installed packages register; the names of whiptool are kept.
 
         Raises:
-            InputError: An object cannot be imported, is of another type, or has the name of another one.
+            InputError: An object cannot be imported, is of another type, or has the name of another object.
         """
         for point in entry_points(group=f"whiptool.{self.group}"):
             name = f"entry point {point.name} of whiptool.{self.group}"

@@ -37,7 +37,8 @@ def whole_file(path: Path | str, name: str = "recording", *, largest: float = LA
         largest: Largest allowed size [bytes].
 
     Raises:
-        InputError: It is not there, is a folder, a pipe or a device, empty, cannot be opened, or is too large.
+        InputError: The file does not exist, is a folder, a pipe or a device, is empty or too large, or cannot be
+            opened.
     """
     size = _size(path := Path(path), name, "file")
     if size == 0:
@@ -74,7 +75,7 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
         name: Name in error messages.
 
     Raises:
-        InputError: It is not a regular file, cannot be read, is too large, or is not UTF-8.
+        InputError: The file is not a regular file, cannot be read, is too large, or is not UTF-8.
     """
     path = Path(path)
     if (size := _size(path, name, f"{kind} file")) > LARGEST_TEXT:

@@ -39,7 +39,7 @@ def citations(*names: str) -> str:
     """Return the BibTeX entries of the works to cite, for a bibliography.
 
     Args:
-        names: Names of what was used: presets (`ur5e`), control laws (`oiac`), search methods and learners (`cmaes`,
+        names: Names of the used parts: presets (`ur5e`), control laws (`oiac`), search methods and learners (`cmaes`,
             `nlopt:GN_CRS2_LM`), `pareto`, or `human` for the data of Krotov et al. 2022. The works on the framework and
             on the simulators are always included.
 
@@ -57,7 +57,7 @@ def citations(*names: str) -> str:
 
 
 def used_by(config: Mapping, result: Mapping) -> Iterator[str]:
-    """Yield, from a run's configuration and result, the names of what it used that should be cited."""
+    """Yield, from a run's configuration and result, the names of its parts that should be cited."""
     options = config.get("options", {})
     law, model = config.get("controller", {}).get("law"), config.get("model", {}).get("name")
     methods = (options.get("method"), result.get("method"), *options.get("methods", []))

@@ -75,8 +75,8 @@ class FolderTaken(InputError):
 class RunFolder:
     """The folder of one run, locked for this process until `close`.
 
-    As a context manager it is closed at the end. If a whiptool error leaves a new folder with only the configuration,
-    it is removed, so that the corrected command can use the same name.
+    Used as a context manager, the folder is closed at the end. If a whiptool error leaves a new folder with only the
+    configuration, it is removed, so that the corrected command can use the same name.
 
     Args:
         path: An existing folder.
@@ -133,7 +133,7 @@ class RunFolder:
         return read_config(self.path)
 
     def go_on_with(self, options: Mapping) -> None:
-        """Store changed options of a resumed run, and remove the result that it had with the old ones."""
+        """Store changed options of a resumed run, and remove the result of its previous options."""
         if options != self.config["options"]:
             write_whole(self.path / CONFIG, tomli_w.dumps({**self.config, "options": dict(options)}))
             (self.path / RESULT).unlink(missing_ok=True)

@@ -73,7 +73,7 @@ def append_whole(path: Path | str, content: str | bytes) -> None:
 
 
 def append_to(file: FileIO, content: bytes) -> None:
-    """As `append_whole`, for a file that is open, unbuffered and at its end."""
+    """Append like `append_whole` to a file that is open, unbuffered and at its end."""
     before, left = file.tell(), content
     try:
         while left:

@@ -200,8 +200,8 @@ _continued = cli.command(NextOptions, f"adapt {NEXT}", _NEXT, _next, named={"run
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0 after a hit, 1 without one or after a fault, 2 for bad input, 3 if the
-    user's own robot has to make the next strike, 130 after a signal.
+    """Run the command line; the exit status is 0 after a hit, 1 without a hit or after a fault, 2 for bad input, 3 if
+    the user's own robot has to make the next strike, 130 after a signal.
     """
     words = list(sys.argv[1:] if args is None else args)
     return _continued(words[1:]) if words[:1] == [NEXT] else _begun(words)

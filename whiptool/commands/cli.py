@@ -51,8 +51,8 @@ def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] 
     An option that takes several values needs at least one, unless the class names it in `may_be_empty`.
 
     Raises:
-        InputError: It does not parse, an option is given twice, a package that it needs is missing, or a value is not
-            allowed; the option is named.
+        InputError: The command line cannot be parsed, an option is given twice, a package that it needs is missing, or
+            a value is not allowed; the option is named.
         SystemExit: `--help` or `--help-all` was printed.
     """
     parsed = _parsed(options, prog=prog, description=description, args=args, default=default)
@@ -218,7 +218,7 @@ def parse_resumable(
     quick: Mapping[str, Any] | None = None,
     prog: str = "",
 ) -> T:
-    """As `parse`, for a command with `--out` and `--resume`: a resumed run's options come from its folder.
+    """Parse the command line of a command with `--out` and `--resume`; a resumed run's options come from its folder.
 
     Options that the class lists as `changeable` may be given again; all others have to be as stored.
 
@@ -227,7 +227,7 @@ def parse_resumable(
         command: Name of the command, as in `python -m whiptool.COMMAND`.
         description, args: As in `parse`.
         quick: Values that `--quick` sets where an option is not given.
-        prog: How the command is called; default: `whiptool COMMAND`.
+        prog: Name of the command in help and errors; default: `whiptool COMMAND`.
 
     Raises:
         InputError: The folder is of another command, or an option given with `--resume` differs from the stored one.
@@ -276,7 +276,7 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     """Return the options that a run folder holds; an optional one that is missing is None, which TOML cannot express.
 
     Raises:
-        InputError: They are not the options of this command.
+        InputError: The folder has options of another command.
     """
     kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
     fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
@@ -381,7 +381,8 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
         config: The configuration as it is resolved now, see `configuration`.
 
     Raises:
-        InputError: It cannot be made, another process writes in it, or it holds a run with another configuration.
+        InputError: The folder cannot be made, another process writes in it, or it holds a run with another
+            configuration.
     """
     from whiptool.runs import RunFolder
 
@@ -509,7 +510,7 @@ def command(
         options: Class of its options; with `resume` they are those of `parse_resumable`.
         name, about: Name, as in `python -m whiptool.NAME`, and description of the command.
         work: Does what checked options ask for, and returns the exit status.
-        prog: How the command is called; default: `whiptool NAME`.
+        prog: Name of the command in help and errors; default: `whiptool NAME`.
         quick: Values that `--quick` sets where an option is not given.
         of_run: Gives the options of the run folder in their positional field `run`, which hold unless they are given.
         named: Options by names of the library that are not their own.
@@ -533,11 +534,11 @@ def command(
 
 
 def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = "") -> Main:
-    """Return the `main` of a command whose first word says what it does.
+    """Return the `main` of a command whose first word is the name of a subcommand.
 
     Args:
         name: Name of the command.
-        mains: What each word does, and its `main`.
+        mains: Description and `main` of each subcommand.
         note: Last line of `--help`.
     """
 

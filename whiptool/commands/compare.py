@@ -116,7 +116,7 @@ class ComparisonOptions(
         return () if self.cluster is None else ("ray",)
 
     def usual(self, name: str) -> object:
-        """Return what an option is where it is not given; with `--quick` some are smaller."""
+        """Return the default of an option; with `--quick` some are smaller."""
         return QUICK[name] if self.quick and name in QUICK else super().usual(name)
 
     def processes(self) -> int:
@@ -250,10 +250,10 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
 
 
 def open_folder(command: str, options: ComparisonOptions, comparison: Comparison) -> RunFolder:
-    """The run folder of a command: a new one, or that to resume.
+    """Return the run folder of a command: a new one, or that to resume.
 
     Raises:
-        InputError: It cannot be made, or holds a run with another configuration.
+        InputError: The folder cannot be made, or holds a run with another configuration.
     """
     scene = comparison.scene
     return cli.open_folder(options, command, cli.configuration(options, command, scene.model, scene.controller))

@@ -26,7 +26,7 @@ class DoctorOptions(JsonOptions):
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report: what was checked, what was found, and the fix if something is wrong."""
+    """One line of the report: name of a check, its result, and the fix if it failed."""
 
     name: str
     found: str

@@ -274,7 +274,7 @@ class FitRun:
         return f"{said}; free what is missing, or {cure if self.options.drive == 'command' else 'check the recordings'}"
 
     def report(self, folder: RunFolder) -> int:
-        """Write the fit and tell it, then draw the report."""
+        """Write the fit and print it, then draw the report."""
         from whiptool.identification.bare_arm import write_bare_arm
         from whiptool.models.files import write_model
 

@@ -65,7 +65,7 @@ class Interruptions(Listener):
         os._exit(INTERRUPTED)
 
     def end(self) -> None:
-        """Ignore further signals: the command has saved what it could, and the process is about to end."""
+        """Ignore further signals: all results are saved, and the process is about to end."""
         self._over = True
         for number in self._before:
             signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends

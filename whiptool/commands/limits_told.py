@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
-    """Return, for JSON, the share of its limits that a strike uses (`joint_usage` or `motor_usage`), its `clearance`
-    [m], and `beyond`: the limit that it exceeds most, as text, or None.
+    """Return, for JSON, the usage of the limits by a strike, 1 being the limit (`joint_usage` or `motor_usage`), its
+    `clearance` [m], and `beyond`: the limit that it exceeds most, as text, or None.
 
     The table is empty if there are no limits.
     """
@@ -64,12 +64,12 @@ _SURELY = 0.02  # beyond the limits, in parts of them: a posture between those t
 
 
 def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
-    """Refuse a box of strikes if the arm can hold none of its start postures, or none of its end postures, within the
+    """Refuse bounds of strikes if the arm can hold none of the start postures, or none of the end postures, within the
     limits.
 
     Raises:
-        InputError: Gravity alone needs more torque than the motors or joints give at every start posture of the box, or
-            at every end posture.
+        InputError: Gravity alone needs more torque than the motors or joints give at every start posture within the
+            bounds, or at every end posture.
     """
     if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
         return

@@ -23,7 +23,7 @@ def of_papers(module: str) -> ModuleType:
     """Import a module of the folder `papers`, which is next to the package whiptool in a checkout, or importable.
 
     Raises:
-        InputError: There is no such folder.
+        InputError: The folder does not exist.
     """
     if (CHECKOUT / "papers" / "__init__.py").is_file() and str(CHECKOUT) not in sys.path:
         sys.path.insert(0, str(CHECKOUT))  # which processes of workers are given, too

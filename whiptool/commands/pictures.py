@@ -54,13 +54,14 @@ def drawing_process() -> PictureProcess:
 
 
 class StrikePictures:
-    """Saves the trajectory of a strike at once, and draws its pictures.
+    """Saves the trajectory of a strike immediately, and draws its pictures.
 
-    As a context manager it starts a separate process that draws video and figures, and waits for it at the end.
+    Used as a context manager, the object starts a separate process that draws video and figures, and waits for it at
+    the end.
 
     Args:
         folder: Run folder.
-        strike: The strike; one beyond its limits is shown as no hit.
+        strike: The strike; if it exceeds its limits, it is not shown as a hit.
         video: Whether to render a video.
         process: Process that draws; None: a new one.
     """
@@ -107,16 +108,16 @@ def tell_strike(
     further: Callable[[], list[str]] = list,
     process: PictureProcess | None = None,
 ) -> None:
-    """Write the result of a strike and tell it, then draw; JSON is printed when the result is complete.
+    """Write and print the result of a strike, then draw; JSON is printed when the result is complete.
 
     Args:
-        options: Options of the command, which say how the result is printed, and whether there is a video.
+        options: Options of the command, for the format of the result and the video.
         folder: Run folder.
         strike: The strike.
-        summary: Its result.
-        lines: The same for people.
-        later: Returns what takes longer, for the result and for people, while a process draws.
-        further: Draws more pictures, and returns what there is then, for people.
+        summary: Result of the strike.
+        lines: The result as lines of text.
+        later: Function that returns further results and lines, which take longer, while a process draws.
+        further: Function that draws more pictures, and returns lines about them.
         process: See `StrikePictures`.
     """
     folder.write_result(summary)  # whatever happens below

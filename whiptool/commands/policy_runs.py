@@ -29,9 +29,9 @@ def is_policy(path: Path) -> bool:
 
 
 def usual_for(kind: type[T], policy: Path) -> T:
-    """Return options of another command, `kind`; those that it shares with `train` are as in the policy's training.
+    """Return options of another command, `kind`; options that `train` has, too, are those of the policy's training.
 
-    A range of arrival angles is not taken over, and the cone only with a single angle or a direction.
+    A range of arrival angles is left out, and so is the cone without a single angle or a direction.
 
     Raises:
         InputError: The path is not a policy.
@@ -49,7 +49,7 @@ def usual_for(kind: type[T], policy: Path) -> T:
 
 
 def shown_strike(policy: Path) -> StrikeRun:
-    """Return the strike that a policy makes first at the first of its training's held-out goals."""
+    """Return the policy's first strike at the first held-out goal of its training."""
     from whiptool.goals.target import Target
     from whiptool.rl.held_out import held_out_goals
 

@@ -110,7 +110,7 @@ def strike_of(run_folder: Path) -> SimulateOptions:
     """Return the options that play the best strike of a run again, or strikes of a policy.
 
     Raises:
-        InputError: It is not a run of optimize, simulate or train, or it has no strike.
+        InputError: The folder is not a run of optimize, simulate or train, or has no strike.
     """
     from whiptool.commands.policy_runs import is_policy, usual_for
     from whiptool.given_files import read_json

@@ -16,12 +16,12 @@ SHORT = {"-o": "--out"}
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
-    """Return a command line in the one spelling that the parser knows.
+    """Return a command line in the spelling that the parser accepts.
 
-    Flags become long ones, values are separated by spaces, and choices are spelt as listed.
+    Short flags are replaced by long flags, values are separated by spaces, and choices are spelt as listed.
 
     Args:
-        words: As typed; `--target 1.25,0.2` and `--target=1.25,0.2` are `--target 1.25 0.2`.
+        words: Words as typed; `--target 1.25,0.2` and `--target=1.25,0.2` are `--target 1.25 0.2`.
         options: Class of the command's options; options that take paths are unchanged, as paths may contain commas.
     """
     kinds = {flag(name): kind for name, kind in get_type_hints(options).items()}

@@ -11,7 +11,7 @@ from whiptool.models.strike import sliding_names
 
 
 def outcome_table(outcome, target) -> dict[str, Any]:
-    """Return for JSON what a strike came to at a target."""
+    """Return the outcome of a strike at a target as a table for JSON."""
     return {
         "target": list(target.position),
         "hit_radius": target.hit_radius,

@@ -198,10 +198,10 @@ def _write_video(folder: Path, strike: StrikeRun) -> None:
 
 
 def play(strike: StrikeRun) -> bool:
-    """Play a strike in MuJoCo's viewer at real speed, over and over, until its window is closed.
+    """Play a strike in MuJoCo's viewer at real speed, repeatedly, until its window is closed.
 
     Returns:
-        False where no window opens.
+        False if no window opens.
     """
     if not window_opens():
         return False

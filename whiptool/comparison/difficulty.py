@@ -27,10 +27,10 @@ WIDTHS = (0.1, 0.05, 0.05, 0.02, 0.02, 0.01, 0.01, 0.005)  # of the variations, 
 
 @dataclass(frozen=True, kw_only=True)
 class DifficultyUnit(Unit):
-    """Estimates how hard a set of targets is: the share hit by one and the same strike, and by random strikes.
+    """Estimates the difficulty of a set of targets: the fraction hit by a single strike, and by random strikes.
 
     The best random strikes are varied by shrinking steps, keeping those that hit most targets; this gives a lower bound
-    of the share that one strike can hit.
+    of the fraction that one strike can hit.
 
     Args:
         scene: Model, targets and hit radius (the first of its radii).
@@ -41,7 +41,9 @@ class DifficultyUnit(Unit):
     strikes: int = 10_000
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Simulate each random strike at its own target and the best strike at all targets; return the shares hit."""
+        """Simulate each random strike at its own target and the best strike at all targets; return the fractions
+        hit.
+        """
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
         rollout, goals = scene.rollout(threads), scene.goals()
         task = StrikeTask(
@@ -86,7 +88,7 @@ def targets_hit(rollout: CompiledRollout, strikes: np.ndarray, scene: TargetScen
 
 
 def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Return the tip's velocities where it is nearest to targets, (B, d) [m/s].
+    """Return the tip's velocities at the points nearest to targets, (B, d) [m/s].
 
     Args:
         path: Path of the tip sampled at `RATE`, (S, d) [m]; NaN after the strike's end.

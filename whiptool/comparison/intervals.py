@@ -69,11 +69,11 @@ def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 
 def needs_fewer(one: np.ndarray, other: np.ndarray, *, share: float = 1.0) -> bool:
-    """Whether `one` needs significantly (95 %) fewer trials than `other`, or than `share` times the trials of `other`.
+    """Whether `one` needs significantly (95 %) fewer trials than `share` times those of `other`.
 
     Args:
         one, other: As in `ratio_interval`.
-        share: Share of the other's mean trials.
+        share: Fraction of the other's mean number of trials.
     """
     return ratio_interval(one, share * other)[1] < 1
 

@@ -166,7 +166,7 @@ def trials_within(
     cap: int,
     convention: str,
 ) -> dict[float, tuple[np.ndarray, np.ndarray]]:
-    """As `trials_to_hit`, for several hit radii from the same strikes, as a policy does not observe the radius.
+    """Return trials to the first hit for several hit radii from the same strikes, which do not depend on the radius.
 
     Args:
         learner, targets, cap, convention: As in `trials_to_hit`.
@@ -174,7 +174,7 @@ def trials_within(
         radii: Hit radii [m].
 
     Returns:
-        For each radius, trials to the first hit (`cap` where there was none), (B,), and whether there was a hit, (B,).
+        For each radius, trials to the first hit (`cap` without a hit), (B,), and whether there was a hit, (B,).
     """
     from whiptool.rl.policy import trials_to_hit
 
@@ -229,6 +229,8 @@ class Checkpoint:
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:
-        """Write history and training; the history first, as entries beyond the saved training are recomputed."""
+        """Write history and training. The history is written first: its entries after the saved training are
+        recomputed.
+        """
         write_whole(self.history, json.dumps(history))
         training.save(self.path)

@@ -117,7 +117,7 @@ class Comparison:
         ]
 
     def difficulty(self, *, quick: bool = False) -> DifficultyUnit:
-        """Return the work unit that finds which share of the targets one strike, and random strikes, hit."""
+        """Return the work unit that finds the fractions of the targets that one strike and random strikes hit."""
         strikes = 500 if quick else min(10_000, 100 * self.scene.targets)
         return DifficultyUnit(scene=self.scene, strikes=strikes)
 
@@ -148,7 +148,7 @@ def compare(
 ) -> list[Series]:
     """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
 
-    `random` is always added. Learners are trained first, for as long as `further` says.
+    `random` is always added. Learners are trained first; `further` has the length of their training.
 
     Args:
         rollout: Simulator of the model and controller.
@@ -165,7 +165,7 @@ def compare(
         One series for each method, and for a learner one for each way of using its policy.
 
     Raises:
-        InputError: There is no such method, or a number is out of range.
+        InputError: No method has this name, or a number is out of range.
     """
     expect(CompiledRollout, rollout=rollout)
     scene = TargetScene(

@@ -37,9 +37,9 @@ class Series:
     Args:
         method: Name of the method on the command line.
         observation: Observation of a learner; empty for a search.
-        convention: How its policy struck (`whiptool.rl.policy.CONVENTIONS`); empty for a search.
+        convention: Convention by which its policy struck (`whiptool.rl.policy.CONVENTIONS`); empty for a search.
         hit_radius: Hit radius [m].
-        trials: Trials to the first hit, `cap` where there was none, (S, T).
+        trials: Trials to the first hit, `cap` without a hit, (S, T).
         hit: Whether there was a hit, (S, T).
         training_trials: Number of strikes in the training, mean over seeds.
         n_diverged: Number of strikes that diverged in search or training, over all seeds.
@@ -94,9 +94,7 @@ class Series:
         return mean_interval(self.trials, cap=self.cap)
 
     def needs_fewer(self, other: Series, *, share: float = 1.0) -> bool:
-        """Whether it needs significantly (95 %) fewer trials than another, or than `share` times the trials of the
-        other.
-        """
+        """Whether the method needs significantly (95 %) fewer trials than `share` times those of another."""
         return needs_fewer(self.trials, other.trials, share=share)
 
     def row(self) -> dict[str, Any]:
@@ -200,7 +198,7 @@ def _row(one: Series) -> list[str]:
 
 
 def radius_table(series: Sequence[Series]) -> list[list[str]]:
-    """Return header and rows: mean trials and share of targets hit, at every hit radius."""
+    """Return header and rows: mean trials and fraction of targets hit, at every hit radius."""
     radii = list(dict.fromkeys(one.hit_radius for one in series))
     rows: dict[str, list[str]] = {}
     for one in series:
@@ -210,8 +208,8 @@ def radius_table(series: Sequence[Series]) -> list[list[str]]:
 
 
 def convention_table(series: Sequence[Series]) -> list[list[str]]:
-    """Return header and rows of the learners: mean trials and share of targets hit, by the policy's convention after a
-    miss.
+    """Return header and rows of the learners: mean trials and fraction of targets hit, by the policy's convention after
+    a miss.
     """
     learned = [one for one in series if one.learned and one.hit_radius == series[0].hit_radius]
     conventions = list(dict.fromkeys(one.convention for one in learned))
@@ -238,7 +236,7 @@ def figure(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share as text in percent; it is "100 %" only if the share is 1."""
+    """Return a fraction as text in percent; it is "100 %" only if the fraction is 1."""
     return "100 %" if share == 1 else f"{min(100 * share, 99.9):.1f} %"
 
 
@@ -246,7 +244,7 @@ CONVENTION_NOTE = f"Learners strike with the policy's mean action first, after a
 
 
 def difficulty_sentence(found: dict[str, Any]) -> str:
-    """What a `DifficultyUnit` found, for people."""
+    """Return a sentence on the result of a `DifficultyUnit`."""
     return (
         f"One and the same strike hits {percent(found['one_strike_hits'])} of the targets; random strikes hit "
         f"{percent(found['random_strikes_hit'])}."

@@ -81,7 +81,7 @@ def _bar_legend(figure: Figure, series: Sequence[Series]) -> None:
 
 
 def plot_ecdf(ax: Axes, series: Sequence[Series], *, cap: int | None = None, title: str = "") -> Axes:
-    """Draw the share of targets hit over the number of trials; all series of one hit radius and observation."""
+    """Draw the fraction of targets hit over the number of trials; all series of one hit radius and observation."""
     largest = cap or max(int(one.trials.max()) for one in series)
     for one in series:
         hits = np.sort(one.trials[one.hit])

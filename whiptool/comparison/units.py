@@ -29,9 +29,9 @@ KEY = re.compile(r"-[0-9a-f]{16}$")  # what the key of every unit ends in; resul
 
 
 class Unit(ABC):
-    """A part of a study, a frozen dataclass whose result depends only on its fields, whatever machine runs it.
+    """A part of a study, a frozen dataclass whose result depends only on its fields, on any machine.
 
-    Random numbers are drawn with seeds that are among the fields.
+    The seeds of random numbers are among the fields.
     """
 
     @cached_property

@@ -37,7 +37,7 @@ def work_on(
     cluster: str | None = None,
     on_death: OnDeath = lambda names: None,
 ) -> Worked[R]:
-    """Run units in any order, and yield each result as soon as it is there.
+    """Run units in any order, and yield each result as soon as it is complete.
 
     Args:
         units: Units by name; they and `work` are sent to the workers.
@@ -47,10 +47,10 @@ def work_on(
         on_death: Called when a worker dies, with the names of the units that may have been the cause; they are retried.
 
     Yields:
-        A unit's name and what `work` returned.
+        A unit's name and the result of `work`.
 
     Raises:
-        InputError: There is no such cluster, Ray is missing, or the number of workers is not positive.
+        InputError: The cluster does not exist, Ray is missing, or the number of workers is not positive.
         UnitFailed: A unit raised an error; or, when all others are done, a unit was given up after its last retry.
     """
     if workers < 1:

@@ -32,7 +32,7 @@ class Link(NamedTuple):
 
     @property
     def is_point_mass(self) -> bool:
-        """Whether the centre of mass is at the far end: `com` and `length` are the same expression."""
+        """Whether the link is a point mass at its far end: `com` and `length` are the same expression."""
         return ca.is_equal(self.com, self.length)
 
 
@@ -156,7 +156,8 @@ class SpatialMoving(NamedTuple):
 
 
 class SpatialCarried(NamedTuple):
-    """What a link carries, about its end, for its angular acceleration alpha and the end's acceleration a.
+    """Inertia and load on a link's end, as a function of the link's angular acceleration alpha and the end's
+    acceleration a.
 
     Moment `J alpha + H a + moment`, force `H^T alpha + M a + force`.
     """
@@ -181,9 +182,9 @@ class SpatialCarried(NamedTuple):
 class SpatialJoint(NamedTuple):
     """Coefficients that give the accelerations of K hinges at one point, see `accelerate`.
 
-    They are `qdd = free - gains.T [alpha; a] - among qdd`, with the angular acceleration alpha of the link before
-    [rad/s^2] and the acceleration a of the hinges' point [m/s^2], (3, 1) each. `gains` is (6, K), `free` (K, 1), and
-    row k of `among` (K, K) multiplies the accelerations of the hinges before k.
+    The accelerations are `qdd = free - gains.T [alpha; a] - among qdd`, with the angular acceleration alpha of the
+    previous link [rad/s^2] and the acceleration a of the hinges' point [m/s^2], (3, 1) each. `gains` is (6, K), `free`
+    (K, 1), and row k of `among` (K, K) multiplies the accelerations of the hinges before hinge k.
     """
 
     gains: ca.SX
@@ -263,7 +264,7 @@ def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
 
 
 def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> SpatialCarried:
-    """Return what a link's hinges carry: the link itself, and what it carries at its far end."""
+    """Return the inertia and load on a link's hinges: those of the link and those on its far end."""
     body = link.mass * ca.densify(ca.SX.eye(3))
     M, H, force = carried.M, carried.H, carried.force - moving.drag
     if link.is_point_mass:  # joins what the end carries
@@ -288,11 +289,11 @@ def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> Spatia
 def give_way(
     carried: SpatialCarried, axes: ca.SX, torque: ca.SX, armature: ca.SX
 ) -> tuple[SpatialCarried, SpatialJoint]:
-    """Return what the previous link feels through free hinges (one step of the articulated-body algorithm), and the
-    hinges' coefficients for `accelerate`.
+    """Return the inertia and load on the previous link through free hinges (one step of the articulated-body
+    algorithm), and the hinges' coefficients for `accelerate`.
 
     Args:
-        carried: What the hinges carry.
+        carried: Inertia and load on the hinges.
         axes: Axes of the hinges in the world's axes, (3, K).
         torque, armature: Torque and armature of each hinge [N m], [kg m^2], (K, 1).
     """

@@ -27,7 +27,7 @@ class Chain:
 
     `length`, `mass`, `com` (along the link), `inertia` (about the centre of mass) describe links; `stiffness`,
     `cubic_stiffness`, `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end,
-    `drag_ratio` is one number for all. Units as in `WhipParameters` and `ArmLink`.
+    `drag_ratio` is a single value for all. Units as in `WhipParameters` and `ArmLink`.
     """
 
     length: Vector
@@ -120,7 +120,7 @@ def forward_dynamics(chain: Chain, q: ca.SX, v: ca.SX, torque: ca.SX, *, armatur
     Args:
         chain: Parameters.
         q, v: Joint positions [rad] and velocities [rad/s], (n, 1).
-        torque: All joint torques, passive ones included [N m], (n, 1).
+        torque: All joint torques, including passive torques [N m], (n, 1).
         armature: Added to the diagonal of the mass matrix [kg m^2], (n, 1); the integrator adds its implicit damping
             here.
     """

@@ -29,10 +29,10 @@ class Reached(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """What a link contributes to its joint: lever `r` (3, 1) [m] from the joint to its end, and hinge axes (3, K).
+    """Contribution of a link to its joint: lever `r` (3, 1) [m] from the joint to its end, and hinge axes (3, K).
 
-    Also the joint's own torques `passive` (as `System.move_link` returns them), the force on its mass (3, 1) [N] and
-    the moment on its inertia (3, 1) [N m].
+    It also has the joint's passive torques `passive` (as `System.move_link` returns them), the force on its mass (3, 1)
+    [N] and the moment on its inertia (3, 1) [N m].
     """
 
     r: ca.SX
@@ -83,7 +83,7 @@ def at_tip(loop: ClosedLoop, frame: Any) -> Felt:
 
 
 def inward(loop: ClosedLoop, felt: Felt, pull: Pull) -> tuple[Felt, ca.SX]:
-    """Return the load on the previous link, and what this joint needs beyond its own torques.
+    """Return the load on the previous link, and the torque that this joint needs in addition to its passive torques.
 
     The latter is a torque per hinge (K, 1) [N m], or for a rod the moment on it in the world's axes (3, 1) [N m].
     """

@@ -20,8 +20,8 @@ from whiptool.models.parameters import ArmLink, ArmParameters, Model
 
 @dataclass(frozen=True)
 class Linearisation:
-    """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m]
-    beyond those that hold it.
+    """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m] in
+    addition to those that hold the posture.
 
     A rod has two deviations: rotations towards its x and y axes, where its frame is the world's after the smallest
     rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
@@ -197,8 +197,8 @@ class Modes:
     Args:
         frequencies: Frequencies of the undamped whip [Hz], (k,).
         damping_ratios: Damping ratios of the damped whip, (k,): `-Re(lambda) / |lambda|` of the complex pair whose
-            eigenvector is most like the undamped mode. NaN for modes without a complex pair (overdamped ones, whose
-            real eigenvalues cannot be assigned to modes).
+            eigenvector is most like the undamped mode. NaN for overdamped modes, which have no complex pair, and whose
+            real eigenvalues cannot be assigned to modes.
         shapes: Joint angles of each undamped mode, of rods their tilts towards x and y, (k, n), the largest being 1;
             zero for locked joints.
         displacements: Displacements of hand, nodes and tip in each undamped mode, per unit of its shape [m], (k, N + 1,

@@ -65,7 +65,9 @@ class Stored(Generic[R]):
 
     @classmethod
     def of(cls, record: R, name: str) -> Stored[R]:
-        """Return storage for every entry that is not a constant; entries with the same expression share a column."""
+        """Return the storage of a record's entries that are not constant; entries with the same expression share a
+        column.
+        """
         different: list[ca.SX] = []
         where: list[int | None] = []
         for entry in record.entries():

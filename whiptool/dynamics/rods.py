@@ -205,11 +205,11 @@ def torque_of(torques: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def give_way(carried: SpatialCarried, d: ca.SX, torque: ca.SX, gain: ca.SX) -> tuple[SpatialCarried, RodJoint]:
-    """Return what the previous rod feels through a rod's free joint (one step of the articulated-body algorithm), and
-    the joint's coefficients for `accelerate`.
+    """Return the inertia and load on the previous rod through a rod's free joint (one step of the articulated-body
+    algorithm), and the joint's coefficients for `accelerate`.
 
     Args:
-        carried: What the joint carries.
+        carried: Inertia and load on the joint.
         d: The rod's direction (3, 1).
         torque, gain: Torque and gain of the joint, from `torque_of` and `torques_and_gain`.
     """

@@ -139,7 +139,7 @@ class Swing(System):
         return Hand(frame, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the base's acceleration with gravity included; it does not depend on what the base carries."""
+        """Return the base's acceleration with gravity included; it does not depend on the load of the whip."""
         base = self._base(now.u)
         linear = ca.vertcat(base.ax, 0, self.gravity + base.ay)
         acceleration = SpatialAcceleration(ca.vertcat(0, -base.alpha, 0), linear)
@@ -164,7 +164,7 @@ class SpatialSwing(Swing):
         return Hand(whole, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the hand's acceleration with gravity included; it does not depend on what the hand carries."""
+        """Return the hand's acceleration with gravity included; it does not depend on the load of the whip."""
         linear = now.u[18:21] + ca.vertcat(0, 0, self.gravity)
         return Reaction(ca.SX(0, 1), SpatialAcceleration(now.u[15:18], linear), ca.SX(0, 1))
 

@@ -88,9 +88,10 @@ class System(ABC):
     Attributes:
         n_drive, n_links: Number of joints of the drive, and of links of the whip.
         n_inputs: Size of the input: a held torque, or the motion of a base.
-        held: The input is a torque that `control` computes and that is held for a control period.
-        prescribed: The drive's joints follow `lead` exactly; the input is their accelerations, also from `lead`.
-        explicit: Steps are the classical Runge-Kutta method's; the drive's joints are prescribed.
+        held: Whether the input is a torque that `control` computes and that is held for a control period.
+        prescribed: Whether the drive's joints follow `lead` exactly; the input is their accelerations, also from
+            `lead`.
+        explicit: Whether steps are those of the classical Runge-Kutta method; the drive's joints are then prescribed.
         dimension: 2 in the plane, 3 in space.
         hinges: Axes of each link's hinges in the frame after the preceding hinges; empty if the links are rods, whose
             coordinates are unit vectors.
@@ -118,8 +119,8 @@ class System(ABC):
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
         """Return the frame in which the whip begins, for the drive's joints q, v (a, 1) and the input u (n_inputs, 1).
 
-        In later stages of a step `before` is a weighted sum of the drive's joint accelerations in the stages before (a,
-        1), and `share` the sum of the weights; default: 1.
+        In later stages of a step `before` is a weighted sum of the drive's joint accelerations in the previous stages
+        (a, 1), and `share` is the sum of the weights; default: 1.
         """
 
     @abstractmethod
@@ -224,8 +225,8 @@ class System(ABC):
     def carry_link(
         self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX, twist: ca.SX
     ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint, ca.SX]:
-        """Return what the previous link carries of this one, this joint's coefficients, and the twist for the previous
-        link.
+        """Return the inertia and load of this link on the previous link, this joint's coefficients, and the twist for
+        the previous link.
         """
         if not self.hinges:
             torque, twist = rods.torque_of(torque, twist)

@@ -22,7 +22,9 @@ from whiptool.dynamics.articulated import Link, SpatialCarried, SpatialMoving, s
 
 
 class TautCarried(NamedTuple):
-    """What a rod's joint carries: a mass [kg] along a direction (3, 1), a moment [N m] and a force [N], (3, 1) each."""
+    """Inertia and load on a rod's joint: a mass [kg] along a direction (3, 1), a moment [N m] and a force [N], (3, 1)
+    each.
+    """
 
     mass: ca.SX = ca.SX(0)
     direction: ca.SX = ca.SX.zeros(3)
@@ -39,7 +41,7 @@ class TautCarried(NamedTuple):
 
     @property
     def spatial(self) -> SpatialCarried:
-        """The same as a spatial inertia and load, for the drive."""
+        """The inertia and load in spatial form, for the drive."""
         M = self.mass * ca.mtimes(self.direction, self.direction.T)
         return SpatialCarried(M=M, moment=self.moment, force=self.force)
 
@@ -50,7 +52,7 @@ class TautJoint(NamedTuple):
     Args:
         mass, pull: Mass and force along the rod.
         push: Force across the rod and on its end, (3, 1).
-        kappa, beyond: What the next rod adds to the end's mass: `kappa` along the direction `beyond` (3, 1).
+        kappa, beyond: Mass that the next rod adds to the end: `kappa`, along the direction `beyond` (3, 1).
         per_mass, per_length: Inverse of mass and of length.
     """
 
@@ -88,10 +90,10 @@ class PointAcceleration(NamedTuple):
 
 
 def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca.SX) -> tuple[TautCarried, TautJoint]:
-    """Return what the previous rod carries of this one, and this rod's coefficients for `accelerate`.
+    """Return the inertia and load of this rod on the previous rod, and this rod's coefficients for `accelerate`.
 
     Args:
-        carried: What the rod carries at its end.
+        carried: Inertia and load on the rod's end.
         moving: Motion of the rod.
         link: Length and mass of the rod.
         torque: Torque of its joint (3, 1) [N m].

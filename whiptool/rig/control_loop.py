@@ -138,7 +138,7 @@ class RigLoop:
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
             believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
-            signals: Collects signals from arming on; the caller has to close it after writing the records. Default:
+            signals: Collector of signals from arming on, which the caller closes after writing the records. Default:
                 signals are collected until torque is off.
 
         Raises:

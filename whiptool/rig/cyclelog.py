@@ -81,7 +81,7 @@ class CycleLog:
             append_to(self._file, self._head)
 
     def append(self, values: Mapping[str, Any]) -> None:
-        """Write one cycle: values of the columns of `Cycles` by name; missing ones and None are stored as NaN."""
+        """Write one cycle: values of the columns of `Cycles` by name; missing values and None are stored as NaN."""
         row: list[float] = []
         for name, per_joint in _COLUMNS:
             value = values.get(name)

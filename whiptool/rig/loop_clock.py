@@ -10,7 +10,7 @@ class Clock(Protocol):
     """Source of the control loop's time."""
 
     def now(self) -> float:
-        """Time [s] from some fixed instant; it never goes back."""
+        """Time [s] since a fixed instant; it never decreases."""
         ...
 
     def sleep_until(self, t: float) -> None:

@@ -57,7 +57,7 @@ def rehearse(
     motor: Motor | None = None,
     believed: Model | None = None,
 ) -> Rehearsal:
-    """Simulate a strike at the loop's rate with the twin's physics, and judge it.
+    """Simulate a strike at the loop's rate with the twin's physics, and return whether it is refused.
 
     A controller that is stable in continuous time may be unstable if its torques are held for a period, since OIAC's
     gains grow with the square of the error. Then limit the gains (`caps`) or choose another strike.

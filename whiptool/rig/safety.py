@@ -35,7 +35,7 @@ class State(IntEnum):
 class Safety:
     """Arms, commands and disarms the servos; no other code writes Goal Current or Torque Enable.
 
-    As a context manager it switches the motors off, however the block ends.
+    Used as a context manager, the object switches the motors off in any case at the end of the block.
 
     Args:
         joints: The servos.

@@ -325,8 +325,8 @@ class ServoLine:
 class HardwareRig(Rig):
     """Dynamixel servos on a serial port, and a camera.
 
-    A camera that gives no frames is refused. One that is lost before the strike begins stops it; where it is lost
-    during the strike, the joints are kept and the session ends.
+    A camera that gives no frames is refused. If a camera is lost before the strike begins, the strike is stopped; if it
+    is lost during the strike, the recorded joints are kept and the session ends.
 
     Args:
         model, controller: See `Rig`.
@@ -424,11 +424,11 @@ class RigRollout(Rollout):
         folder: Folder for the records, with `strike-0007` for strike 7; None: none are written.
         done: Number of strikes that a resumed run had already made.
 
-    A strike that the rig refuses, or whose tip was not seen, has no closest approach: `Approach.lost` says which. One
-    that a fault or a signal ends does not count as a trial: its exception ends the search.
+    A strike that the rig refuses, or whose tip was not seen, has no closest approach; `Approach.lost` has the reason. A
+    strike that a fault or a signal ends does not count as a trial; its exception ends the search.
 
     Attributes:
-        struck: Result of each strike; None: it was refused.
+        struck: Result of each strike; None for a refused strike.
         refused: Reasons why strikes were refused, by number.
     """
 

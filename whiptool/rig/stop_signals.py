@@ -52,7 +52,8 @@ class StopSignals:
     @contextmanager
     def interruptible(self, signals: int = 1) -> Iterator[None]:
         """Raise KeyboardInterrupt within a `with` block as soon as `signals` signals have come, including earlier
-        ones."""
+        signals.
+        """
         self._raises_at = signals
         try:
             self._raise_if_due()

@@ -75,7 +75,7 @@ class Locked(WhiptoolError):
 
 
 def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
-    """Return a text that says whether torque is off, and what to do if it may not be.
+    """Return a text on whether torque is off, with instructions if it may be on.
 
     Args:
         confirmed: Whether every servo confirmed that its torque is off.

@@ -106,7 +106,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
     """Draw the measured path of the tip (for a twin also the true one), the target, and the arm at closest approach.
 
     Raises:
-        AssertionError: There is no recording.
+        AssertionError: The strike has no recording.
     """
     recording = struck.recording
     assert recording is not None

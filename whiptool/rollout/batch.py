@@ -27,7 +27,7 @@ def time_grid(
     period is divided into equal steps, and the last step of the strike may be shorter.
 
     Raises:
-        InputError: There would be too many steps.
+        InputError: The number of steps is too large.
 
     Returns:
         Length of the steps and of the last step [s], (B,) each; number of steps, (B,); number of steps per control

@@ -60,7 +60,7 @@ class Checkerboard:
 
     @property
     def points(self) -> np.ndarray:
-        """Its inner corners, row by row [m], (P, 3)."""
+        """Inner corners, row by row [m], (P, 3)."""
         return _grid(*self.corners, self.square)
 
     def find(self, image: np.ndarray) -> Corners:
@@ -102,7 +102,7 @@ class CharucoBoard:
 
     @property
     def points(self) -> np.ndarray:
-        """Its inner corners, row by row [m], (P, 3); the first is one square from the board's edges."""
+        """Inner corners, row by row [m], (P, 3); the first is one square from the board's edges."""
         columns, rows = self.squares
         return _grid(columns - 1, rows - 1, self.square)
 
@@ -146,7 +146,7 @@ def find_checkerboard(image: np.ndarray, *, corners: tuple[int, int]) -> np.ndar
             unique.
 
     Raises:
-        InputError: There is no such board in the image.
+        InputError: The image shows no such board.
     """
     cv2 = opencv()
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

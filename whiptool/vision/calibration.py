@@ -79,13 +79,13 @@ def calibrate_board(
     camera_matrix: np.ndarray | None = None,
     distortion: Sequence[float] = (),
 ) -> PlaneCalibration:
-    """From an image of a board that lies in the strike plane.
+    """Calibrate the strike plane with an image of a board that lies in it.
 
     Args:
         image: (H, W, 3) or (H, W) of uint8.
         board: The board.
         origin: Position of the board's first corner on the strike plane [m], (2,).
-        angle: Angle by which the board's rows are turned from x toward y [rad].
+        angle: Rotation of the board's rows from x toward y [rad].
         camera_matrix, distortion: Camera matrix and distortion of the lens, if it distorts; see `PlaneCalibration`.
 
     Raises:

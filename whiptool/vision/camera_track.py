@@ -28,8 +28,7 @@ class CameraTrack:
         self.gap = GAP * float(np.median(np.diff(recording.t)))
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return its pixels (T, 2) at times t (T,) [s], NaN where it was not tracked, and their standard errors
-        (T,)."""
+        """Return the marker's pixels (T, 2) at times t (T,) [s], NaN if not tracked, and their standard errors (T,)."""
         unseen = np.full((len(t), 2), np.nan), np.full(len(t), np.nan)
         if len(self.t) < 4:
             return unseen

@@ -32,7 +32,7 @@ def write_video(
 
     The sidecar holds `fps`, `timestamps` (start of the first row's exposure [s]; so `stamp = "start"`), `exposure`,
     `readout` (from the first row to the last [s]), `shutter`, `homography` (metres from pixels), `kind`, `camera`,
-    `synthetic`, and what else is given.
+    `synthetic`, and the other arguments.
 
     Args:
         path: MKV or AVI file; missing folders are created.

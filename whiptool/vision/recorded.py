@@ -57,8 +57,8 @@ class RecordedCamera:
         video: The images, with times, size and calibration.
 
     Attributes:
-        settings: The `Camera` that took the images. If only the strike plane is calibrated, a camera that looks
-            perpendicularly at the plane and has the images' size, timing and scale.
+        settings: The `Camera` that took the images. If only the strike plane is calibrated, it is a camera
+            perpendicular to the plane with the images' size, timing and scale.
         calibration: Calibration of the strike plane, for the tracker; None for a camera in space.
 
     Raises:

@@ -103,12 +103,12 @@ class VirtualCamera:
         target: Position of the target [m], (d,), or None.
         marker_radius, target_radius: Radius of the tip's ball and of the target's disc [m].
         noise: Noise of the sensor; None for none.
-        screens: What may hide the tip.
+        screens: Objects that may hide the tip.
         start: Time of the first frame relative to the strike's start [s]; before the strike the arm is at rest.
 
     Raises:
         InputError: A radius is not positive, the trajectory has other joints than the model, or the lens distorts.
-        WhiptoolError: On `open`, if there is no OpenGL.
+        WhiptoolError: Raised by `open` without OpenGL.
     """
 
     settings: Camera
@@ -142,7 +142,7 @@ class VirtualCamera:
         self._scene: StrikeDrawing | None = None
 
     def open(self) -> None:
-        """Create the scene, and render what never moves."""
+        """Create the scene, and render its static parts."""
         if self._scene is not None:
             return
         s = self.settings
@@ -198,8 +198,8 @@ class VirtualCamera:
     def depths(self, rng: np.random.Generator) -> np.ndarray:
         """Return simulated depth measurements of the tip by a D435, for the frames read so far [m], (F, 1).
 
-        They are those of the ball's centre, with the errors of `whiptool.recording.depth_noise`; 0 if most of the ball
-        is hidden. The true depths are in `truths`.
+        The depths are those of the ball's centre, with the errors of `whiptool.recording.depth_noise`; 0 if most of the
+        ball is hidden. The true depths are in `truths`.
 
         Args:
             rng: Random generator of the errors.

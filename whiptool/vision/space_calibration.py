@@ -259,13 +259,13 @@ def _missed(lens: Lens, pose: Pose, view: Corners, board: Board) -> np.ndarray:
 
 
 def rms(misses: np.ndarray) -> float:
-    """Return the root mean square length of distances in an image (P, 2) [pixels]."""
+    """Return the root mean square length of vectors in an image, (P, 2) [pixels]."""
     return float(np.sqrt((misses**2).sum(axis=1).mean()))
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How well cameras agree on the pose of a board.
+    """Agreement of cameras on the pose of a board.
 
     Args:
         misfit: Root mean square reprojection error of the corners over all cameras, at the best common pose [pixels].
@@ -278,7 +278,7 @@ class Agreement:
 
 
 def agree(cameras: Mapping[str, Camera], views: Mapping[str, Corners | None], board: Board) -> Agreement:
-    """Return how well calibrated cameras agree on the pose of a board that they see at one instant.
+    """Return the agreement of calibrated cameras on the pose of a board that they see at the same time.
 
     Args:
         cameras: The calibrated cameras, by name.

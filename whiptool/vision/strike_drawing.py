@@ -23,7 +23,7 @@ _NEAR, _FAR = 0.05, 40.0  # [m]
 
 
 class StrikeDrawing:
-    """Draws rectangles of the image that a camera has of arm, whip, tip marker and target.
+    """Renders rectangles of a camera's image of arm, whip, tip marker and target.
 
     The target is a disc in the strike plane itself, so that its image has no parallax; the tip's ball stands out of it.
     In space the target is a ball.
@@ -31,12 +31,12 @@ class StrikeDrawing:
     Args:
         settings: The camera.
         model: Whip and arm.
-        target: Its centre [m], (2,) or (3,), or None.
+        target: Centre of the target [m], (2,) or (3,), or None.
         marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc or ball
             [m].
 
     Raises:
-        WhiptoolError: There is no OpenGL here.
+        WhiptoolError: OpenGL is not available.
     """
 
     def __init__(
@@ -98,11 +98,11 @@ class StrikeDrawing:
             material.rgba[:3] = rgb
 
     def draw(self, q: np.ndarray | None, region: tuple[float, float, int, int], scale: int = 1) -> np.ndarray:
-        """A rectangle of the image, `scale` times as fine, as an array (h scale, w scale, 3) of uint8.
+        """Return a rectangle of the image at `scale` times its resolution, (h scale, w scale, 3) uint8.
 
         Args:
-            q: Joint positions [rad], (n,); None for what never moves, without arm and whip.
-            region: Left, top, width and height [pixels]; left and top are of a pixel's corner, plus one half.
+            q: Joint positions [rad], (n,); None for the static parts, without arm and whip.
+            region: Left, top, width and height [pixels]; left and top are those of a pixel's corner plus one half.
             scale: Samples per pixel in each direction.
         """
         s, (left, top, width, height) = self.settings, region
@@ -136,18 +136,18 @@ class StrikeDrawing:
         return pixels[::-1]
 
     def largest_scale(self, width: int, height: int, wanted: int) -> int:
-        """How finely a rectangle can be drawn at most."""
+        """Largest `scale` at which a rectangle can be drawn."""
         return max(1, min(wanted, _LARGEST // max(width, height)))
 
     def is_tip(self, pixels: np.ndarray) -> np.ndarray:
-        """Which samples (..., 3) of uint8 show the tip's marker: nothing else is of its colour."""
+        """Return whether samples (..., 3) uint8 show the tip's marker, whose colour nothing else has."""
         if self.settings.kind == "infrared":
             return pixels[..., 0] > 255 * 0.7
         red, green, blue = (pixels[..., i].astype(np.float32) for i in range(3))
         return (green > 2 * red) & (green > 2 * blue) & (green > 100)
 
     def close(self) -> None:
-        """Free what the graphics card holds."""
+        """Free the memory of the graphics card."""
         self._context.make_current()
         self._gl.free()
         self._context.free()

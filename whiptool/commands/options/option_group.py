@@ -19,14 +19,14 @@ MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
 
 @dataclass(frozen=True, init=False)
 class Names:
-    """In the annotation of an option: it is a name of registries of the library, which are loaded when it is looked up.
+    """Annotation of an option whose value is a name in registries, which are loaded when a name is looked up.
 
     Args:
         homes: Module and name of each registry, such as `whiptool.goals.criteria:CRITERIA`.
-        others: Further names, which are the option's own.
+        others: Further names, which are not in a registry.
         without: Names that the option does not take.
-        beside: What may be given otherwise, as help shows it, such as `|FILE.toml`; names are then not checked here.
-            None: nothing else, and they are.
+        beside: Alternative to a name, as help shows it, such as `|FILE.toml`; names are then not checked here. None:
+            only names, which are checked.
     """
 
     homes: tuple[str, ...]
@@ -54,7 +54,7 @@ class Names:
         """Return the known name for one in any spelling; where other values are allowed, return it as written.
 
         Raises:
-            InputError: There is no such name; the message lists them.
+            InputError: The name is unknown; the message lists the names.
         """
         if self.beside is not None:
             return written
@@ -91,12 +91,12 @@ Conditions: TypeAlias = Mapping[str, Condition | tuple[Condition, ...]]  # of op
 
 
 def when(option: str, *values: object, why: str = "", of: str = "") -> Condition:
-    """Return the condition that an option has one of some values, or without values that it is given.
+    """Return the condition that an option has one of these values or, if none are given, that it is not at its default.
 
     Args:
         option: Name of its field.
-        values: Values.
-        why: What the words say after them.
+        values: Allowed values.
+        why: Text after the values in `Condition.words`.
         of: Attribute that has the value; default: the field.
     """
     words = f"only with {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
@@ -104,7 +104,7 @@ def when(option: str, *values: object, why: str = "", of: str = "") -> Condition
 
 
 def unless(option: str, *values: object, why: str = "", of: str = "") -> Condition:
-    """Return the condition that an option has none of some values, or without values that it is not given."""
+    """Return the condition that an option has none of these values or, if none are given, that it is at its default."""
     words = f"only without {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
     return Condition(words, lambda options: not _is(options, option, values, of))
 
@@ -136,7 +136,7 @@ class OptionGroup:
         """Refuse values that are out of range, and options that have no effect with the others.
 
         Raises:
-            InputError: There is such an option; it is named.
+            InputError: A value is out of range, or an option has no effect; the option is named.
         """
         for f in fields(self):
             given = getattr(self, f.name)
@@ -144,7 +144,7 @@ class OptionGroup:
                 raise InputError(flag(f.name), str(given) if isinstance(given, Path) else given, broken.words)
 
     def usual(self, name: str) -> object:
-        """Return what an option is where it is not given."""
+        """Return the default of an option."""
         return next(f.default for f in fields(self) if f.name == name)
 
     def broken_condition(self, name: str) -> Condition | None:
@@ -230,7 +230,7 @@ def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:
     """Return a whole number after checking its range.
 
     Raises:
-        InputError: It is out of the range.
+        InputError: The number is out of range.
     """
     if not low <= value <= high:
         raise InputError(name, value, f"a whole number from {low} to {high}")
@@ -265,7 +265,7 @@ def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> Non
         usual: Options with default values; default: those of the class.
 
     Raises:
-        InputError: One of them is not at its default.
+        InputError: One of these options is not at its default.
     """
     defaults = {f.name: f.default if usual is None else getattr(usual, f.name) for f in fields(options)}
     for name, allowed in idle.items():

@@ -64,7 +64,7 @@ class SearchOptions(OptionGroup):
         whole("--max-trials", self.max_trials)
 
     def build_bounds(self, model: Model, space: StrikeSpace | None = None) -> StrikeBounds:
-        """Return the box of strikes from `--lower` and `--upper`, or the default bounds.
+        """Return the bounds of strikes from `--lower` and `--upper`, or the default bounds.
 
         Args:
             model: Model with the arm that strikes.

@@ -144,11 +144,11 @@ class ZoneOptions(TargetOptions):
         return named_rule(vars(self))
 
     def build_zone(self, model: Model) -> Zone:
-        """Return where targets are drawn.
+        """Return the zone from which targets are drawn.
 
         Raises:
-            InputError: It is of another dimension than the model, lies out of its reach, or its file cannot be read; or
-                no tip moves along the direction at the target.
+            InputError: The zone has another dimension than the model or is out of its reach, or its file cannot be
+                read; or no tip moves along the direction at the target.
         """
         from whiptool.goals.arrival_rule import named_zone
 

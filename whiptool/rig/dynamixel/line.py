@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 class Line:
-    """An open port with the SDK's handler of Protocol 2.0, and checks of what the SDK does not check.
+    """An open port with the SDK's handler of Protocol 2.0, and further checks.
 
     Args:
         device: Serial device, such as /dev/ttyUSB0.
@@ -98,7 +98,7 @@ class Line:
         """Discard incoming bytes until the line is quiet, and return their number.
 
         It gives up after 20 times the quiet period if bytes keep coming; the next reply is then refused. In lock step
-        it discards what the emulator has sent.
+        the bytes that the emulator has sent are discarded.
         """
         if self._port.peer is not None:
             return self._port.swallow()

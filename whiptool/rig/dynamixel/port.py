@@ -35,10 +35,10 @@ class Refused(BusError):
 
 
 def sdk() -> Any:
-    """The module `dynamixel_sdk`.
+    """Return the module `dynamixel_sdk`.
 
     Raises:
-        InputError: It is not installed, or does not load.
+        InputError: The module is not installed, or does not load.
     """
     return optional("dynamixel_sdk", "servos")
 
@@ -66,7 +66,7 @@ def check_present(device: str) -> None:
     """Refuse a serial device that does not exist, without opening it.
 
     Raises:
-        InputError: There is no such file.
+        InputError: The device does not exist.
     """
     if not Path(device).exists():
         there = sorted(str(p) for kind in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(kind))
@@ -105,7 +105,7 @@ def _cure(error: Exception) -> str:
 def port_class() -> type[Any]:
     """Return a class of ports that differ from the SDK's `PortHandler` in four things.
 
-    They wait in the kernel instead of polling, and read all available bytes at once; they use the monotonic clock
+    The ports wait in the kernel instead of polling, and read all available bytes at once; they use the monotonic clock
     instead of the time of day; an end of file is an error. With a `peer`, a reply counts as missing only if the peer
     has not sent it, however long that takes.
 
@@ -224,7 +224,7 @@ def check_rate(
         latency: The adapter's latency timer [s], or None.
 
     Raises:
-        InputError: A cycle takes longer than 1 / rate. The message says what to change.
+        InputError: A cycle takes longer than 1 / rate. The message names the change that is needed.
     """
     if not rate > 0:
         raise InputError("rate", rate, "a number > 0 Hz")

@@ -37,7 +37,7 @@ class Fault:
         seed: Seed of the fault's random choices: which bit flips, where a reply is split.
 
     Raises:
-        InputError: There is no such kind.
+        InputError: The kind is unknown.
     """
 
     kind: Kind
@@ -67,7 +67,7 @@ def random_faults(rng: np.random.Generator, *, duration: float, servos: int, mos
 
 
 class Faults:
-    """The pending faults, and the active ones of the bus."""
+    """The pending faults, and the active faults of the bus."""
 
     def __init__(self) -> None:
         self.waiting: list[Fault] = []

@@ -23,11 +23,10 @@ class Physics:
     """Simulated arm and whip, driven by the servos' motors.
 
     Model, integrator, step, drag and friction are those of `ReferenceRollout`; the motors add a current limit, friction
-    and inertia. Where time runs with the wall clock, it passes without integration while torque is off and nothing
-    moves.
+    and inertia. In real time, integration pauses while torque is off and nothing moves.
 
     Args:
-        options: What is emulated.
+        options: Options of the emulation.
         record: Keep the trajectory, a sample every `RECORD_PERIOD`.
     """
 

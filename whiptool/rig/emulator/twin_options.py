@@ -26,7 +26,8 @@ class TwinOptions:
         period: Control period in lock step [s].
         command_delay: Delay from writing a goal to its effect [s].
         sample_delay: Age of the state in the servos' registers [s].
-        fineness: Factor by which the registers' counts are finer than real ones, a power of 2, to study quantisation.
+        fineness: Factor by which the registers' counts are finer than those of real servos, a power of 2, to study
+            quantisation.
         ids: Ids of the servos, shoulder first; default: 1, 2, ..
         baud: Baud rate to which the servos are set [bit/s].
         return_delay: Value of Return Delay Time(9) [2 us]; the factory setting is 250.
