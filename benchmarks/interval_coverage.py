@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from whiptool.comparison.intervals import mean_interval, ratio_interval
+from whiptool.comparison.series import mean_interval, ratio_interval
 
 
 @dataclass(frozen=True)

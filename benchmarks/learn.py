@@ -23,12 +23,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from tqdm import tqdm
 
 from whiptool.goals.zone import sample
+from whiptool.rl.actor_critic import make_learner
 from whiptool.rl.environment import WhipEnv, make_task
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.training import Training, TrainingPlan, make_learner
+from whiptool.rl.training import Training, TrainingPlan
 
 TRIALS, RANDOM_EPISODES = 100, 4
 CAP = 600

@@ -36,8 +36,14 @@ from whiptool.goals.zone import Disc, sample
 from whiptool.impedance import Controller
 from whiptool.interception.interceptor import HORIZON, LATENCY, PLAN_TIME, Interception, Interceptor, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.motions import GRAVITY, PendulumMotion, TargetMotion, find_motion
-from whiptool.interception.tracks import TargetTrack, fit_track
+from whiptool.interception.target_tracks import (
+    GRAVITY,
+    PendulumMotion,
+    TargetMotion,
+    TargetTrack,
+    find_motion,
+    fit_track,
+)
 from whiptool.models import preset
 from whiptool.models.trajectory import closest_on_segments
 from whiptool.rollout import CompiledRollout

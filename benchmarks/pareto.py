@@ -37,9 +37,8 @@ from whiptool.models import preset
 from whiptool.models.strike import default_bounds
 from whiptool.objective import Objective, SearchStopped
 from whiptool.optimizers import run_search
-from whiptool.optimizers.evolutionary_search import cmaes_search
-from whiptool.optimizers.front import ParetoFront, dominated_by, oriented
-from whiptool.optimizers.pareto_search import pareto_search
+from whiptool.optimizers.derivative_free import cmaes_search
+from whiptool.optimizers.pareto_search import ParetoFront, dominated_by, oriented, pareto_search
 from whiptool.rollout import CompiledRollout
 from whiptool.viz.plots_front import plot_front
 from whiptool.viz.style import COLORS, STYLE, save_figure

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.errors import InputError
 from whiptool.given_files import build_from, read_arrays, read_json, read_text, read_toml
 from whiptool.goals.zone import Region
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.trajectory import Trajectory
-from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 

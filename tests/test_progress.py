@@ -26,7 +26,7 @@ def unit(path):
         time.sleep(3600)
 
 def command():
-    from whiptool.comparison.workers import work_on
+    from whiptool.comparison.units import work_on
     for _ in work_on({name: name for name in sys.argv[1:]}, unit, workers=2):
         pass
     return 0

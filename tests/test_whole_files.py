@@ -14,13 +14,13 @@ import pytest
 from full_disk import full_disk
 from robot_files import URDF
 
+from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.goals.zone import Region
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.impedance.controller_files import read_controller, write_controller
 from whiptool.models import preset
 from whiptool.models.files import read_model, read_robot, write_model
 from whiptool.models.robot_files import ArmChoice
-from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.whole_files import append_whole, replacing, write_npz, write_whole
 
 

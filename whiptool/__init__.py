@@ -55,7 +55,7 @@ _HOMES = {
     "TipPort": "adaptation",
     "default_prior": "adaptation",
     "draw_twin": "adaptation",
-    "load_map": "strike_map.map_runs",
+    "load_map": "strike_map.map_files",
     "load_policy": "rl.trained",
     "train": "rl.trained",
     "compare": "comparison.plan",
@@ -97,7 +97,7 @@ if TYPE_CHECKING:
     from whiptool.rl.environment import WhipEnv
     from whiptool.rl.trained import load_policy, train
     from whiptool.rollout import CompiledRollout, ReferenceRollout
-    from whiptool.strike_map.map_runs import load_map
+    from whiptool.strike_map.map_files import load_map
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
     from whiptool.viz.plots import plot_distance, plot_tip_speed, plot_torque, plot_tracking

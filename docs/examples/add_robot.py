@@ -8,8 +8,8 @@ import numpy as np
 import whiptool as wt
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.ports import Seen, seen_of
 from whiptool.adaptation.prior import default_prior
+from whiptool.adaptation.steps import Seen, seen_of
 from whiptool.recording.strike_recording import StrikeRecording
 
 T_STAY = 0.3  # [s] that the controller stays on and the camera films after the movement

@@ -17,7 +17,7 @@ from whiptool import Controller, oiac_preset, preset
 from whiptool.comparison import TargetScene
 from whiptool.comparison.target_scene import SPEED, fast_region
 from whiptool.rl.trained import one_torch_thread
-from whiptool.strike_map.building import built
+from whiptool.strike_map.map_files import built
 from whiptool.strike_map.strike_map import StrikeMap
 from whiptool.viz.report import Picture, Section, Table, Text
 

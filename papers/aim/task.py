@@ -17,9 +17,9 @@ from whiptool.limits.all_limits import Limits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import T_STAY
+from whiptool.strike_map.answers import bounds_all_around
 from whiptool.strike_map.building import Building, MapPlan
 from whiptool.strike_map.striker import Striker
-from whiptool.strike_map.turning import bounds_all_around
 
 IN_SPACE = MapPlan(random_strikes=4096, room=2, rounds=2, goals=800, gate_strikes=16_000)
 IN_PLANE = MapPlan(random_strikes=4096, room=1, rounds=2, goals=1000, gate_strikes=8000)

@@ -16,11 +16,9 @@ from whiptool.comparison.units import Unit
 from whiptool.goals.goals import Goals
 from whiptool.limits.clearance import Clearance
 from whiptool.rl.trained import one_torch_thread
-from whiptool.strike_map.candidates import SHORTLIST
-from whiptool.strike_map.corrections import refine
 from whiptool.strike_map.map_files import opened
-from whiptool.strike_map.strike_map import TRIED, StrikeMap
-from whiptool.strike_map.striker import Landings, Striker
+from whiptool.strike_map.strike_map import SHORTLIST, TRIED, StrikeMap
+from whiptool.strike_map.striker import Landings, Striker, refine
 
 SEARCHES = {"gradient": 3000, "cmaes": 10_000}  # what goals are given to that refinement missed, with its rollouts
 _TOGETHER = 8  # candidates that are struck at once

@@ -21,7 +21,8 @@ from whiptool import Adaptation, Target, draw_twin
 from whiptool.adaptation.adapter import PLAN
 from whiptool.adaptation.materials import USUAL, stock_of_material
 from whiptool.adaptation.plan_search import PlanningEffort
-from whiptool.adaptation.ports import Port, Seen, TipPort
+from whiptool.adaptation.ports import Port, TipPort
+from whiptool.adaptation.steps import Seen
 from whiptool.adaptation.twins import FAMILIES, Twin
 from whiptool.commands.options.adapt_options import AdaptOptions, prepare
 from whiptool.comparison.units import Unit

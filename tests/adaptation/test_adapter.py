@@ -14,8 +14,8 @@ from whiptool.adaptation.adapter import PLAN as PLANNED
 from whiptool.adaptation.adapter import RECORDING, Adapter, Options
 from whiptool.adaptation.plan_search import Plan, PlanningEffort
 from whiptool.adaptation.planner import FIRST, NEXT, UNSURE
-from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.prior import Belief, default_prior
+from whiptool.adaptation.steps import Seen
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, oiac_preset

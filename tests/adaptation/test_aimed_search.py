@@ -12,12 +12,11 @@ from scipy.stats import norm
 
 from papers.aim.robot import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
-from whiptool.adaptation.aimed_search import AimedSearch
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.plan_search import Demands, Passes, PlanningEffort
-from whiptool.adaptation.planner import plan
+from whiptool.adaptation.planner import AimedSearch, plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.adaptation.cross_entropy import CrossEntropy
+from whiptool.adaptation.plan_search import CrossEntropy
 
 WIDTH, START = np.array([2.0, 0.5]), np.array([0.3, -0.2])
 

@@ -11,8 +11,9 @@ import pytest
 import whiptool as wt
 from whiptool.adaptation.adapter import OUTCOME, Adapter, Options
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.ports import RigPort, Seen
+from whiptool.adaptation.ports import RigPort
 from whiptool.adaptation.prior import default_prior
+from whiptool.adaptation.steps import Seen
 from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
 from whiptool.recording.strike_recording import StrikeRecording

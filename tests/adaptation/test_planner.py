@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from whiptool.adaptation import plan_search, planar_search, planner
+from whiptool.adaptation import plan_search, planner
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
-from whiptool.adaptation.planar_search import PlanarSearch
-from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan, surest
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, PlanarSearch, plan, surest
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
@@ -314,7 +313,7 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
     assert not never.allowed
     without: list[Strike] = []
     planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
-    assert len(without) == planar_search.CHECKED
+    assert len(without) == planner.CHECKED
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.plan_search import Plan, PlanningEffort
-from whiptool.adaptation.ports import Seen, TipPort
+from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
 from whiptool.adaptation.run_report import PANELS, SHOWN, _Number, lines, sections
-from whiptool.adaptation.steps import Step
+from whiptool.adaptation.steps import Seen, Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.goals.target import Target
 from whiptool.identification.film_judgement import Judgement

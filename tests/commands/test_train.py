@@ -26,7 +26,7 @@ from whiptool.goals.target import Target
 from whiptool.goals.zone import sample
 from whiptool.models import preset
 from whiptool.objective import Objective
-from whiptool.rl import episode_table, event_log, trained
+from whiptool.rl import trained, training_log
 from whiptool.rl.policy import trials_to_hit
 from whiptool.rl.trained import load_policy
 from whiptool.rl.training import load_checkpoint
@@ -199,8 +199,7 @@ def test_a_full_disk_leaves_whole_lines_and_events(
         append_whole(path, content)
 
     with room, monkeypatch.context() as patch:
-        for module in (episode_table, event_log):
-            patch.setattr(module, "append_whole", on_a_full_disk)
+        patch.setattr(training_log, "append_whole", on_a_full_disk)
         assert train.main([*SHORT, "--out", str(run)]) == 1
     error = capsys.readouterr().err.strip().splitlines()[-1]
     (path,) = run.glob(file)

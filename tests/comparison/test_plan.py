@@ -6,10 +6,13 @@ import pytest
 from flights import scene
 
 from whiptool.commands.compare import CompareOptions
+from whiptool.comparison import plan
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.plan import CHUNK, Comparison
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.errors import InputError
+from whiptool.models import preset
+from whiptool.rollout import CompiledRollout
 
 
 def test_the_difficulty_of_a_task_is_measured_by_strikes_that_grow_with_its_targets():
@@ -60,3 +63,14 @@ def test_a_learner_is_trained_under_one_observation_unless_more_are_asked_for():
     asked = Comparison(scene=scene(), methods=("sac", "ga"), observations=("tip", "goal"), seeds=2).units()
     learners = [(unit.observation, unit.seed) for unit in asked if isinstance(unit, LearnerUnit)]
     assert learners == [("tip", 0), ("tip", 1), ("goal", 0), ("goal", 1)]
+
+
+@pytest.mark.parametrize("accuracy", [{}, {"tolerance": 1e-3}, {"timestep": 2e-3}])
+def test_methods_are_compared_at_the_accuracy_of_the_rollout_that_is_given(monkeypatch, accuracy):
+    units = []
+    monkeypatch.setattr(plan.Store, "results", lambda self, some, desc: units.extend(some))
+    monkeypatch.setattr(plan, "collect", lambda *_: [])
+    rollout = CompiledRollout(preset("lemon2024"), **accuracy)
+    plan.compare(rollout, methods=("random",), targets=1, max_trials=1)
+    again = units[0].scene.rollout()
+    assert (again.tolerance, again.timestep) == (rollout.tolerance, rollout.timestep)

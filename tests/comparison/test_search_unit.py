@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 from flights import scene
 
-from whiptool.comparison.search_unit import SearchUnit
+from whiptool.comparison.search_unit import RATE, SearchUnit, StrikeLibrary, library_search, warm_search
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.target import Target
+from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 
@@ -83,3 +87,94 @@ def test_a_search_unit_searches_for_directions_at_each_radius(method):
             assert outcome["hit"][place] is bool(hits)
             found += bool(hits)
     assert found > 0
+
+
+BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 0.4), (1.0, 0.5, 0.3, 0.8, 1.0))
+
+
+def library(count: int = 200, seed: int = 0) -> StrikeLibrary:
+    return StrikeLibrary.random(StraightFlight(), BOUNDS, count, seed=seed)
+
+
+def test_paths_are_those_of_the_strikes():
+    kept = library(5000)
+    assert kept.paths.shape == (5000, int(1.3 * RATE) + 1, 2)
+    assert kept.paths.dtype == np.float32
+    for i in (0, 4095, 4096, 4999):
+        path = StraightFlight().tip_path(kept.strikes[[i]], t_stay=0.3, rate=RATE)[1][0]
+        np.testing.assert_allclose(kept.paths[i, : len(path)], path, atol=1e-6)
+        assert np.isnan(kept.paths[i, len(path) :]).all()
+    assert (kept.strikes.min(axis=0) >= BOUNDS.lower).all()
+    assert not np.array_equal(library(5, seed=1).strikes, kept.strikes[:5])
+
+
+@pytest.mark.parametrize("target", [(1.0, 0.2), (0.3, -0.4), (-0.5, 0.1), (3.0, 0.3)])
+def test_the_nearest_in_closed_form(target):
+    kept = library(1200)
+    direction = np.stack([np.cos(kept.strikes[:, 0]), np.sin(kept.strikes[:, 0])], axis=1)
+    ends = SPEED * np.floor((kept.strikes[:, -1] + 0.3) * RATE) / RATE
+    along = np.clip(direction @ target, 0, ends)
+    distance = np.linalg.norm(along[:, None] * direction - target, axis=1)
+    strikes, found = kept.nearest(target, 7)
+    np.testing.assert_allclose(found, np.sort(distance)[:7], atol=2e-6)
+    nearest = np.linalg.norm(strikes[:, None] - kept.strikes[None], axis=2).argmin(axis=1)
+    np.testing.assert_allclose(distance[nearest], found, atol=2e-6)
+    assert len(kept.nearest(target)[0]) == 1
+
+
+def test_the_nearest_in_space():
+    box = StrikeBounds((-1.0, 0.0, -1.0, *(0.0,) * 5, 0.4), (1.0, 0.5, 1.0, *(0.1,) * 5, 1.0))
+    kept = StrikeLibrary.random(StraightFlightInSpace(), box, 500, seed=3)
+    target = np.array([0.5, 0.2, -0.3])
+    along = np.clip(StraightFlightInSpace().directions(kept.strikes) @ target, 0, None)
+    distance = np.linalg.norm(along[:, None] * StraightFlightInSpace().directions(kept.strikes) - target, axis=1)
+    strikes, found = kept.nearest(target, 3)
+    np.testing.assert_allclose(found, np.sort(distance)[:3], atol=2e-6)
+    np.testing.assert_array_equal(strikes, kept.strikes[np.argsort(distance)[:3]])
+
+
+def test_paths_that_stand_still_or_are_no_paths():
+    paths = np.array([[[1.0, 1.0]] * 3, [[np.nan] * 2] * 3, [[0.0, 0.0], [2.0, 0.0], [np.nan, np.nan]]], np.float32)
+    kept = StrikeLibrary(np.arange(15.0).reshape(3, 5), paths)
+    strikes, distance = kept.nearest((1.0, 0.5), 3)
+    np.testing.assert_allclose(distance, [0.5, 0.5, np.inf])
+    np.testing.assert_array_equal(strikes, kept.strikes[[0, 2, 1]])
+
+
+def test_a_library_comes_back_from_a_file(tmp_path):
+    kept = library(9)
+    kept.save(tmp_path / "library.npz")
+    back = StrikeLibrary.load(tmp_path / "library.npz")
+    np.testing.assert_array_equal(back.strikes, kept.strikes)
+    np.testing.assert_array_equal(back.paths, kept.paths)
+
+
+def objective(angle: float, **options) -> Objective:
+    target = Target((1.2 * math.cos(angle), 1.2 * math.sin(angle)), options.pop("radius", 1e-9))
+    return Objective(StraightFlight(), target, bounds=BOUNDS, **options)
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.999])
+def test_a_warm_search_stays_near_the_librarys_strike(angle):
+    kept, o = library(50), objective(angle, max_trials=40)
+    first = kept.nearest(o.target.position)[0][0]
+    result = warm_search(o, "random", kept, seed=1, width=0.2)
+    assert result.trace[0].strike == pytest.approx(tuple(first))
+    lower, upper = o.bounds.box
+    whole_lower, whole_upper = BOUNDS.box
+    np.testing.assert_allclose(upper - lower, 0.2 * (whole_upper - whole_lower))
+    assert (lower >= whole_lower - 1e-12).all()
+    assert (upper <= whole_upper + 1e-12).all()
+    inside = (first - whole_lower > 0.1 * (whole_upper - whole_lower)) & (
+        whole_upper - first > 0.1 * (whole_upper - whole_lower)
+    )
+    np.testing.assert_allclose(((lower + upper) / 2)[inside], first[inside])
+
+
+def test_the_library_is_struck_in_order():
+    kept, o = library(30), objective(0.2)
+    result = library_search(o, kept)
+    misses = [trial.outcome.miss_distance for trial in result.trace]
+    assert len(misses) == 30
+    assert misses == sorted(misses)
+    assert result.method == "library"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from whiptool.commands.compare import CompareOptions
-from whiptool.comparison import workers
+from whiptool.comparison.units import UnitFailed, work_on
 from whiptool.errors import InputError
 
 
@@ -30,7 +30,7 @@ class DieOnce:
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_dead_worker_is_replaced_and_reported(tmp_path, times):
     units, deaths = {name: name for name in ("a", "b", "bad", "c", "d")}, []
-    found = dict(workers.work_on(units, DieOnce(tmp_path, times), workers=2, on_death=deaths.append))
+    found = dict(work_on(units, DieOnce(tmp_path, times), workers=2, on_death=deaths.append))
     assert found == {name: name.upper() for name in units}
     assert 1 <= len(deaths) <= times
     assert all("bad" in names for names in deaths)
@@ -38,8 +38,8 @@ def test_a_dead_worker_is_replaced_and_reported(tmp_path, times):
 
 def test_a_unit_that_kills_every_worker_is_given_up_after_the_others(tmp_path):
     units, found = {name: name for name in ("bad", "a", "b", "c")}, {}
-    results = workers.work_on(units, DieOnce(tmp_path, 99), workers=2)
-    with pytest.raises(workers.UnitFailed, match=r"^bad: 3 workers died"):
+    results = work_on(units, DieOnce(tmp_path, 99), workers=2)
+    with pytest.raises(UnitFailed, match=r"^bad: 3 workers died"):
         found.update(results)
     assert set(found) == {"a", "b", "c"}
 
@@ -57,7 +57,7 @@ def test_no_more_processes_than_units_and_cores(monkeypatch, capsys):
 
     monkeypatch.setattr("loky.ProcessPoolExecutor", pool)
     with pytest.raises(Full):
-        dict(workers.work_on({"a": 1, "b": 2}, _refuse, workers=100_000))
+        dict(work_on({"a": 1, "b": 2}, _refuse, workers=100_000))
     assert asked == [2]
     cores = max(2, os.cpu_count() or 1)
     assert CompareOptions(workers=100_000).processes() == cores
@@ -73,5 +73,5 @@ def _refuse(unit: str) -> str:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_units_own_error_comes_with_its_name(count):
-    with pytest.raises(workers.UnitFailed, match=r"^b: whip\.k: got -1"):
-        dict(workers.work_on({"b": 1}, _refuse, workers=count))
+    with pytest.raises(UnitFailed, match=r"^b: whip\.k: got -1"):
+        dict(work_on({"b": 1}, _refuse, workers=count))

@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from whiptool.adaptation.ports import Seen, seen_of
+from whiptool.adaptation.steps import Seen, seen_of
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from whiptool.interception.interceptor import LATENCY, Interception, Interceptor
 from whiptool.interception.library import Library
-from whiptool.interception.tracks import TargetTrack
+from whiptool.interception.target_tracks import TargetTrack
 
 FOLLOWED = ("decide", "rng", "motion", "pivot", "update")
 

@@ -6,10 +6,9 @@ import numpy as np
 import torch
 from scipy.stats import norm
 
-from whiptool.rl.learner import OffPolicyLearner
-from whiptool.rl.replay import Transitions
+from whiptool.rl.actor_critic import LEARNERS
+from whiptool.rl.learner import OffPolicyLearner, Transitions
 from whiptool.rl.settings import settings_for
-from whiptool.rl.training import LEARNERS
 
 OBS, ACT, BATCH, RATE = 3, 2, 5, 0.05
 DISCOUNT = 0.9

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from whiptool.interception.library import Library
-from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import TargetTrack
+from whiptool.interception.target_tracks import TargetTrack, find_motion
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds, strike_names
 from whiptool.strike_map.striker import Striker

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool.adaptation.judgement import judge_seen
+from whiptool.adaptation.steps import judge_seen
 from whiptool.goals.goals import probability_within
 from whiptool.goals.target import Target
 from whiptool.identification.film_judgement import Frames, Judgement, judge_frames, unseen_around, weigh

@@ -12,8 +12,7 @@ from straight_tip import HOME, LOWER, MIDDLE, PUSH, SPEED, UPPER, Straight, know
 from whiptool.errors import InputError
 from whiptool.interception.interceptor import Aim, Interceptor, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import TargetTrack
+from whiptool.interception.target_tracks import TargetTrack, find_motion
 
 
 def aim(track: TargetTrack, lib: Library, *, earliest=0.0, latest=3.0, radius=0.06, now=0.0, camera=None) -> Aim:

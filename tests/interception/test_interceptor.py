@@ -20,7 +20,7 @@ from whiptool.interception.interceptor import (
     TargetCamera,
 )
 from whiptool.interception.library import Library
-from whiptool.interception.tracks import fit_track
+from whiptool.interception.target_tracks import fit_track
 from whiptool.models.strike import Strike
 
 RNG = np.random.default_rng

@@ -11,8 +11,7 @@ import pytest
 from scipy.special import erf
 
 from whiptool.interception.interceptor import Aim, Interceptor
-from whiptool.interception.motions import find_motion
-from whiptool.interception.tracks import TargetTrack
+from whiptool.interception.target_tracks import TargetTrack, find_motion
 from whiptool.limits.all_limits import AllLimits
 
 SPREAD, RADIUS, SPEED, TAU = 0.05, 0.035, 10.0, 0.3  # [m], [m], [m/s], [s]

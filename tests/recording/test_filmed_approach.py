@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fallen_tip import struck
 
-from whiptool.adaptation.ports import seen_of
+from whiptool.adaptation.steps import seen_of
 from whiptool.errors import InputError
 from whiptool.identification.similarity import similarity
 from whiptool.recording.filmed_approach import approach_of_path, approach_seen, nearest_frame, tip_seen

@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import distributions, nn
 
+from whiptool.rl.actor_critic import Penalty
 from whiptool.rl.networks import (
     Critic,
     DeterministicActor,
@@ -21,7 +22,6 @@ from whiptool.rl.networks import (
     log_density,
     soft_update,
 )
-from whiptool.rl.ppo import Penalty
 
 
 def test_the_density_of_a_squashed_gaussian():

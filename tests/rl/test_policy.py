@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import copy
+import math
+
 import numpy as np
 import pytest
 import torch
+from checkpoints import same
 from fake_rollout import StraightFlight
 from scripted import Scripted
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
 from whiptool.goals.target import Target
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
-from whiptool.rl.policy import Policy, trials_to_hit
+from whiptool.rl import training
+from whiptool.rl.actor_critic import make_learner
+from whiptool.rl.policy import EVERY, GOALS, Policy, Score, held_out_goals, score, trials_to_hit
+from whiptool.rl.settings import settings_for
 from whiptool.rl.task import StrikeTask
+from whiptool.rl.training import Training, TrainingPlan, load_checkpoint
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 
@@ -139,3 +147,138 @@ def test_trials_until_goals_are_hit():
     assert (trials.tolist(), hit.tolist()) == ([1, 2, 4], [True, True, False])
     left = learner.asked[-1][1]
     np.testing.assert_allclose(left[-1, 6:], [np.cos(0.4), np.sin(0.4)], rtol=1e-6)  # it sees the goal that is left
+
+
+FOUND = [Score(0.2, 0.3), Score(0.5, 0.3), Score(0.5, 0.2), Score(0.5, 0.2), Score(0.4, 0.1)]
+
+
+def task_in(zone: Disc) -> StrikeTask:
+    return StrikeTask(StraightFlight(), zone, bounds=BOUNDS, hit_radius=0.05)
+
+
+def run_of(episodes: int, *, method: str = "ddpg", observation: str = "goal") -> Training:
+    task = StrikeTask(StraightFlight(), Disc((1.0, 0.0), 0.5), bounds=BOUNDS, observation=observation)
+    settings = settings_for(method, hidden=(4,), **({} if method == "ppo" else {"batch_size": 4}))
+    learner = make_learner(method, settings, task, torch.Generator().manual_seed(0))
+    return Training(learner, task, TrainingPlan(episodes, 4, 2), held_out_goals(task, 0))
+
+
+def test_a_score_counts_what_the_first_strikes_hit_and_miss():
+    """Strikes straight ahead miss by the goal's distance from the x axis."""
+    task = task_in(Disc((1.0, 0.1), 0.15))
+    goals, targets = held_out_goals(task, 3), task.targets
+    learner = Scripted(task, [])
+    found = score(learner, task, goals)
+    miss = np.abs(goals.positions[:, 1])
+    assert found == Score(pytest.approx((miss <= 0.05).mean()), pytest.approx(miss.mean()))
+    assert 0.1 < found.share_hit < 0.9
+    assert [deterministic for deterministic, _ in learner.asked] == [True]
+    assert task.targets is targets
+    assert (task.n_strikes, len(task.counts)) == (0, 0)
+
+
+def test_goals_are_held_out_of_the_tests_of_the_same_seed():
+    task = task_in(Disc((1.0, 0.1), 0.15))
+    goals = held_out_goals(task, 3).positions
+    tested = sample_goals(task.zone, task.arrival, 0.05, GOALS, np.random.default_rng(3)).positions
+    assert goals.shape == (GOALS, 2)
+    assert task.zone.contains(goals).all()
+    assert not (goals == tested).any()
+    np.testing.assert_array_equal(goals, held_out_goals(task, 3).positions)
+    assert not (goals == held_out_goals(task, 4).positions).any()
+
+
+def test_more_hits_are_better_and_of_as_many_the_nearer_ones():
+    assert FOUND[0].better_than(None)
+    better = [[a.better_than(b) for b in FOUND] for a in FOUND]
+    assert better == [
+        [False, False, False, False, False],
+        [True, False, False, False, True],
+        [True, True, False, False, True],
+        [True, True, False, False, True],
+        [True, False, False, False, False],
+    ]
+
+
+@pytest.mark.parametrize("method", ["sac", "td3", "ddpg", "ppo"])
+def test_a_training_keeps_the_policy_of_the_best_score(method, monkeypatch, tmp_path):
+    """Scores are asked for every five episodes, not while strikes are random; the third is the best."""
+    run, actors, asked = run_of(5 * EVERY, method=method), {}, iter(FOUND)
+
+    def scripted(learner, task, goals):
+        actors[run.done] = copy.deepcopy(learner.actor.state_dict())
+        return next(asked)
+
+    monkeypatch.setattr(training, "score", scripted)
+    seen = run.run()
+    assert {e.number: e.held_out for e in seen if e.held_out} == dict(zip((5, 10, 15, 20, 25), FOUND, strict=True))
+    assert [e.number for e in seen if e.best] == [5, 10, 15]
+    run.save(tmp_path / "checkpoint.pt")
+    run.save_best(tmp_path / "best.pt")
+    last = copy.deepcopy(run.learner.actor.state_dict())
+    assert not same(last, actors[15])
+    again, kept = run_of(99, method=method), run_of(99, method=method)
+    again.load(tmp_path / "checkpoint.pt")
+    kept.load(tmp_path / "best.pt")
+    assert again.best is not None
+    assert (again.best.episode, again.best.score, again.done) == (15, FOUND[2], 25)
+    assert same(again.learner.actor.state_dict(), last)
+    assert kept.done == 0
+    for one in (run, again, kept):
+        assert one.policy().learner is one.learner
+        assert same(one.learner.actor.state_dict(), actors[15])
+
+
+def test_scores_change_nothing_of_what_is_learned():
+    """Nothing random is drawn, and no strike is counted as one of the training."""
+    with_scores, without = run_of(12), run_of(12)
+    without.held_out = None
+    with_scores.run()
+    without.run()
+    assert with_scores.best is not None
+    assert without.best is None
+    assert same(with_scores.learner.actor.state_dict(), without.learner.actor.state_dict())
+    assert torch.equal(with_scores.learner.generator.get_state(), without.learner.generator.get_state())
+    assert with_scores.task.n_strikes == without.task.n_strikes == 12 * 4
+    assert without.policy().learner is without.learner
+
+
+def test_random_strikes_are_not_scored():
+    run = run_of(6)
+    run.plan = TrainingPlan(6, 4, 5)
+    assert all(episode.held_out is None for episode in run.run())
+
+
+def test_a_training_goes_on_from_a_checkpoint_to_any_length(tmp_path):
+    """A checkpoint of 7 episodes, taken up by a training of 11, ends as a training of 11; other plans are refused."""
+    whole, shorter, longer = run_of(11), run_of(7), run_of(11)
+    whole.run()
+    shorter.run()
+    shorter.save(tmp_path / "checkpoint.pt")
+    longer.load(tmp_path / "checkpoint.pt")
+    assert len(longer.run()) == 4
+    for run, name in ((whole, "whole"), (longer, "longer")):
+        run.save(tmp_path / name)
+    assert same(load_checkpoint(tmp_path / "whole"), load_checkpoint(tmp_path / "longer"))
+    older = load_checkpoint(tmp_path / "checkpoint.pt")
+    older["plan"]["episodes"] = 7  # as files of earlier versions have it
+    torch.save(older, tmp_path / "older.pt")
+    again = run_of(11)
+    again.load(tmp_path / "older.pt")
+    assert again.done == 7
+    other = run_of(11)
+    other.plan = TrainingPlan(11, 5, 2)
+    with pytest.raises(InputError, match=r"checkpoint\.pt: got .*'trials': 4.*; allowed: a checkpoint of plan"):
+        other.load(tmp_path / "checkpoint.pt")
+
+
+def test_a_damaged_file_of_a_policy_is_refused(tmp_path):
+    run = run_of(5)
+    run.run()
+    run.save_best(tmp_path / "best.pt")
+    state = load_checkpoint(tmp_path / "best.pt")
+    assert math.isfinite(state["score"]["mean_cost"])
+    del state["actor"]
+    torch.save(state, tmp_path / "best.pt")
+    with pytest.raises(InputError, match=r"best\.pt: got 'a damaged or different file'; allowed: a whole policy file"):
+        run_of(5).load(tmp_path / "best.pt")

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from planar_map import AIMED, random_strikes, striker
 
-from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.candidates import candidates
-from whiptool.strike_map.harvest import passages_of
-from whiptool.strike_map.turning import Front
+from whiptool.strike_map.answers import Answers, Front
+from whiptool.strike_map.building import passages_of
+from whiptool.strike_map.strike_map import candidates
 
 
 @pytest.fixture(scope="module")

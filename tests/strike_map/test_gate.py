@@ -9,10 +9,13 @@ torch = pytest.importorskip("torch")
 
 from planar_map import AIMED, random_strikes, striker  # noqa: E402
 
-from whiptool.strike_map.candidates import candidates, features  # noqa: E402
-from whiptool.strike_map.gate import Gate  # noqa: E402
-from whiptool.strike_map.harvest import passages_of  # noqa: E402
-from whiptool.strike_map.turning import Front  # noqa: E402
+from whiptool.strike_map.answers import Front  # noqa: E402
+from whiptool.strike_map.building import passages_of  # noqa: E402
+from whiptool.strike_map.strike_map import (  # noqa: E402
+    Gate,
+    candidates,
+    features,
+)
 
 
 def test_odds_are_those_that_the_data_were_drawn_from():

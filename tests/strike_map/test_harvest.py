@@ -11,7 +11,7 @@ from planar_map import AIMED, POINTS, random_strikes, striker
 from whiptool.goals.goals import arrival_angles
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models.spatial_arm import JointLimits
-from whiptool.strike_map.harvest import Harvest
+from whiptool.strike_map.building import Harvest
 
 
 def cells(answers, region) -> Counter:

@@ -15,10 +15,10 @@ import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import usual_region
 from whiptool.models import preset
-from whiptool.optimizers.map_search import REFINED
+from whiptool.optimizers.gradient_search import REFINED
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.gate import HIDDEN, Gate
 from whiptool.strike_map.map_files import FOLDER, load_packed, map_of, save_packed, shipped_map, shipped_names
+from whiptool.strike_map.strike_map import HIDDEN, Gate
 
 NAMES = ["lemon2024", "panda", "ur5e"]
 

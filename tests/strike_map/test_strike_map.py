@@ -96,7 +96,7 @@ def test_a_part_is_the_same_whenever_it_is_made(building, parts):
 def test_practice_adds_what_was_missed(building, parts):
     """Goals of the round itself are hit more often afterwards."""
     rng = np.random.default_rng([0, 1])
-    from whiptool.strike_map.harvest import Harvest
+    from whiptool.strike_map.building import Harvest
 
     Harvest(building.striker, AIMED, rng)  # draws what the round draws first
     goals = AIMED.draw(PLAN.goals, rng)

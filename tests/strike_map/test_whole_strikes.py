@@ -12,9 +12,9 @@ from short_strikes import ShortStrikes
 pytest.importorskip("torch")
 
 from whiptool.strike_map import Building, MapPlan, StrikeMap
-from whiptool.strike_map.corrections import refine
-from whiptool.strike_map.harvest import Harvest
+from whiptool.strike_map.building import Harvest
 from whiptool.strike_map.strike_map import TRIED
+from whiptool.strike_map.striker import refine
 
 LONGEST = 1.1  # [s]
 

@@ -8,16 +8,17 @@ import json
 import numpy as np
 import pytest
 
-from whiptool.adaptation import adapter, plan_search, planar_search, posterior
+from whiptool.adaptation import adapter, plan_search, planner, posterior
 from whiptool.adaptation.adapter import OUTCOME, PLAN, POSTERIOR, Options
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, information
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
 from whiptool.adaptation.plan_search import Demands, Passes, Plan, PlanningEffort
 from whiptool.adaptation.planner import plan
-from whiptool.adaptation.ports import Seen, TipPort
+from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
+from whiptool.adaptation.steps import Seen
 from whiptool.adaptation.twins import FAMILIES, NODES, draw_twin
 from whiptool.commands import adapt
 from whiptool.errors import InputError
@@ -271,7 +272,7 @@ def test_where_every_strike_is_refused_more_of_the_motors_is_kept_free(prior):
     ]
     free, checked = (usage_of(Strike.from_vector(p.strike)) for p in plans)
     assert free > 0.75 > checked
-    assert len(asked) > planar_search.CHECKED
+    assert len(asked) > planner.CHECKED
     assert plans[1].probability == pytest.approx(1.0, abs=0.01)
     never = Demands(limits=(kinder,), check=lambda s: "never")
     refused = plan(known, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK, demands=never)
@@ -502,7 +503,7 @@ def test_whips_that_diverge_are_counted_not_averaged(prior, monkeypatch):
         distance = np.tile([0.1, np.inf], (len(strikes), len(whips) // 2))
         return Passes(distance, np.zeros((*distance.shape, 2)))
 
-    monkeypatch.setattr(planar_search.PlanarSearch, "each", half)
+    monkeypatch.setattr(planner.PlanarSearch, "each", half)
     chosen = plan(prior, Target(TARGET), rng=np.random.default_rng(0), effort=QUICK)
     assert chosen.expected_miss == pytest.approx(0.1)
     assert "expected miss 10.0 cm without the 50% of the samples that diverge" in chosen.reason

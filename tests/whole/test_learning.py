@@ -14,13 +14,12 @@ from one_joint import one_joint, one_joint_task
 from whiptool.errors import InputError
 from whiptool.goals.zone import Disc, sample
 from whiptool.rl import hindsight
-from whiptool.rl.learner import Diverged, OffPolicyLearner
+from whiptool.rl.actor_critic import LEARNERS, PPO, make_learner
+from whiptool.rl.learner import Diverged, OffPolicyLearner, Transitions
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.ppo import PPO
-from whiptool.rl.replay import Transitions
 from whiptool.rl.settings import settings_for
 from whiptool.rl.task import OBSERVATIONS, reward
-from whiptool.rl.training import LEARNERS, Training, TrainingPlan, load_checkpoint, make_learner
+from whiptool.rl.training import Training, TrainingPlan, load_checkpoint
 
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}

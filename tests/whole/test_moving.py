@@ -16,8 +16,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.interception.interceptor import Interception, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.motions import PendulumMotion, find_motion
-from whiptool.interception.tracks import TargetTrack, fit_track
+from whiptool.interception.target_tracks import PendulumMotion, TargetTrack, find_motion, fit_track
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds

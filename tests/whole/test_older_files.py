@@ -18,12 +18,12 @@ from repository import ROOT
 
 import whiptool as wt
 from papers.finished_comparison import read_run
+from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
 from whiptool.identification.bare_arm import read_bare_arm
 from whiptool.impedance.controller_files import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
-from whiptool.optimizers.strike_library import StrikeLibrary
 from whiptool.recording.camera import read_cameras
 from whiptool.recording.readers.angles import read_angles
 from whiptool.rig.cyclelog import Cycles

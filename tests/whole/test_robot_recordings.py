@@ -12,9 +12,9 @@ import robot_lab
 from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.plan_search import PlanningEffort
+from whiptool.adaptation.ports import AwaitsRecording, RobotPort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import default_prior
-from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
 from whiptool.commands import identify
 from whiptool.goals.target import Target
 from whiptool.identification.fit import FitOptions as Fitting

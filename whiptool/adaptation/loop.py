@@ -8,10 +8,9 @@ from pathlib import Path
 
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.ports import Port, Seen, checked
+from whiptool.adaptation.ports import Port, RobotPort
 from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.robot_port import RobotPort
-from whiptool.adaptation.steps import Step, Steps
+from whiptool.adaptation.steps import Seen, Step, Steps, checked
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
 from whiptool.goals.target import Target, as_target

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.adaptation.cross_entropy import CrossEntropy
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.goals.goals import Goals
@@ -133,7 +132,7 @@ class Search(ABC):
         belief: Distribution of the whip's parameters.
         target: Target of the strike.
         demands: Further requirements of the strike.
-        sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
+        sag: Predicted deviation of the arm from the commanded start posture, see `expected_sag`; None: none.
 
     Attributes:
         margins: Fractions of the limits that are left unused, one for each successive search; without limits only the
@@ -287,3 +286,57 @@ def _arriving(goal: Goals, angle: float) -> np.ndarray:
         across = np.cross(along, goal.sights[0])
     fast = max(_FAST, 2 * (goal.speed or 0.0))
     return fast * (math.cos(angle) * along + math.sin(angle) * across / np.linalg.norm(across))
+
+
+LEAST_ELITE = 2  # strikes that the spread is learned from, at least
+
+
+@dataclass(frozen=True)
+class CrossEntropy:
+    """Settings of the cross-entropy search.
+
+    Args:
+        width: Width of the box of strikes in each coordinate, (m,).
+        spread: Standard deviation of the first draws, as a fraction of the width.
+        population: Strikes in a round.
+        rounds: Largest number of rounds.
+        within: Function that moves strikes (B, m) into the feasible set.
+        sure: Function that returns whether the search may stop at a strike of this value.
+    """
+
+    width: np.ndarray
+    spread: float
+    population: int
+    rounds: int
+    within: Callable[[np.ndarray], np.ndarray]
+    sure: Callable[[float], bool]
+
+    def around(
+        self, best: np.ndarray, value: float, worth: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the strikes that were drawn around the best one (D, m) and the score of each (D,).
+
+        A round that finds a better strike goes on from there, with the mean of the last spread and of the round's best
+        quarter's distance from there; else the spread shrinks to three fifths.
+
+        Args:
+            best: Strike to begin at, (m,).
+            value: Worth of the strike.
+            worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
+            rng: Generator of the draws.
+        """
+        centre, top, spreads = best, value, np.full(len(best), self.spread)
+        strikes, values = np.empty((0, len(best))), np.empty(0)
+        for _ in range(self.rounds):
+            if self.sure(top):
+                break
+            draws = self.within(centre + spreads * self.width * rng.standard_normal((self.population, len(best))))
+            found = worth(draws)
+            strikes, values = np.vstack([strikes, draws]), np.concatenate([values, found])
+            elite = draws[np.argsort(-found)[: max(LEAST_ELITE, self.population // 4)]]
+            if found.max() > top:
+                centre, top = draws[int(found.argmax())], float(found.max())
+                spreads = 0.5 * spreads + 0.5 * np.abs(elite - centre).mean(axis=0) / self.width
+            else:
+                spreads = 0.6 * spreads
+        return strikes, values

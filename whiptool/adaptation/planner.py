@@ -1,18 +1,212 @@
-"""Plan the strike with the largest probability of a hit, over whips sampled from the belief."""
+"""Plan the strike with the largest probability of a hit, over whips sampled from the belief.
+
+Candidates of an arm in the plane are random strikes, improved along derivatives and brought within the motors. In space
+a robot's limits and directions leave a thin part of the box of strikes, and derivatives find it: candidates are random
+strikes that keep the limits, those whose tips pass the goal best on the mean of the belief, refined there along exact
+derivatives as a strike map's are (`whiptool.strike_map.striker`).
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
-from whiptool.adaptation.aimed_search import AimedSearch
-from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
-from whiptool.adaptation.planar_search import PlanarSearch
+from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort, Search
 from whiptool.adaptation.prior import Belief
+from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target
+from whiptool.models.trajectory import Approach
+from whiptool.strike_map.answers import Front
+from whiptool.strike_map.striker import refine
+
+MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the limits that is kept free; more, where all strikes were refused
+CHECKED = 3  # strikes that are asked about before more is kept free
+# Strikes are brought within limits by random steps that shrink, for derivatives do not see the limits.
+_ROUNDS, _CHILDREN, _KEPT = 12, 64, 8  # of steps; strikes that are tried in each; the best of all that are kept
+_SHRINK = 0.8  # of the steps from round to round
+_NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps along derivatives mend: no more random ones
+
+
+class PlanarSearch(Search):
+    """Search in the plane: the best of random strikes, past strikes and their neighbours are refined along derivatives.
+
+    If limits or a least speed allow only a small part of the box, random steps find that part. If `check` forbids the
+    best `CHECKED` strikes, the search is repeated with a larger margin to the limits (`MARGINS`).
+    """
+
+    margins, checked, spread = MARGINS, CHECKED, 0.04
+
+    def candidates(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
+    ) -> tuple[np.ndarray, int]:
+        """See `Search.candidates`."""
+        lower, upper = self.striker.bounds.box
+        pool = self.striker.admissible(rng.uniform(lower, upper, (effort.pool, len(lower))))
+        if len(past):
+            known = np.array(past, float)
+            around = np.repeat(known, 8, axis=0)
+            around = around + 0.05 * (upper - lower) * rng.standard_normal(around.shape)
+            pool = np.vstack([self.striker.admissible(np.vstack([known, around])), pool])
+        best = pool[np.argsort(self.rank(self.mean(pool)))[: effort.polished]]
+        tried = np.vstack([best, self.polish(best, effort.steps)])
+        if self.striker.limits or self.goal.speed is not None:  # what is allowed is a thin part of the box
+            squeezed = self.squeeze(tried, rng)
+            tried = np.vstack([squeezed, self.polish(squeezed, _LAST_STEPS)])
+        return tried, len(pool)
+
+    def beyond(self, strikes: np.ndarray) -> np.ndarray:
+        """Return the excess of strikes (B, m) over the limits and below the least speed, (B,); see `Search.beyond`."""
+        if not self.striker.limits and self.goal.speed is None:
+            return np.zeros(len(strikes))
+        return self.excess(self.mean(strikes))
+
+    def usage(self, near: Approach) -> float | None:
+        """See `Search.usage`."""
+        return float(self._violation(near)[0]) + 1 if self.striker.limits else None
+
+    def excess(self, near: Approach) -> np.ndarray:
+        """Return the excess of strikes over the limits with margin and below the least speed, (B,); 0: both are
+        kept."""
+        excess = np.zeros(len(near.distance))
+        if self.goal.speed is not None:
+            arrival = self.goal.arrival_speed(near.velocity)
+            excess = np.clip(np.nan_to_num(1 - arrival / self.goal.speed, nan=1.0), 0.0, 1.0)
+        if self.striker.limits:
+            excess = excess + np.clip(self._violation(near) + self.margin, 0.0, 10.0)
+        return excess
+
+    def _violation(self, near: Approach) -> np.ndarray:
+        return np.max([limits.violation_of_peaks(near) for limits in self.striker.limits.members], axis=0)
+
+    def rank(self, near: Approach) -> np.ndarray:
+        """Return miss distances (B,), with 10 or more added to strikes that break the motors' limits or are too
+        slow."""
+        excess = self.excess(near)
+        distance = np.where(near.known, near.distance, 1e3)
+        return distance + np.where(excess > 0, 10 + excess, 0)
+
+    def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
+        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean; the best of each
+        path.
+        """
+        width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
+        for step in range(steps + 1):
+            near, slope = self.rollout.gradient(x, self.goal.positions[0], t_stay=self.striker.t_stay)
+            rank = self.rank(near)
+            better = rank < value
+            best[better], value[better] = x[better], rank[better]
+            if step == steps:
+                break
+            g = slope * width  # by the numbers in units of their range
+            move = -near.distance[:, None] * g / np.maximum((g**2).sum(axis=1, keepdims=True), 1e-6)
+            length = np.linalg.norm(move, axis=1, keepdims=True)
+            move = np.nan_to_num(move * np.minimum(1.0, 0.1 / np.maximum(length, 1e-9)))
+            x = self.striker.admissible(x + move * width)
+        return best
+
+    def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return strikes that rank better with the belief's mean, found by shrinking random steps; limits have no
+        derivatives.
+        """
+        kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
+        for _ in range(_ROUNDS):
+            if np.sort(rank)[: _KEPT // 2].max() <= _NEAR:
+                break
+            parents = kept[rng.integers(len(kept), size=_CHILDREN)]
+            children = parents + spread * self.striker.widths * rng.standard_normal(parents.shape)
+            children = self.striker.admissible(children)
+            kept, rank = np.vstack([kept, children]), np.r_[rank, self.rank(self.mean(children))]
+            order = np.argsort(rank)[:_KEPT]
+            kept, rank, spread = kept[order], rank[order], spread * _SHRINK
+        return kept[np.argsort(rank)[:_KEPT]]
+
+
+RATE = 100.0  # [1/s] of the paths that are compared
+STEEPEST = 1e3  # [m] by a number of a strike: no derivative of a closest approach that can be trusted
+
+
+class AimedSearch(Search):
+    """Search in space: the best of random strikes and past strikes are refined along derivatives."""
+
+    spread = 0.02
+
+    @cached_property
+    def front(self) -> Front:
+        """Rotation about the arm's first joint that brings a strike to the direction of the goal."""
+        return Front(self.rollout.model)
+
+    def candidates(
+        self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
+    ) -> tuple[np.ndarray, int]:
+        """See `Search.candidates`."""
+        starts = self.starts(rng, effort)
+        if len(past):
+            starts = np.vstack([np.array(past, float), starts])
+        return self.refined(starts, effort.steps), effort.pool + len(past)
+
+    def beyond(self, strikes: np.ndarray) -> np.ndarray:
+        """Return the excess of strikes (B, m) over the limits, (B,), at most 10; see `Search.beyond`."""
+        return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
+
+    def allows(self, strike: np.ndarray) -> bool:
+        """See `Search.allows`; limits are judged over the whole strike."""
+        return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
+
+    def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
+        """Return the random strikes whose tips pass the goal best with the belief's mean, those within the limits
+        first, (B, m).
+
+        If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
+        direction.
+        """
+        striker, goal = self.striker, self.goal
+        pool = striker.admissible(rng.uniform(striker.lower, striker.upper, (effort.pool, len(striker.lower))))
+        keep, paths = striker.paths(pool, rate=RATE)
+        tips = paths.reshape(-1, paths.shape[2])
+        velocities = np.gradient(paths, 1 / RATE, axis=1).reshape(tips.shape)
+        turned = self.front.angles(goal.positions)[0] - self.front.angles(tips)
+        left = goal.residuals(self.front.vectors(tips, turned), self.front.vectors(velocities, turned))
+        cost = np.linalg.norm(left, axis=1).reshape(paths.shape[:2])
+        cost = np.where(np.isfinite(cost), cost, np.inf)
+        when, rows = cost.argmin(axis=1), np.arange(len(pool))
+        angles = np.nan_to_num(np.remainder(turned.reshape(cost.shape)[rows, when] + np.pi, 2 * np.pi) - np.pi)
+        ready = self._wrapped(self.front.strikes(pool, angles))
+        inside = keep & striker.inside(ready)
+        worst = cost[rows, when] + np.where(inside, 0.0, goal.largest_cost)
+        return ready[np.argsort(worst)[: effort.polished]]
+
+    def _wrapped(self, strikes: np.ndarray) -> np.ndarray:
+        """Strikes of an arm that turns, a whole turn back where that puts their first joint into the box."""
+        if not self.front.turns:
+            return strikes
+        first = [0, self.rollout.model.arm.n]
+        wrapped = strikes.copy()
+        middle = (self.striker.lower[first] + self.striker.upper[first]) / 2
+        mean = strikes[:, first].mean(axis=1) - middle.mean()
+        wrapped[:, first] -= (2 * np.pi * np.round(mean / (2 * np.pi)))[:, None]
+        return wrapped
+
+    def refined(self, starts: np.ndarray, steps: int) -> np.ndarray:
+        """Return strikes (B, m) refined along derivatives until they hit with the belief's mean or improve no further.
+
+        Strikes without finite and moderate derivatives are dropped, unless no strike has such derivatives: if the tip
+        is at rest at its closest approach, its direction and the time of that approach are not differentiable.
+        """
+        slopes = self.striker.derivatives(starts, self.goals(len(starts)))
+        size = np.abs(slopes).max(axis=(1, 2))
+        sound = np.isfinite(size) & (size < STEEPEST)
+        if not sound.any():
+            return starts
+        return refine(self.striker, self.goals(int(sound.sum())), starts[sound], slopes[sound], steps=steps).strikes
+
+    def goals(self, count: int) -> Goals:
+        """Return the goal, repeated for `count` strikes."""
+        return self.goal.rows(np.zeros(count, int))
+
 
 JUDGED = 64  # whips over which the probability is stated
 UNSURE = 0.5  # probability of a hit of an allowed strike, below which one is looked for again
@@ -68,7 +262,7 @@ def plan(
         past: Strikes that were tried before; they are candidates, too.
         demands: Further requirements of the strike.
         effort: Amount of computation.
-        sag: Predicted deviation of the arm from the commanded start posture, see `whiptool.adaptation.sag`; None: none.
+        sag: Predicted deviation of the arm from the commanded start posture, see `expected_sag`; None: none.
 
     Raises:
         InputError: A past strike does not fit this arm, or the arm has no default bounds.

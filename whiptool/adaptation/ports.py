@@ -1,77 +1,32 @@
-"""What strikes and films: a simulated whip whose tip is seen at a camera's rate, or a rig."""
+"""What strikes and films: a simulated whip whose tip is seen at a camera's rate, a rig, or a lab's own robot.
+
+To a lab's robot strikes go out as joint trajectories, and recordings come back as files. The adaptation waits by
+ending: begun again with its run folder, it reads what the lab has put there.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from whiptool.adaptation.steps import Seen, seen_of
 from whiptool.adaptation.twins import Twin
-from whiptool.errors import InputError, expect
+from whiptool.errors import WhiptoolError, expect
 from whiptool.goals.target import Target, as_target
+from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.models.trajectory import Approach
-from whiptool.recording.filmed_approach import approach_seen
+from whiptool.recording.readers import read_recording
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.session import Rig
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
-
-_SAME = 1e-6  # [rad], [s]: two strikes are one
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Result of a strike, which a port returns.
-
-    Args:
-        recording: The filmed path of the tip; None: the tip was not seen.
-        seen_miss: Miss distance along the filmed path, interpolated smoothly between frames [m]; None: unknown.
-        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
-        fault: Reason why the strike was interrupted, which ends the session; empty: not interrupted.
-        refused: Reason why the strike was refused before anything moved; empty: not refused. The session continues with
-            the next strike.
-    """
-
-    recording: StrikeRecording | None
-    seen_miss: float | None
-    true_miss: float | None = None
-    fault: str = ""
-    refused: str = ""
-
-    @property
-    def carried_out(self) -> bool:
-        """Whether the strike was carried out. Nothing is learned from one that was refused or interrupted."""
-        return not (self.fault or self.refused)
-
-
-def seen_of(
-    recording: StrikeRecording, target: Sequence[float], *, true_miss: float | None = None, fault: str = ""
-) -> Seen:
-    """Return the result of a filmed strike: the recording, and the miss distance in its frames.
-
-    The tip's path is interpolated smoothly between frames; gaps of more than two frames are left out, see
-    `approach_seen`.
-
-    Args:
-        recording: Path of the tip; its time 0 is the start of the command.
-        target: Position of the target [m].
-        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
-        fault: Reason why the strike was interrupted; empty: not interrupted. After a fault no miss distance is
-            computed.
-
-    Raises:
-        InputError: The recording has no marker `tip`, is in pixels, or in a plane although the target is in space.
-    """
-    _refuse_pixels(recording)
-    recording.check_coordinates(len(target))
-    near = approach_seen(recording, target)
-    return Seen(recording, None if near is None or fault else near.distance, true_miss, fault)
 
 
 class Port(Protocol):
@@ -92,45 +47,6 @@ class Port(Protocol):
             `Seen(None, None, fault="why")`. An exception ends the session as a fault does.
         """
         ...
-
-
-def checked(seen: Any, strike: Strike, number: int) -> Seen:
-    """Check the result of a port, and add the strike and a source to a recording without them.
-
-    Raises:
-        InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
-    """
-    if not isinstance(seen, Seen):
-        given = f"{type(seen).__name__} from strike {number}"
-        raise InputError("port", given, "a Seen", "return whiptool.adaptation.ports.seen_of(recording, target)")
-    recording = seen.recording
-    if recording is None:
-        return seen
-    if not isinstance(recording, StrikeRecording):
-        given = f"{type(recording).__name__} from strike {number}"
-        raise InputError("port: recording", given, "a StrikeRecording, or None where nothing was seen")
-    _refuse_pixels(recording)
-    if "tip" not in recording.markers:
-        raise InputError("port: markers", recording.markers, "the tip among them")
-    if recording.strike is not None and not _is_same(recording.strike, strike):
-        given = recording.strike.vector.tolist()
-        raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, the requested strike")
-    named = f"strike {number}"
-    source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
-    return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))
-
-
-def _is_same(one: Strike, other: Strike) -> bool:
-    """Whether two strikes are one; of arms with different numbers of joints they are not."""
-    a, b = one.vector, other.vector
-    return len(a) == len(b) and np.allclose(a, b, rtol=0, atol=_SAME)
-
-
-def _refuse_pixels(recording: StrikeRecording) -> None:
-    """Refuse what one camera in space saw: one camera alone does not determine where the tip was."""
-    if recording.view is not None:
-        fix = "give the recordings of two cameras or more, or use motion capture"
-        raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
 
 
 class TipPort:
@@ -227,3 +143,99 @@ class RigPort:
         if recording is not None:
             recording = dataclasses.replace(recording, source=f"{recording.source}, strike {number}")
         return Seen(recording, seen, true)
+
+
+TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as .yaml
+
+
+class AwaitsRecording(WhiptoolError):
+    """The user's robot has to make a strike next.
+
+    Args:
+        strike: The strike to make.
+        number: Its number in the run.
+        trajectory: Trajectory that the robot has to run.
+        recording: Path at which its recording is expected.
+    """
+
+    def __init__(self, strike: Strike, number: int, trajectory: Path, recording: Path) -> None:
+        self.strike, self.number, self.trajectory, self.recording = strike, number, trajectory, recording
+        super().__init__(f"run {trajectory}, and put what was recorded into {recording}")
+
+
+class RobotPort:
+    """A position-controlled robot that the user commands and records.
+
+    Args:
+        model: Model of its arm.
+        target: Target, for the miss distance.
+        rate: Samples a second of the trajectory [1/s].
+        rest: Time at rest before the strike, in which the whip stops swinging [s].
+        t_stay: Time after the movement's end for which the tip is still observed [s].
+    """
+
+    def __init__(
+        self, model: Model, target: Target, *, rate: float = RATE, rest: float = REST, t_stay: float = T_STAY
+    ) -> None:
+        self.model, self.target, self.rate, self.rest, self.t_stay = model, target, rate, rest, t_stay
+
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
+        """Return the recording of a strike from the folder; see `Port.strike`.
+
+        Raises:
+            AwaitsRecording: The recording does not exist yet; the trajectory for the robot is in the folder.
+            InputError: The recording cannot be read.
+        """
+        assert folder is not None
+        file = folder / RECORDED
+        if not file.exists():
+            raise AwaitsRecording(strike, number, self._told(strike, folder), file)
+        return seen_of(self.read(file, strike), self.target.position)
+
+    def read(self, file: Path, strike: Strike) -> StrikeRecording:
+        """Return the recording of a strike from a file, with the strike as its command, which the sidecar file need not
+        contain.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        return self._of(replace(read_recording(file), **self._about), strike)
+
+    def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
+        """Return the recording of a strike in space, triangulated from two or more cameras; films are tracked, with
+        progress on stderr.
+
+        Args:
+            files: For each camera a film or a table of pixels.
+            strike: The strike's command, which the files' sidecars need not contain.
+            cameras: File of the calibrated cameras; default: the one that each sidecar names.
+
+        Raises:
+            InputError: A file cannot be read, or the files are not of one strike, see
+                `whiptool.vision.strike_in_space.strike_in_space`.
+        """
+        from whiptool.identification.gather import opened, tracked
+        from whiptool.vision.strike_in_space import strike_in_space
+
+        found = [opened(str(file), cameras=cameras) for file in files]
+        views = [tracked(one, name=file.name)[0] for one, file in zip(found, files, strict=True)]
+        return self._of(strike_in_space([replace(view, **self._about) for view in views]), strike)
+
+    def _of(self, recording: StrikeRecording, strike: Strike) -> StrikeRecording:
+        """The recording with its strike, where it states none, and joints and axes as the model has them."""
+        named = recording if recording.strike is not None else replace(recording, strike=strike)
+        return named.for_model(self.model)
+
+    @property
+    def _about(self) -> dict[str, Any]:
+        return {"t_stay": self.t_stay, "target": list(self.target.position)}
+
+    def _told(self, strike: Strike, folder: Path) -> Path:
+        """Write a strike's trajectory, and return its file."""
+        arm = self.model.arm
+        path = JointTrajectory.of_strike(
+            strike, arm.names, limits=arm.joint_limits, rate=self.rate, rest=self.rest, t_stay=self.t_stay
+        )
+        path.save_goal(folder / f"{TRAJECTORY}.yaml")
+        path.save_csv(folder / f"{TRAJECTORY}.csv")
+        return folder / f"{TRAJECTORY}.csv"

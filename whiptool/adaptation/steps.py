@@ -1,16 +1,190 @@
-"""What an adaptation did: each strike with its plan, its outcome and what it taught, and all strikes together."""
+"""What an adaptation did: each strike with its plan, what was seen of it, how it is judged and what it taught.
+
+The probability that a strike hit is that of the whip's posterior and the camera's frames, weighed together. The tip's
+path is that of a whip drawn from the posterior, plus a discrepancy that no whip explains. Where the frames contradict
+the whip, the frames decide, within their noise; see `whiptool.identification.film_judgement`.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.ports import Seen
 from whiptool.adaptation.posterior import Learned
-from whiptool.identification.film_judgement import Judgement
+from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.errors import InputError
+from whiptool.goals.target import Target
+from whiptool.identification.film_judgement import RATE, Judgement, frames_of, judge_frames, weigh
 from whiptool.models.strike import Strike
+from whiptool.recording.filmed_approach import approach_seen
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rollout.compiled import CompiledRollout
 
+NOISE = 0.005  # [m], standard error of a miss that a port tells without one: a plain camera's
+WHIPS = 32  # of the belief
+_SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12])  # [m], [s] of a discrepancy
+
+
+def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
+    """Return the judgement of a strike of which only the miss distance is known, from a port that returns no recording.
+
+    Args:
+        miss: Miss distance [m].
+        target: Target. If it asks for a direction or a speed, no hit is claimed, as the tip's velocity is unknown.
+        error: Standard error of the miss distance [m].
+    """
+    return Judgement(miss, error, float(target.goals.hit_probability(np.array(miss), None, error)))
+
+
+def judge(
+    recording: StrikeRecording,
+    target: Target,
+    belief: Belief | None = None,
+    *,
+    until: float | None = None,
+    seed: Sequence[int] = (0,),
+) -> Judgement | None:
+    """Return the miss distance of a recorded strike with its standard error, and the probability that it hit.
+
+    Args:
+        recording: Recording of the tip, with the strike's command.
+        target: Point and hit radius.
+        belief: The posterior of the whip, this strike included; None: the strike is judged by the frames alone.
+        until: Frames after this time [s] are ignored, unless the closest approach is among them: after a contact with
+            the target the whip moves as no model predicts. None: all frames are used.
+        seed: Seed of the whips that are drawn from the belief.
+
+    Returns:
+        The judgement; None if too few frames show the tip.
+    """
+    frames = frames_of(recording, target, until)
+    if frames is None:
+        return None
+    if belief is not None:
+        t, paths = _believed(belief, recording, seed)
+        if len(paths):
+            watched = t <= (math.inf if until is None else max(until, frames.t[-1]))
+            return weigh(t[watched], paths[:, watched], frames, target, _SIZES, _PACES)
+    return judge_frames(frames, target)
+
+
+def _believed(belief: Belief, recording: StrikeRecording, seed: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Paths of the tip with whips drawn from a belief, by the recording's clock: times (T,) [s], (S, T, d) [m].
+
+    Those that diverge are left out.
+    """
+    assert recording.strike is not None
+    plant = belief.at()
+    assert plant.controller is not None
+    rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=recording.stood)
+    whips = belief.sample(np.random.default_rng(list(seed)), WHIPS)
+    t, paths, _ = rollout.tip_path(
+        np.tile(recording.strike.vector, (len(whips), 1)),
+        t_stay=recording.t_stay,
+        rate=RATE,
+        models=[whip.model for whip in whips],
+        controllers=[whip.controller for whip in whips if whip.controller is not None],
+    )
+    late = belief.values().get("delay", 0.0)
+    return t + late, paths[np.isfinite(paths).all(axis=(1, 2))]
+
+
+_SAME = 1e-6  # [rad], [s]: two strikes are one
 _SHOWN = 5  # strikes that the representation of a whole adaptation shows, the last ones
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Result of a strike, which a port returns.
+
+    Args:
+        recording: The filmed path of the tip; None: the tip was not seen.
+        seen_miss: Miss distance along the filmed path, interpolated smoothly between frames [m]; None: unknown.
+        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
+        fault: Reason why the strike was interrupted, which ends the session; empty: not interrupted.
+        refused: Reason why the strike was refused before anything moved; empty: not refused. The session continues with
+            the next strike.
+    """
+
+    recording: StrikeRecording | None
+    seen_miss: float | None
+    true_miss: float | None = None
+    fault: str = ""
+    refused: str = ""
+
+    @property
+    def carried_out(self) -> bool:
+        """Whether the strike was carried out. Nothing is learned from one that was refused or interrupted."""
+        return not (self.fault or self.refused)
+
+
+def seen_of(
+    recording: StrikeRecording, target: Sequence[float], *, true_miss: float | None = None, fault: str = ""
+) -> Seen:
+    """Return the result of a filmed strike: the recording, and the miss distance in its frames.
+
+    The tip's path is interpolated smoothly between frames; gaps of more than two frames are left out, see
+    `approach_seen`.
+
+    Args:
+        recording: Path of the tip; its time 0 is the start of the command.
+        target: Position of the target [m].
+        true_miss: True miss distance, which only a simulated twin can measure [m]; None: not measured.
+        fault: Reason why the strike was interrupted; empty: not interrupted. After a fault no miss distance is
+            computed.
+
+    Raises:
+        InputError: The recording has no marker `tip`, is in pixels, or in a plane although the target is in space.
+    """
+    _refuse_pixels(recording)
+    recording.check_coordinates(len(target))
+    near = approach_seen(recording, target)
+    return Seen(recording, None if near is None or fault else near.distance, true_miss, fault)
+
+
+def checked(seen: Any, strike: Strike, number: int) -> Seen:
+    """Check the result of a port, and add the strike and a source to a recording without them.
+
+    Raises:
+        InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.
+    """
+    if not isinstance(seen, Seen):
+        given = f"{type(seen).__name__} from strike {number}"
+        raise InputError("port", given, "a Seen", "return whiptool.adaptation.steps.seen_of(recording, target)")
+    recording = seen.recording
+    if recording is None:
+        return seen
+    if not isinstance(recording, StrikeRecording):
+        given = f"{type(recording).__name__} from strike {number}"
+        raise InputError("port: recording", given, "a StrikeRecording, or None where nothing was seen")
+    _refuse_pixels(recording)
+    if "tip" not in recording.markers:
+        raise InputError("port: markers", recording.markers, "the tip among them")
+    if recording.strike is not None and not _is_same(recording.strike, strike):
+        given = recording.strike.vector.tolist()
+        raise InputError("port: strike of the recording", given, f"{strike.vector.tolist()}, the requested strike")
+    named = f"strike {number}"
+    source = recording.source if recording.source.endswith(named) else f"{recording.source or 'port'}, {named}"
+    return dataclasses.replace(seen, recording=dataclasses.replace(recording, strike=strike, source=source))
+
+
+def _is_same(one: Strike, other: Strike) -> bool:
+    """Whether two strikes are one; of arms with different numbers of joints they are not."""
+    a, b = one.vector, other.vector
+    return len(a) == len(b) and np.allclose(a, b, rtol=0, atol=_SAME)
+
+
+def _refuse_pixels(recording: StrikeRecording) -> None:
+    """Refuse what one camera in space saw: one camera alone does not determine where the tip was."""
+    if recording.view is not None:
+        fix = "give the recordings of two cameras or more, or use motion capture"
+        raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
 
 
 @dataclass(frozen=True, repr=False)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
-from whiptool.adaptation.robot_port import AwaitsRecording, RobotPort
+from whiptool.adaptation.ports import AwaitsRecording, RobotPort
 from whiptool.commands import cli
 from whiptool.commands.interruptions import tell_when_interrupted
 from whiptool.commands.options.adapt_options import ROBOT, AdaptOptions, prepare

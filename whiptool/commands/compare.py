@@ -29,7 +29,8 @@ from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
 if TYPE_CHECKING:
-    from whiptool.comparison import Comparison, Series
+    from whiptool.comparison.plan import Comparison
+    from whiptool.comparison.series import Series
     from whiptool.runs import RunFolder
 
 QUICK: dict[str, Any] = {
@@ -133,7 +134,8 @@ class ComparisonOptions(
         Raises:
             InputError: An option is out of range.
         """
-        from whiptool.comparison import Comparison, TargetScene
+        from whiptool.comparison.plan import Comparison
+        from whiptool.comparison.target_scene import TargetScene
 
         model, controller = self.build_model(), self.build_controller()
         scene = TargetScene(
@@ -215,9 +217,9 @@ def _work(options: CompareOptions) -> int:
 def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder) -> int:
     """Work on what is not done yet, write everything, tell people or programs."""
     start = time.monotonic()
-    from whiptool.comparison import Store, collect
-    from whiptool.comparison.series import difficulty_sentence
+    from whiptool.comparison.series import collect, difficulty_sentence
     from whiptool.comparison.target_scene import fast_region, words
+    from whiptool.comparison.units import Store
 
     scene = comparison.scene
     target = options.build_target(scene.model).position
@@ -261,7 +263,7 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
     """Write tables and plots into a folder, and return the tables as Markdown, headed by `about`."""
-    from whiptool.comparison import series as tables
+    import whiptool.comparison.series as tables
     from whiptool.comparison.trial_plots import save_comparison
 
     parts = [about, tables.as_markdown(tables.main_table(series)), tables.CONVENTION_NOTE]

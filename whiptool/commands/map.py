@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models.strike import Strike
     from whiptool.objective import Outcome
-    from whiptool.strike_map import StrikeMap, Striker
+    from whiptool.strike_map.strike_map import StrikeMap
+    from whiptool.strike_map.striker import Striker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,8 +119,7 @@ _STRIKE = "Look up the strike for a goal in a map. Example: python -m whiptool.m
 
 
 def _build(options: BuildOptions) -> int:
-    from whiptool.strike_map.building import built
-    from whiptool.strike_map.map_runs import building_of
+    from whiptool.strike_map.map_files import building_of, built
 
     if options.gate_strikes:
         optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
@@ -187,7 +187,7 @@ def _strike(options: MapStrikeOptions) -> int:
     from whiptool.models.strike import named_strike
     from whiptool.objective import Objective
     from whiptool.runs import code_version
-    from whiptool.strike_map.map_runs import load_map
+    from whiptool.strike_map.map_files import load_map
 
     cli.check_out(options)
     strike_map = load_map(options.run)

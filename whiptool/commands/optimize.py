@@ -135,7 +135,7 @@ class SearchRun:
         config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)
         self.method = "pareto" if options.pareto is not None else options.method or usual_method(self.rollout)
         if self.method == "map":
-            from whiptool.optimizers.map_search import map_for
+            from whiptool.optimizers.gradient_search import map_for
 
             map_for(self.objective)
         self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
@@ -263,7 +263,7 @@ class SearchRun:
 
     def _front(self, result):
         """Return the Pareto front of what was tried."""
-        from whiptool.optimizers.front import ParetoFront
+        from whiptool.optimizers.pareto_search import ParetoFront
 
         first, second = self.objective.criteria
         return ParetoFront.of((first, second), result.trace)

@@ -51,7 +51,7 @@ def usual_for(kind: type[T], policy: Path) -> T:
 def shown_strike(policy: Path) -> StrikeRun:
     """Return the policy's first strike at the first held-out goal of its training."""
     from whiptool.goals.target import Target
-    from whiptool.rl.held_out import held_out_goals
+    from whiptool.rl.policy import held_out_goals
 
     trained = cli.options_of_run(TrainOptions, folder_of(policy), command="train")
     loaded = load_policy(policy)

@@ -148,9 +148,9 @@ class TrainingRun:
 
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")
-        from whiptool.rl.episode_table import EpisodeTable
+        from whiptool.rl.actor_critic import LOSSES
         from whiptool.rl.trained import BEST, CHECKPOINT, task_of, training_of
-        from whiptool.rl.training import LOSSES
+        from whiptool.rl.training_log import EpisodeTable
 
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
 
@@ -185,8 +185,8 @@ class TrainingRun:
 
     def train(self) -> int:
         """Train with a progress bar, log every episode, and strike at test targets at the end."""
-        from whiptool.rl.event_log import EventLog
         from whiptool.rl.learner import Diverged
+        from whiptool.rl.training_log import EventLog
 
         training, options = self.training, self.options
         self._begin()
@@ -294,8 +294,7 @@ class TrainingRun:
 
     def _lines(self, seconds: float, tried: dict[str, dict[str, Any]]) -> list[str]:
         """Return the result for people."""
-        from whiptool.rl.held_out import GOALS
-        from whiptool.rl.policy import CONVENTIONS
+        from whiptool.rl.policy import CONVENTIONS, GOALS
         from whiptool.rl.trained import BEST, CHECKPOINT
 
         best, plan, rule = self.training.best, self.training.plan, self.tests.arrival

@@ -117,9 +117,10 @@ class LearnerUnit(Unit):
         """A learner that knows nothing, and its training."""
         torch = optional("torch", self.method)
 
+        from whiptool.rl.actor_critic import make_learner
         from whiptool.rl.learner import OffPolicyLearner
         from whiptool.rl.settings import settings_for
-        from whiptool.rl.training import Training, TrainingPlan, make_learner
+        from whiptool.rl.training import Training, TrainingPlan
 
         task = self._task(self.scene.radii[0], threads)
         generator = torch.Generator().manual_seed(self.seed)

@@ -9,16 +9,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from whiptool.comparison.difficulty import DifficultyUnit
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.comparison.series import Series, collect
-from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.target_scene import DifficultyUnit, TargetScene
 from whiptool.comparison.units import Store
 from whiptool.errors import InputError, expect, refuse_call
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone, usual_disc
 from whiptool.models.numbers import texts, whole
+from whiptool.optimizers import find_method
 from whiptool.rl.settings import TrainingPlan
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.words import method_name
@@ -57,8 +57,6 @@ class Comparison:
     further_episodes: int | None = None
 
     def __post_init__(self) -> None:
-        from whiptool.optimizers import find_method
-
         object.__setattr__(self, "methods", tuple(dict.fromkeys(map(method_name, (*self.methods, "random")))))
         object.__setattr__(self, "observations", tuple(dict.fromkeys(self.observations)))
         for method in self.methods:

@@ -2,6 +2,6 @@
 
 from whiptool.interception.interceptor import Interception, Interceptor, TargetCamera
 from whiptool.interception.library import Library
-from whiptool.interception.tracks import TargetTrack, fit_track
+from whiptool.interception.target_tracks import TargetTrack, fit_track
 
 __all__ = ["Interception", "Interceptor", "Library", "TargetCamera", "TargetTrack", "fit_track"]

@@ -1,18 +1,207 @@
-"""Pareto fronts by the epsilon-constraint method (Haimes, Lasdon and Wismer 1971) along exact derivatives."""
+"""Pareto fronts by the epsilon-constraint method (Haimes, Lasdon and Wismer 1971) along exact derivatives.
+
+A front holds the hits of which no other is better by one of two criteria and not worse by the other.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import nlopt
 import numpy as np
 from scipy.stats import rankdata
 
+from whiptool.goals.criteria import Criterion
 from whiptool.objective import Objective, Trial
-from whiptool.optimizers.constrained import Cap, descend
-from whiptool.optimizers.front import ParetoFront, oriented
-from whiptool.optimizers.linear_steps import step_down
+from whiptool.optimizers.gradient_search import Cap, HitPoint, HitProblem, descend
+
+RESOLUTION = 1e-3  # part of a criterion's range over the front that counts as nothing
+
+
+@dataclass(frozen=True, eq=False)
+class ParetoFront:
+    """Pareto front of hits, from the best by the first criterion to the best by the second.
+
+    Args:
+        criteria: The two criteria.
+        trials: The P trials on the front.
+    """
+
+    criteria: tuple[Criterion, Criterion]
+    trials: tuple[Trial, ...]
+
+    @classmethod
+    def of(cls, criteria: tuple[Criterion, Criterion], trials: Sequence[Trial]) -> ParetoFront:
+        """Return the front of a search's trials; of equal hits it contains the first.
+
+        A hit that improves one criterion by less than `RESOLUTION` times its range is left out.
+        """
+        hits = [trial for trial in trials if trial.outcome.hit and np.isfinite(trial.outcome.values).all()]
+        costs = oriented(criteria, [trial.outcome.values for trial in hits])
+        order = np.lexsort((costs[:, 1], costs[:, 0]))
+        order = _gaining(order, costs[:, 1], 0.0)
+        for column in (1, 0):
+            step = RESOLUTION * np.ptp(costs[order, column]) if len(order) else 0.0
+            order = _gaining(order, costs[:, column], step)[::-1]
+        return cls(criteria, tuple(hits[i] for i in order))
+
+    @property
+    def values(self) -> np.ndarray:
+        """The criteria of each hit in their units, (P, 2)."""
+        return np.array([trial.outcome.values for trial in self.trials]).reshape(-1, 2)
+
+    @property
+    def strikes(self) -> np.ndarray:
+        """Strike vectors of the front, (P, m)."""
+        return np.array([trial.strike for trial in self.trials])
+
+    @property
+    def costs(self) -> np.ndarray:
+        """The criteria, with signs such that less is better, divided by their range over the front, (P, 2)."""
+        costs = oriented(self.criteria, self.values)
+        span = np.ptp(costs, axis=0) if len(costs) else np.ones(2)
+        return costs / np.where(span > 0, span, 1.0)
+
+    def table(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return the front as plain data for JSON.
+
+        Args:
+            names: Names of a strike's coordinates, (m,).
+        """
+        criteria = [{"name": x.name, "unit": x.unit, "maximised": x.largest} for x in self.criteria]
+        hits = [
+            {
+                "trial": trial.number,
+                **dict(zip((x.name for x in self.criteria), trial.outcome.values, strict=True)),
+                "miss_distance": trial.outcome.miss_distance,
+                "tip_speed": trial.outcome.tip_speed,
+                "strike": dict(zip(names, trial.strike, strict=True)),
+            }
+            for trial in self.trials
+        ]
+        return {"criteria": criteria, "front": hits}
+
+    def csv(self, names: Sequence[str]) -> str:
+        """Return the front as CSV: number of the trial, both criteria, and the strike.
+
+        Args:
+            names: Names of a strike's coordinates, (m,).
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["trial", *(x.name for x in self.criteria), *names])
+        for trial in self.trials:
+            writer.writerow([trial.number, *map(repr, trial.outcome.values), *map(repr, trial.strike)])
+        return text.getvalue()
+
+
+def dominated_by(criteria: Sequence[Criterion], front: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return by how much each of Q other hits dominates a front, relative to the front's range, (Q,).
+
+    This is the additive epsilon indicator (Zitzler et al. 2003): the shift of the front in both criteria that would
+    make it at least as good as that hit. If it is at most 0, the hit dominates no point of the front.
+
+    Args:
+        criteria: The two criteria.
+        front: Values of the hits on the front, (P, 2).
+        values: Values of the other hits, (Q, 2).
+    """
+    costs = oriented(criteria, front)
+    span = np.where(np.ptp(costs, axis=0) > 0, np.ptp(costs, axis=0), 1.0)
+    behind = (costs[None] - oriented(criteria, values)[:, None]) / span  # (Q, P, 2)
+    return behind.max(axis=2).min(axis=1)
+
+
+def _gaining(order: Sequence[int] | np.ndarray, costs: np.ndarray, step: float) -> list[int]:
+    """Return those of some hits, in their order, that cost less than all before them, by more than a step."""
+    kept: list[int] = []
+    for i in order:
+        if not kept or costs[i] < costs[kept[-1]] - step:
+            kept.append(int(i))
+    return kept
+
+
+def oriented(criteria: Sequence[Criterion], values: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
+    """Return the values (B, k) of k criteria with signs such that less is better."""
+    signs = [-1.0 if criterion.largest else 1.0 for criterion in criteria]
+    return np.asarray(values, float).reshape(-1, len(signs)) * signs
+
+
+FIRST = 0.05  # size of the first step in each number, in parts of the bounds
+LONGEST, SHORTEST = 0.5, 1e-3  # of steps; a descent whose steps become shorter ends
+GROWS, SHRINKS = 2.0, 1 / 3  # steps, after one that was better and one that was not
+INSIDE = 0.3  # part of the squared hit radius by which linear programs stay inside, for what they do not see
+
+
+def step_down(objective: Objective, start: np.ndarray, criterion: Criterion, *, steps: int) -> None:
+    """Follow exact derivatives from one strike to a good hit near it, with steps limited by a trust region.
+
+    Each step minimises the sum of the linearised criterion and a penalty for the violated hit constraints within a box
+    around the strike (Fletcher and Sainz de la Maza 1989); a step that does not reduce the sum is undone. For arms with
+    many joints, whose outcomes are strongly nonlinear, it finds hits where `descend` jumps between local minima; near
+    the best hit `descend` is more exact.
+
+    Args:
+        objective: Objective with the target; every strike is a trial.
+        start: Strike vector, (m,); it need not be a hit.
+        criterion: Criterion to minimise.
+        steps: Largest number of steps.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+        InputError: The simulator has no derivatives.
+    """
+    problem = HitProblem(objective, criterion, ())
+    begun = problem.begin(start)
+    if begun is None:
+        return
+    try:
+        _descend(problem, *begun, steps)
+    except nlopt.ForcedStop:
+        raise problem.ended[0] from None
+
+
+def _descend(problem: HitProblem, u: np.ndarray, point: HitPoint, steps: int) -> None:
+    size = FIRST
+    for _ in range(steps):
+        other = np.clip(u + _step(problem, u, point, size), 0, 1)
+        found = problem(other)
+        if _left(found) < _left(point):
+            u, point, size = other, found, min(size * GROWS, LONGEST)
+        else:
+            size *= SHRINKS
+        if size < SHORTEST:
+            return
+
+
+def _left(point: HitPoint) -> float:
+    """Return what is minimised: the largest measure and by how much the constraints are broken."""
+    return float(point.measures.max() + np.maximum(point.constraints, 0).sum())
+
+
+def _step(problem: HitProblem, u: np.ndarray, point: HitPoint, size: float) -> np.ndarray:
+    """Return the step of the linear program, (m,): other variables are the largest measure and the excesses."""
+    from scipy.optimize import linprog
+
+    m, k, c = len(u), len(point.measures), len(point.constraints)
+    rows = [np.hstack([point.measure_slopes, -np.ones((k, 1)), np.zeros((k, c))])]
+    rows.append(np.hstack([point.constraint_slopes, np.zeros((c, 1)), -np.eye(c)]))
+    ends = [-point.measures, -point.constraints - INSIDE]
+    for smooth in problem.objective.smooth:
+        beyond, slopes = smooth.constraints(problem.lower + u * problem.scale)
+        rows.append(np.hstack([slopes * problem.scale, np.zeros((len(beyond), 1 + c))]))
+        ends.append(np.maximum(-beyond, 0))
+    box = [*zip(np.maximum(-size, -u), np.minimum(size, 1 - u)), (None, None), *[(0, None)] * c]
+    costs = np.r_[np.zeros(m), 1.0, np.ones(c)]
+    found = linprog(costs, A_ub=np.vstack(rows), b_ub=np.concatenate(ends), bounds=box)
+    return np.zeros(m) if found.x is None else found.x[:m]
+
 
 BATCH = 64  # random strikes from which a front begins
 FAR = 100  # steps of the descents in long steps from random strikes, at most

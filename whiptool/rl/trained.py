@@ -59,8 +59,9 @@ def training_of(config: Mapping[str, Any]) -> Training:
 
 def _training(method: str, settings: Mapping[str, Any], task: StrikeTask, plan: TrainingPlan, seed: int) -> Training:
     torch = optional("torch", "whiptool train")
-    from whiptool.rl.held_out import held_out_goals
-    from whiptool.rl.training import Training, make_learner
+    from whiptool.rl.actor_critic import make_learner
+    from whiptool.rl.policy import held_out_goals
+    from whiptool.rl.training import Training
 
     learner = make_learner(method, settings_for(method, **settings), task, torch.Generator().manual_seed(seed))
     return Training(learner, task, plan, held_out_goals(task, seed))

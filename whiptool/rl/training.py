@@ -21,25 +21,11 @@ from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
 from whiptool.goals.goals import Goals
 from whiptool.rl import hindsight
-from whiptool.rl.ddpg import DDPG
-from whiptool.rl.held_out import EVERY, Best, Score, score
-from whiptool.rl.learner import Learner, OffPolicyLearner
-from whiptool.rl.policy import Policy
-from whiptool.rl.ppo import PPO
-from whiptool.rl.replay import Transitions
-from whiptool.rl.sac import SAC
-from whiptool.rl.settings import Settings, TrainingPlan
+from whiptool.rl.learner import Learner, OffPolicyLearner, Transitions
+from whiptool.rl.policy import EVERY, Best, Policy, Score, score
+from whiptool.rl.settings import TrainingPlan
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.td3 import TD3
 from whiptool.whole_files import write_whole
-
-LEARNERS: dict[str, type[Learner]] = {"sac": SAC, "td3": TD3, "ddpg": DDPG, "ppo": PPO}
-LOSSES = {
-    "sac": ("critic", "actor", "entropy"),
-    "td3": ("critic", "actor"),
-    "ddpg": ("critic", "actor"),
-    "ppo": ("actor", "value", "divergence"),
-}
 
 
 @dataclass(frozen=True)
@@ -72,23 +58,6 @@ class TrainingEpisode:
         held_out = {} if self.held_out is None else asdict(self.held_out)
         parts = {"loss": self.losses, "held_out": held_out}
         return whole | {f"{part}/{name}": x for part, values in parts.items() for name, x in values.items()}
-
-
-def make_learner(method: str, settings: Settings, task: StrikeTask, generator: torch.Generator) -> Learner:
-    """Return a new learner for a task.
-
-    Raises:
-        InputError: No learner has this name.
-    """
-    if method not in LEARNERS:
-        raise InputError("learner", method, ", ".join(LEARNERS))
-    return LEARNERS[method](
-        settings,
-        n_obs=task.n_obs,
-        n_act=task.n_act,
-        discount=settings.discount_for(task.observation),
-        generator=generator,
-    )
 
 
 class Training:

@@ -2,26 +2,148 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.models.numbers import whole
-from whiptool.progress import Progress
-from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.candidates import features
-from whiptool.strike_map.gate import Gate
-from whiptool.strike_map.harvest import Harvest
-from whiptool.strike_map.map_files import load_gate, load_parts, save_gate, save_part
-from whiptool.strike_map.strike_map import TRIED, StrikeMap
+from whiptool.models.strike import strike_names
+from whiptool.strike_map.answers import Answers, Front
+from whiptool.strike_map.strike_map import TRIED, Gate, StrikeMap, features
 from whiptool.strike_map.striker import Striker
 
-_AT_ONCE = 2048  # random strikes of a part
+Cell: TypeAlias = tuple[int, ...]
+
+RATE = 500.0  # [1/s] at which paths are looked at: differences between samples are velocities to a part in a thousand
+_IN_MEMORY = 128  # strikes, whose derivatives along their whole paths are in memory together
+_CELL = 2.0  # width of a cell, in hit radii and in cones
+_WORTH = 4  # cells with room that a strike has to pass
+
+
+class Harvest:
+    """Counts the map entries in each cell of a region, and selects further entries for cells that are not full.
+
+    A cell is two hit radii wide, and two cones if directions are required. Only strikes that pass several cells that
+    are not full are used, because derivatives cost as much for the whole path as for one point.
+
+    Args:
+        striker: Simulator of strikes.
+        region: Region of the goals.
+        rng: Random generator, for points by which the zone's range of directions is estimated.
+    """
+
+    def __init__(self, striker: Striker, region: GoalRegion, rng: np.random.Generator) -> None:
+        self.striker, self.region = striker, region
+        self.front = Front(striker.rollout.model)
+        self._azimuths = self.front.azimuths(region.zone, rng)
+        self._taken: Counter[Cell] = Counter()
+
+    def count(self, answers: Answers) -> None:
+        """Count entries that were selected before."""
+        self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
+
+    def pick(self, strikes: np.ndarray, *, room: int) -> Answers:
+        """Return entries of strikes (B, m) at points in cells that are not full, rotated about the vertical to the
+        front.
+
+        Args:
+            strikes: Strikes; those that exceed the limits are left out.
+            room: Largest number of entries in a cell.
+        """
+        if not len(strikes):
+            return Answers.none(strikes.shape[1], self.region.zone.dimension)
+        kept, which, when = [], [], []
+        for strike, cells in self._passed(strikes):
+            free = {cell: at for cell, at in cells.items() if self._taken[cell] < room}
+            if len(free) >= _WORTH and self.striker.keep(strike[None])[0]:
+                self._taken.update(free.keys())
+                which += [len(kept)] * len(free)
+                when += sorted(free.values())
+                kept.append(strike)
+        strikes = np.reshape(kept, (len(kept), strikes.shape[1]))
+        found = passages_of(self.striker, strikes, np.array(which, int), np.array(when, int))
+        return self.front.answers(found, -self.front.angles(found.tips))
+
+    def _passed(self, strikes: np.ndarray) -> Iterator[tuple[np.ndarray, dict[Cell, int]]]:
+        """Yield strikes whose peaks are within the limits, and the cells that their tips pass as goals ask for it.
+
+        With each cell stands the last sample in it.
+        """
+        within, paths, velocities = paths_of(self.striker, strikes)
+        strikes = strikes[within]
+        which, when = np.nonzero(np.isfinite(velocities).all(axis=2))
+        tips, velocities = paths[which, when], velocities[which, when]
+        angles = -self.front.angles(tips)
+        tips, velocities = self.front.vectors(tips, angles), self.front.vectors(velocities, angles)
+        wanted = self.striker.inside(self.front.strikes(strikes[which], angles)) & self._in_zone(tips)
+        which, when, tips, velocities = which[wanted], when[wanted], tips[wanted], velocities[wanted]
+        arrives = self.region.goals_of(tips, velocities).arrives(velocities)
+        cells = self._cells(tips[arrives], velocities[arrives])
+        passed: list[dict[Cell, int]] = [{} for _ in strikes]
+        for strike, at, cell in zip(which[arrives], when[arrives], cells, strict=True):
+            passed[strike][tuple(cell)] = int(at)
+        return zip(strikes, passed, strict=True)
+
+    def _in_zone(self, tips: np.ndarray) -> np.ndarray:
+        """Return whether places that were turned to the front lie in the zone where they are turned back, (K,)."""
+        contained = np.zeros(len(tips), bool)
+        for azimuth in self._azimuths:
+            contained |= self.region.zone.contains(self.front.vectors(tips, np.full(len(tips), azimuth)))
+        return contained
+
+    def _cells(self, tips: np.ndarray, velocities: np.ndarray) -> list[list[int]]:
+        """Return in which cell of the region each passage lies."""
+        columns = tips / (_CELL * self.region.hit_radius)
+        angles = self.region.angles(tips, velocities)
+        if angles is not None:
+            columns = np.column_stack([columns, angles / (_CELL * self.region.rule.cone)])
+        return np.floor(columns).astype(int).tolist()
+
+
+def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: np.ndarray) -> Answers:
+    """Return the entries of strikes (S, m) at samples of their paths, `RATE` a second, as `paths_of` returns them.
+
+    Args:
+        striker: Simulator of strikes.
+        strikes: Vectors, (S, m).
+        which: Indices of the strikes, (K,), in ascending order.
+        when: Index of the sample, (K,), neither a path's first nor its last.
+    """
+    names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
+    parts = [Answers.none(strikes.shape[1], d)]
+    for first in range(0, len(strikes), _IN_MEMORY):
+        here = (which >= first) & (which < first + _IN_MEMORY)
+        some, row, sample = strikes[first : first + _IN_MEMORY], which[here] - first, when[here]
+        _, paths, slopes = striker.rollout.tip_path(some, t_stay=striker.t_stay, rate=RATE, names=names)
+        before, at, after = (paths[row, sample + step] for step in (-1, 0, 1))
+        velocity, acceleration = (after - before) * RATE / 2, (after - 2 * at + before) * RATE**2
+        of_velocity = (slopes[row, sample + 1] - slopes[row, sample - 1]) * RATE / 2
+        tip_slopes = np.concatenate([slopes[row, sample], velocity[..., None]], axis=2)
+        velocity_slopes = np.concatenate([of_velocity, acceleration[..., None]], axis=2)
+        parts.append(Answers(some[row], at, velocity, tip_slopes, velocity_slopes))
+    return Answers.joined(parts)
+
+
+def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the tip paths of those strikes (S, m) that keep the limits by their peak values.
+
+    Returns:
+        Indices of these strikes (b,); positions [m] and velocities [m/s] of the tips at `RATE`, (b, T, d) each, NaN
+        outside the strike.
+    """
+    within, paths = striker.paths(strikes, rate=RATE)
+    kept, paths = np.flatnonzero(within), paths[within]
+    velocities = np.full_like(paths, np.nan)
+    velocities[:, 1:-1] = (paths[:, 2:] - paths[:, :-2]) * RATE / 2
+    return kept, paths, velocities
+
+
+_DRAWN = 2048  # random strikes of a part
 
 
 @dataclass(frozen=True)
@@ -61,7 +183,7 @@ class MapPlan:
     @property
     def random_parts(self) -> int:
         """Number of parts of random strikes."""
-        return -(-self.random_strikes // _AT_ONCE)
+        return -(-self.random_strikes // _DRAWN)
 
 
 class Building:
@@ -90,7 +212,7 @@ class Building:
         practised = len(before) - self.plan.random_parts
         if practised >= 0:
             return self._practice(harvest, Answers.joined(before), rng, room=self.plan.room + practised + 1)
-        count = min(_AT_ONCE, self.plan.random_strikes - len(before) * _AT_ONCE)
+        count = min(_DRAWN, self.plan.random_strikes - len(before) * _DRAWN)
         drawn = self.striker.limits.random_strikes(self.striker.bounds, rng, count)
         found = harvest.pick(drawn, room=self.plan.room)
         if not before and not len(found):
@@ -124,21 +246,3 @@ class Building:
         each = np.repeat(np.arange(len(strikes)), [len(x) for x in strikes])
         hit = self.striker.land(np.concatenate(strikes), goals.rows(each)).hit
         return Gate.trained(np.concatenate(seen), hit, seed=self.seed, progress=progress)
-
-
-def built(building: Building, folder: Path) -> StrikeMap:
-    """Build a map, and return it; parts that the folder already has are loaded, others are computed and written to
-    it."""
-    plan = building.plan
-    parts = load_parts(folder, plan.parts)
-    with Progress(total=plan.parts, initial=len(parts), unit=" parts", desc="map", file=sys.stderr, leave=False) as bar:
-        while len(parts) < plan.parts:
-            parts.append(building.part(parts))
-            save_part(folder, len(parts) - 1, parts[-1])
-            bar.set_postfix_str(f"{sum(map(len, parts))} answers", refresh=False)
-            bar.update()
-    answers, gate = Answers.joined(parts), load_gate(folder)
-    if gate is None and plan.gate_strikes > 0:
-        gate = building.gate(answers, progress=True)
-        save_gate(folder, gate)
-    return StrikeMap(building.striker, building.region, answers, gate)

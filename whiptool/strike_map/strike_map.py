@@ -1,23 +1,167 @@
-"""A strike map: the strike for any goal of a region, without a search."""
+"""A strike map: the strike for any goal of a region, without a search.
+
+The entries nearest to a goal are corrected to first order, a network ranks these candidates, and simulation refines
+them.
+"""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target, as_target
 from whiptool.models.strike import Strike
-from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.candidates import Candidates, candidates, features
-from whiptool.strike_map.corrections import Refined, finished, refine
-from whiptool.strike_map.gate import Gate
-from whiptool.strike_map.striker import Striker
-from whiptool.strike_map.turning import Front
+from whiptool.progress import Progress
+from whiptool.strike_map.answers import Answers, Front
+from whiptool.strike_map.striker import Refined, Striker, correct, finished, refine
+
+INSTANT = 0.02  # [s]: by it changes of the instant are measured, as those of a strike are by the box's widths
+SHORTLIST = 64  # answers nearest to a goal that are corrected
+_CHANGE = 0.2  # in widths, that counts as much against a candidate as a miss of a hit radius
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """C strikes that may hit one goal, sorted by the score `doubt`, the best first.
+
+    Args:
+        strikes: Strike vectors, (C, m).
+        slopes: Derivatives of the goal's residuals at the map entries from which they were computed, (C, r, m).
+        change: Difference from these entries, (C, m + 1): of the m coordinates relative to the width of their bounds,
+            then of the time of contact relative to `INSTANT`, 0.02 s.
+        left: Remaining residual to first order, in units of the hit radius, (C,).
+    """
+
+    strikes: np.ndarray
+    slopes: np.ndarray
+    change: np.ndarray
+    left: np.ndarray
+
+    @property
+    def doubt(self) -> np.ndarray:
+        """Score of each candidate, the smaller the better: distance from its map entry plus remaining residual,
+        (C,)."""
+        return np.linalg.norm(self.change, axis=1) / _CHANGE + self.left
+
+    def take(self, which: np.ndarray | slice) -> Candidates:
+        """Return a selection of the candidates."""
+        return Candidates(*(getattr(self, f.name)[which] for f in fields(self)))
+
+
+def candidates(
+    striker: Striker, answers: Answers, front: Front, goal: Goals, *, shortlist: int = SHORTLIST
+) -> Candidates:
+    """Return candidates for one goal (B = 1): the nearest map entries, each corrected to first order.
+
+    Args:
+        striker: Simulator of strikes, for their box.
+        answers: Map entries, rotated to the front.
+        front: Rotates goals to the front, and strikes back.
+        goal: The goal, not rotated.
+        shortlist: Number of entries that are corrected.
+    """
+    angle = front.angles(goal.positions)
+    nearest = answers.take(answers.shortlist(front.goals(goal, -angle), shortlist))
+    near = front.answers(nearest, np.repeat(angle, len(nearest)))
+    residuals = goal.residuals(near.tips, near.velocities)
+    slopes = goal.residual_slopes(near.velocities, near.tip_slopes, near.velocity_slopes)
+    any_instant = np.full((len(near), 1), np.inf)
+    room = (
+        np.hstack([striker.lower - near.strikes, -any_instant]),
+        np.hstack([striker.upper - near.strikes, any_instant]),
+    )
+    widths = np.append(striker.widths, INSTANT)
+    change, left = correct(residuals, slopes, room, widths)
+    corrected = striker.admissible(near.strikes + change[:, :-1])
+    of_strikes = slopes[:, :, :-1] + slopes[:, :, -1:] * _instants(near)[:, None, :]
+    found = Candidates(corrected, of_strikes, change / widths, left / goal.hit_radius)
+    return found.take(np.argsort(found.doubt, kind="stable"))
+
+
+def _instants(answers: Answers) -> np.ndarray:
+    """Return by how much strikes shift the instant at which the tip is closest to a place that it hits, (K, m)."""
+    v, by_strike = answers.velocities, answers.tip_slopes[:, :, :-1]
+    return -np.einsum("kd,kdm->km", v, by_strike) / np.einsum("kd,kd->k", v, v)[:, None]
+
+
+def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
+    """Return the features of each candidate for one goal, (C, f): goal, strike, change, and residual."""
+    angle = -front.angles(goal.positions)
+    ahead, count = front.goals(goal, angle), len(candidates.strikes)
+    strikes = front.strikes(candidates.strikes, np.repeat(angle, count))
+    of_goal = [ahead.positions / striker.rollout.model.reach]
+    of_goal += [] if ahead.directions is None else [ahead.directions]
+    parts = [np.repeat(np.hstack(of_goal), count, axis=0), 2 * (strikes - striker.lower) / striker.widths - 1]
+    parts += [np.tanh(candidates.change), np.log(candidates.doubt + 1e-3)[:, None], np.tanh(candidates.left)[:, None]]
+    return np.hstack(parts)
+
+
+HIDDEN = (256, 256)
+_EPOCHS, _BATCH, _RATE, _DECAY = 40, 512, 1e-3, 1e-4
+_HELD_OUT = 10  # every so many goals are held out
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """A trained ranking network (gate) that predicts which candidates hit: a multilayer perceptron, evaluated with
+    NumPy.
+
+    Args:
+        weights, biases: Weights and biases of each layer, (in, out) and (out,), in single precision.
+        mean, scale: Mean and scale of the features that it was trained on, (f,) each.
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    mean: np.ndarray
+    scale: np.ndarray
+
+    def odds(self, seen: np.ndarray) -> np.ndarray:
+        """Return the log odds that candidates hit, (C,), from their features (C, f)."""
+        x = _scaled(seen, self.mean, self.scale)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            x = np.maximum(x @ weight + bias, 0.0)
+        return (x @ self.weights[-1] + self.biases[-1])[:, 0].astype(float)
+
+    @classmethod
+    def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
+        """Return a network trained by logistic regression on the features (N, f) of candidates and whether they hit,
+        (N,).
+        """
+        torch = optional("torch", "the gate of a strike map")
+        from whiptool.rl.networks import Layers
+
+        generator = torch.Generator().manual_seed(seed)
+        mean, scale = seen.mean(axis=0), seen.std(axis=0) + 1e-6
+        layers = Layers([seen.shape[1], *HIDDEN, 1], generator)
+        x, y = torch.as_tensor(_scaled(seen, mean, scale)), torch.as_tensor(hit, dtype=torch.float32)
+        optimizer = torch.optim.AdamW(layers.parameters(), lr=_RATE, weight_decay=_DECAY)
+        steps = _EPOCHS * -(-len(x) // _BATCH)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+        for _ in Progress(range(_EPOCHS), desc="gate", disable=not progress, leave=False):
+            for rows in torch.randperm(len(x), generator=generator).split(_BATCH):
+                loss = torch.nn.functional.binary_cross_entropy_with_logits(layers(x[rows])[0, :, 0], y[rows])
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                schedule.step()
+        weights, biases = (
+            tuple(part.detach().numpy().squeeze(axis) for part in parts)
+            for parts, axis in ((layers.weights, 0), (layers.biases, (0, 1)))
+        )
+        return cls(weights, biases, mean, scale)
+
+
+def _scaled(seen: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    return ((seen - mean) / scale).astype(np.float32)
+
 
 TRIED = 8  # candidates that are looked at at most, of a strike in one shot
 REFINED = 32  # candidates that are refined at most, one after the other: few goals need more than one

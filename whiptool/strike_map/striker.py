@@ -1,4 +1,4 @@
-"""Striking at goals: many strikes, each at its own goal, and their residuals."""
+"""Strikes at goals, each at its own, within a box and limits; and their refinement until they hit."""
 
 from __future__ import annotations
 
@@ -167,3 +167,185 @@ class Striker:
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)
+
+
+TOLERANCE = 1e-4  # [m]: a smaller cost is not refined any more
+STEPS = 30  # rollouts of each strike at most, those for derivatives apart
+_DAMPING = 1e-3  # [m], of the first step
+_LEAST = 1e-5  # [m]
+_BETTER = 0.7  # of the cost is left after a step, or less: else the step stalled
+_STALLED = 3  # steps in a row that stalled, after which derivatives are taken again
+_DERIVATIVES = 3  # times that a strike's derivatives are taken at most
+_ROUNDS = 20  # in which numbers that leave the box are put on its side, or let off it
+
+
+def correct(
+    residuals: np.ndarray,
+    slopes: np.ndarray,
+    room: tuple[np.ndarray, np.ndarray],
+    widths: np.ndarray,
+    *,
+    damping: float | np.ndarray = 1e-4,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the damped least-squares change of B strikes within bounds (Levenberg 1944, Marquardt 1963).
+
+    The change minimises |r + J x|^2 + damping^2 |x / widths|^2; coordinates that would leave the bounds stay on them
+    (an active-set method: Stark and Parker 1995).
+
+    Args:
+        residuals: r [m], (B, r).
+        slopes: J, (B, r, m).
+        room: Least and largest change of each coordinate, (B, m) each.
+        widths: Scale of each coordinate's change, (m,).
+        damping: Weight of the changes [m], a number or one for each strike, (B,).
+
+    Returns:
+        The change of each coordinate, (B, m), and the norm of the remaining residuals to first order [m], (B,).
+    """
+    B, r, m = slopes.shape
+    low, high = (np.broadcast_to(side, (B, m)) / widths for side in room)
+    J = slopes * widths
+    held = np.zeros((B, m), bool)
+    x = np.zeros((B, m))
+    ridge = np.broadcast_to(np.square(damping), (B,))[:, None, None]
+    for _ in range(_ROUNDS):
+        free = np.where(held[:, None, :], 0.0, J)
+        rest = residuals + np.einsum("brm,bm->br", J, np.where(held, x, 0.0))
+        dual = _solved(free @ free.swapaxes(1, 2) + ridge * np.eye(r), rest)
+        x = np.where(held, x, -np.einsum("brm,br->bm", free, dual))
+        out = (x < low) | (x > high)
+        x = np.clip(x, low, high)
+        downhill = -np.einsum("brm,br->bm", J, residuals + np.einsum("brm,bm->br", J, x)) - ridge[:, 0] * x
+        inward = held & (((x == low) & (downhill > 0)) | ((x == high) & (downhill < 0)))
+        settled = ~out.any(axis=1, keepdims=True)  # only then is it known which sides hold nothing back
+        if settled.all() and not inward.any():
+            break
+        strongest = np.argmax(np.where(inward, np.abs(downhill), 0.0), axis=1)
+        released = inward & settled & (np.arange(m) == strongest[:, None])  # singly: else they alternate
+        held = (held | out) & ~released
+    left = np.linalg.norm(residuals + np.einsum("brm,bm->br", J, x), axis=1)
+    return x * widths, left
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the solutions (B, r) of A x = b, A (B, r, r) symmetric; where a slope is beyond all bounds, those of least
+    norm: the damping is then lost in rounding errors."""
+    try:
+        return np.linalg.solve(A, b[..., None])[..., 0]
+    except np.linalg.LinAlgError:
+        return np.einsum("brs,bs->br", np.linalg.pinv(A, hermitian=True), b)
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Result of the refinement of B strikes.
+
+    Args:
+        strikes: Best strike for each goal, (B, m).
+        struck: Outcomes of the strikes.
+        rollouts: Total number of simulated strikes, without those for derivatives.
+        derivatives: Number of derivatives of strikes that were computed.
+    """
+
+    strikes: np.ndarray
+    struck: Landings
+    rollouts: int
+    derivatives: int
+
+    def improved(self, rows: np.ndarray, others: Refined) -> Refined:
+        """Return the result with the rows `rows` replaced by those of `others` that are better."""
+        better = others.struck.beats(self.struck.take(rows))
+        strikes = self.strikes.copy()
+        strikes[rows[better]] = others.strikes[better]
+        return Refined(
+            strikes,
+            self.struck.with_rows(rows[better], others.struck.take(better)),
+            self.rollouts + others.rollouts,
+            self.derivatives + others.derivatives,
+        )
+
+
+def refine(
+    striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None = None, *, steps: int = STEPS
+) -> Refined:
+    """Correct strikes until they hit with costs below `TOLERANCE`, or improve no further.
+
+    Steps are damped (Levenberg 1944, Marquardt 1963), with derivatives updated by Broyden's method (1965): one
+    simulation per step. If steps stall, exact derivatives are computed, at the cost of dozens of simulations. Limits
+    that need whole trajectories are only checked at the end.
+
+    Args:
+        striker: Simulator of strikes.
+        goals: One goal for each strike.
+        strikes: Initial strikes, (B, m).
+        slopes: Derivatives of the residuals at or near the initial strikes, (B, r, m); None: they are computed.
+        steps: Largest number of steps.
+    """
+    state = _Refinement(striker, goals, strikes, slopes)
+    for _ in range(steps):
+        rows = np.flatnonzero(state.unfinished())
+        if not len(rows):
+            break
+        state.step(rows)
+        stalled = state.unfinished() & (state.stalled >= _STALLED)
+        state.take_derivatives(np.flatnonzero(stalled))
+    struck = striker.judged(state.strikes, state.struck)
+    return Refined(state.strikes, struck, state.rollouts, int(state.taken.sum()))
+
+
+def finished(struck: Landings) -> np.ndarray:
+    """Return whether strikes hit with a cost below `TOLERANCE`, so that they are not corrected further, (B,)."""
+    return struck.hit & (struck.cost <= TOLERANCE)
+
+
+class _Refinement:
+    """The state of a refinement: strikes, what they come to, derivatives, damping."""
+
+    def __init__(self, striker: Striker, goals: Goals, strikes: np.ndarray, slopes: np.ndarray | None) -> None:
+        B, m = strikes.shape
+        self.striker, self.goals = striker, goals
+        self.strikes = striker.admissible(strikes)
+        self.struck = striker.land(self.strikes, goals)
+        self.rollouts, self.taken = B, np.zeros(B, int)
+        self.damping, self.stalled = np.full(B, _DAMPING), np.zeros(B, int)
+        self.slopes = np.zeros((B, self.struck.residuals.shape[1], m)) if slopes is None else slopes.copy()
+        if slopes is None:
+            self.take_derivatives(np.arange(B))
+
+    def unfinished(self) -> np.ndarray:
+        """Whether each strike is still to be corrected, (B,)."""
+        given_up = (self.stalled >= _STALLED) & (self.taken >= _DERIVATIVES)
+        return ~finished(self.struck) & np.isfinite(self.struck.cost) & ~given_up
+
+    def step(self, rows: np.ndarray) -> None:
+        """Correct some strikes once, and keep those that come out better."""
+        striker, old, before = self.striker, self.strikes[rows], self.struck.take(rows)
+        room = striker.lower - old, striker.upper - old
+        damping = self.damping[rows]
+        change, _ = correct(before.residuals, self.slopes[rows], room, striker.widths, damping=damping)
+        new = striker.admissible(old + change)
+        after = striker.land(new, self.goals.rows(rows))
+        self.rollouts += len(rows)
+        self._mend(rows, new - old, after.residuals - before.residuals)
+        better = after.beats(before)
+        self.strikes[rows[better]] = new[better]
+        self.struck = self.struck.with_rows(rows[better], after.take(better))
+        self.damping[rows] = np.where(better, np.maximum(damping / 4, _LEAST), damping * 8)
+        self.stalled[rows] = np.where(after.cost < _BETTER * before.cost, 0, self.stalled[rows] + 1)
+
+    def take_derivatives(self, rows: np.ndarray) -> None:
+        """Take the exact derivatives of some strikes."""
+        if not len(rows):
+            return
+        self.slopes[rows] = self.striker.derivatives(self.strikes[rows], self.goals.rows(rows))
+        self.taken[rows] += 1
+        self.stalled[rows], self.damping[rows] = 0, _DAMPING
+
+    def _mend(self, rows: np.ndarray, change: np.ndarray, difference: np.ndarray) -> None:
+        """Change derivatives least, so that they explain a step's difference of residuals (Broyden 1965)."""
+        scaled = change / self.striker.widths**2
+        length = np.einsum("bm,bm->b", change, scaled)
+        known = np.isfinite(difference).all(axis=1) & (length > 0)
+        some = rows[known]
+        missing = difference[known] - np.einsum("brm,bm->br", self.slopes[some], change[known])
+        self.slopes[some] += missing[:, :, None] * (scaled[known] / length[known, None])[:, None, :]

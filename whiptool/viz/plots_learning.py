@@ -24,7 +24,7 @@ def plot_learning(
 
     Args:
         reward, hits: Axes to draw into.
-        columns: Columns of `whiptool.rl.episode_table.EpisodeTable`.
+        columns: Columns of `whiptool.rl.training_log.EpisodeTable`.
         trials: Strikes in an episode.
         best: The episode of the best policy, which is marked.
     """

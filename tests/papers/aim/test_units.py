@@ -30,7 +30,7 @@ from whiptool.limits.clearance import Clearance
 from whiptool.limits.motor_limits import limits_preset
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
-from whiptool.strike_map.candidates import Candidates
+from whiptool.strike_map.strike_map import Candidates
 from whiptool.strike_map.striker import Landings, Striker
 
 TASK = ur5e(quick=True)

@@ -20,7 +20,7 @@ from papers.nah2023.units import (
     noisy,
 )
 from whiptool.models.strike import JointSpace
-from whiptool.optimizers.result import Result, Status
+from whiptool.optimizers import Result, Status
 from whiptool.rollout.interface import Rollout
 
 SPACE = JointSpace(units.NAH2023.arm)

@@ -247,8 +247,7 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 
 def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock):
     """The port: a twin at the tip, a twin of the whole rig, or the rig."""
-    from whiptool.adaptation.ports import RigPort, TipPort
-    from whiptool.adaptation.robot_port import RobotPort
+    from whiptool.adaptation.ports import RigPort, RobotPort, TipPort
     from whiptool.adaptation.twins import draw_twin
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.rl.episode_table import EpisodeTable
-from whiptool.rl.held_out import Score
+from whiptool.rl.policy import Score
 from whiptool.rl.training import TrainingEpisode
+from whiptool.rl.training_log import EpisodeTable
 
 FIRST = TrainingEpisode(1, 4, -2.5, 0.25, 0, {})
 SECOND = TrainingEpisode(2, 8, 1.0, 0.5, 1, {"critic": 3.5, "actor": -1.0}, Score(0.75, 0.125), best=True)

@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from papers.finished_comparison import read_run
+from papers.finished_comparison import Results, read_run
 from whiptool.commands import cli
 from whiptool.commands.compare import CompareOptions
-from whiptool.comparison.results_file import Results
 from whiptool.errors import InputError
 from whiptool.runs import RunFolder
 

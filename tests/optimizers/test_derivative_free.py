@@ -1,5 +1,4 @@
-"""Evolution, seen from the objective: the genetic operators by what they do to many individuals; CMA-ES by its
-generations, convergence on a slanted valley, restarts, and NumPy's own generator."""
+"""Searches without derivatives: what each one does on functions that are known."""
 
 from __future__ import annotations
 
@@ -7,10 +6,95 @@ import math
 
 import numpy as np
 import pytest
-from toy_objectives import LOWER, UPPER, Enough, Recorder
+import torch
+from counted_bowl import Counted
+from toy_objectives import BOUNDS, LOWER, UPPER, Bowl, Enough, Recorder
 
 from whiptool.errors import InputError
-from whiptool.optimizers.evolutionary_search import GASettings, cmaes_search, fitness, genetic_search
+from whiptool.optimizers.derivative_free import (
+    BATCH,
+    DIRECT_L,
+    RANDOM_BATCHES,
+    UPDATES,
+    GASettings,
+    cmaes_search,
+    fitness,
+    gain,
+    genetic_search,
+    learner_search,
+    nlopt_names,
+    nlopt_search,
+    random_search,
+)
+from whiptool.rl import actor_critic
+from whiptool.rl.task import reward
+
+
+def test_random_strikes_are_uniform_and_need_an_end():
+    bowl = Counted(most=4000)
+    with pytest.raises(Enough):
+        random_search(bowl, seed=2)
+    lower, upper = BOUNDS.box
+    unit = (np.array(bowl.refined) - lower) / (upper - lower)
+    np.testing.assert_allclose(unit.mean(axis=0), 0.5, atol=0.02)
+    np.testing.assert_allclose(unit.var(axis=0), 1 / 12, rtol=0.06)
+    endless = Counted()
+    endless.max_trials = None
+    with pytest.raises(InputError, match="max trials"):
+        random_search(endless, seed=0)
+    timed = Counted(most=3)
+    timed.max_trials, timed.max_time = None, 1.0
+    with pytest.raises(Enough):
+        random_search(timed, seed=0)
+
+
+@pytest.mark.parametrize("algorithm", [DIRECT_L, "GN_CRS2_LM", "GN_ISRES"])
+def test_they_descend_within_the_box(algorithm):
+    bowl = Counted(most=1500)
+    with pytest.raises(Enough):
+        nlopt_search(bowl, seed=3, algorithm=algorithm)
+    lower, upper = BOUNDS.box
+    tried = np.array(bowl.refined)
+    assert ((tried >= lower) & (tried <= upper)).all()
+    span = np.linalg.norm(upper - lower)
+    assert bowl.miss(tried).min() < 0.03 * span
+    if algorithm != "GN_CRS2_LM":  # which begins with a random population
+        np.testing.assert_allclose(tried[0], (lower + upper) / 2)
+    again = Counted(most=50)
+    with pytest.raises(Enough):
+        nlopt_search(again, seed=3, algorithm=algorithm)
+    np.testing.assert_array_equal(again.refined, tried[:50])
+
+
+def test_a_converged_search_returns():
+    bowl = Counted(most=200_000)
+    nlopt_search(bowl, seed=1, algorithm="GN_CRS2_LM")
+    assert bowl.miss(np.array(bowl.refined)).min() < 1e-5
+    assert all(name.startswith("GN_") for name in nlopt_names())
+    assert DIRECT_L in nlopt_names()
+
+
+class StopsAtOnce(Counted):
+    """Ends the search at its fourth strike, and counts the strikes that come all the same."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+
+    def trial(self, strike):
+        self.asked += 1
+        if self.asked >= 4:
+            raise Enough
+        return super().trial(strike)
+
+
+@pytest.mark.parametrize("algorithm", [DIRECT_L, "GN_CRS2_LM", "GN_ISRES", "GN_ESCH", "GN_AGS"])
+def test_nothing_is_tried_after_the_search_was_ended(algorithm):
+    """CRS2 fills its first population of 60 points before it looks whether it is to stop."""
+    bowl = StopsAtOnce()
+    with pytest.raises(Enough):
+        nlopt_search(bowl, seed=3, algorithm=algorithm)
+    assert bowl.asked == 4
 
 
 def generations(count: int, miss, *, seed: int = 0, **settings) -> list[np.ndarray]:
@@ -179,3 +263,58 @@ def test_strikes_are_those_of_the_box_and_nothing_is_printed(capsys):
     assert capsys.readouterr() == ("", "")
     assert ((first >= 0) & (first <= 1)).all()
     assert (UPPER > LOWER).all()
+
+
+SURE = 0.4  # [m], below which this objective claims a hit: it measures, and its hit radius is larger
+
+
+class CountedBatches(Bowl):
+    def batch(self, strikes):
+        if len(self.batches) == 5:
+            raise Enough
+        found = super().batch(strikes)
+        for outcome in found:
+            outcome.hit = outcome.cost <= SURE
+        return found
+
+
+@pytest.mark.parametrize("name", ["sac", "ppo"])
+def test_what_the_learner_is_shown(name, monkeypatch):
+    made = []
+
+    def make(settings, **sizes):
+        learner = kind(settings, **sizes)
+        made.append(learner)
+        learner.shown = []
+        learner.learn = lambda new, *, update: learner.shown.append((new, update))
+        learner.act = lambda obs: torch.full((len(obs), 5), 1.5) * torch.linspace(-1, 1, len(obs))[:, None]
+        return learner
+
+    kind = actor_critic.LEARNERS[name]
+    monkeypatch.setitem(actor_critic.LEARNERS, name, make)
+    bowl = CountedBatches()
+    with pytest.raises(Enough):
+        learner_search(bowl, seed=4, learner=name)
+    (learner,) = made
+    assert (learner.n_obs, learner.n_act, learner.discount) == (1, 5, 0.0)
+    if name == "sac":
+        assert learner.settings.updates == UPDATES
+    lower, upper = BOUNDS.box
+    assert [len(x) for x in bowl.batches] == [BATCH] * 5
+    assert [update for _, update in learner.shown] == [False] * RANDOM_BATCHES + [True] * (5 - RANDOM_BATCHES)
+    for strikes, (new, _) in zip(bowl.batches, learner.shown, strict=True):
+        box = (np.clip(new.action.double().numpy(), -1, 1) + 1) / 2
+        np.testing.assert_allclose(strikes, lower + box * (upper - lower), rtol=1e-6)
+        np.testing.assert_allclose(new.reward, reward(bowl.miss(strikes), bowl.miss(strikes) <= SURE), rtol=1e-6)
+        assert new.terminated.tolist() == [1.0] * BATCH
+        assert new.obs.tolist() == new.next_obs.tolist() == [[0.0]] * BATCH
+    explored = np.concatenate([new.action.numpy() for new, _ in learner.shown[:RANDOM_BATCHES]])
+    assert explored.min() < -0.8
+    assert explored.max() > 0.8
+    np.testing.assert_allclose(bowl.batches[-1][[0, -1]], [lower, upper])  # actions beyond the box are clipped
+
+
+def test_better_hits_gain_more():
+    costs = np.array([-1.8, -0.9, -0.2, 0.0, 0.05, 0.08, 0.5])
+    expected = [90.0, 45.0, 10.0, 50.0, 50.0, -0.4, -5.0]
+    np.testing.assert_allclose(gain(costs, costs <= 0.06), expected)

@@ -8,8 +8,7 @@ from scipy.optimize import lsq_linear
 from straight_map import CurvedStriker
 
 from whiptool.goals.goals import Goals
-from whiptool.strike_map.corrections import TOLERANCE, _Refinement, correct, refine
-from whiptool.strike_map.striker import Landings
+from whiptool.strike_map.striker import TOLERANCE, Landings, _Refinement, correct, refine
 
 WIDTHS = np.array([1.0, 2.0, 0.5, 3.0, 1.5])
 DAMPING = 0.03

@@ -1,19 +1,85 @@
-"""Evolutionary searches through pymoo, a generation being one batch of strikes.
-
-CMA-ES (Hansen and Ostermeier 2001), and the genetic algorithm with the paper's operators (Sect. 2.3.7).
-"""
+"""Searches without derivatives: random strikes, NLopt's global methods, evolution, and a learner on one target."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import nlopt
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import number, whole
+from whiptool.extras import optional
+from whiptool.models.numbers import whole
+from whiptool.models.parameters import number
 from whiptool.objective import Objective
+
+
+def random_search(objective: Objective, *, seed: int) -> None:
+    """Try random strikes until the objective stops the search.
+
+    Raises:
+        InputError: The objective has no limit on trials or time.
+        SearchStopped: The objective ended the search.
+    """
+    if objective.max_trials is None and objective.max_time is None:
+        raise InputError(
+            "max trials",
+            None,
+            "a number of trials or seconds, for a method that never ends by itself",
+            "give max_trials or max_time",
+        )
+    rng = np.random.default_rng(seed)
+    while True:
+        objective.trial(objective.admissible(objective.bounds.sample(rng, 1))[0])
+
+
+DIRECT_L = "GN_DIRECT_L"
+
+
+def nlopt_names() -> list[str]:
+    """NLopt's derivative-free global algorithms."""
+    return sorted(name for name in vars(nlopt) if name.startswith("GN_"))
+
+
+def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
+    """Minimise the miss distance until the objective stops it or the algorithm ends by itself.
+
+    NLopt has one random generator per process, which is seeded here.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+    """
+    lower, upper = objective.bounds.box
+    optimizer = nlopt.opt(getattr(nlopt, algorithm), len(lower))
+    optimizer.set_lower_bounds(lower)
+    optimizer.set_upper_bounds(upper)
+    if "DIRECT" not in algorithm:  # DIRECT takes tolerances as volumes, and needs none
+        optimizer.set_xtol_rel(1e-8)
+    nlopt.srand(seed)
+    ended: list[BaseException] = []
+
+    def cost(x: np.ndarray, gradient: np.ndarray) -> float:
+        if not ended:  # some algorithms fill their first population before they see that they are to stop
+            try:
+                return objective.trial(objective.admissible(x[None])[0]).cost
+            except BaseException as error:
+                ended.append(error)
+                optimizer.force_stop()
+        return math.inf
+
+    optimizer.set_min_objective(cost)
+    try:
+        optimizer.optimize((lower + upper) / 2)
+    except nlopt.ForcedStop:
+        raise ended[0] from None
+    except nlopt.RoundoffLimited:
+        pass  # as converged as it gets
+    if ended:
+        raise ended[0]
+
 
 SIGMA = 0.3  # first step size of CMA-ES, in units of the box
 
@@ -134,3 +200,53 @@ def _evolve(
         costs = np.array([outcome.cost for outcome in objective.batch(strikes)])
         Evaluator().eval(StaticProblem(box, F=minimised(costs)[:, None]), generation)
         algorithm.tell(infills=generation)
+
+
+BATCH = 10  # strikes between updates
+RANDOM_BATCHES = 2  # before the policy strikes
+UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an update
+
+
+def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
+    """Return the rewards of costs [m] and hits, any shape: Eq. 17, multiplied by the negative cost for hits that have a
+    merit.
+    """
+    from whiptool.rl.task import reward
+
+    return reward(np.maximum(costs, 0), hits) * np.where(costs < 0, -costs, 1.0)
+
+
+def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
+    """Train a learner on the objective's target until the objective stops it.
+
+    Raises:
+        SearchStopped: The objective ended the search.
+        InputError: PyTorch is not installed.
+        RuntimeError: A loss is not finite.
+    """
+    torch = optional("torch", f"method {learner}")
+    from whiptool.rl.actor_critic import LEARNERS
+    from whiptool.rl.learner import Diverged, Transitions
+    from whiptool.rl.settings import OffPolicy, settings_for
+
+    settings = settings_for(learner)
+    if isinstance(settings, OffPolicy):
+        settings = settings_for(learner, updates=UPDATES)
+    lower, upper = objective.bounds.box
+    generator = torch.Generator().manual_seed(seed)
+    policy = LEARNERS[learner](settings, n_obs=1, n_act=len(lower), discount=0.0, generator=generator)
+    obs, over = torch.zeros(BATCH, 1), torch.ones(BATCH)
+    number = 0
+    while True:
+        number += 1
+        explore = number <= RANDOM_BATCHES
+        actions = 2 * torch.rand(BATCH, len(lower), generator=generator) - 1 if explore else policy.act(obs)
+        box = (np.clip(actions.numpy().astype(float), -1, 1) + 1) / 2
+        outcomes = objective.batch(objective.admissible(lower + box * (upper - lower)))
+        costs = np.array([outcome.cost for outcome in outcomes])
+        gained = gain(costs, np.array([outcome.hit for outcome in outcomes]))
+        new = Transitions(obs, actions, torch.as_tensor(gained, dtype=torch.float32), obs, over)
+        try:
+            policy.learn(new, update=not explore)
+        except Diverged as error:
+            raise RuntimeError(str(error)) from None  # as NLopt ends a search that failed
