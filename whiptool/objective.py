@@ -57,10 +57,10 @@ class Outcome(ArrayLike):
     works.
 
     Args:
-        miss_distance: Closest approach of the tip to the target [m]; a penalty if it diverged, or if the objective's
-            limits refuse it.
-        hit: Whether the strike hits the target in distance, direction and speed; for a measured distance, whether it
-            does with a probability of at least `CLAIMED`.
+        miss_distance: Closest approach of the tip to the target [m]; a penalty if the strike diverged or was refused by
+            the limits.
+        hit: Whether the strike hits the target in distance, direction and speed; for a measured distance, whether the
+            hit probability is at least `CLAIMED`.
         time: Time of the closest approach [s].
         tip: Position of the tip at the closest approach, (x, y) or (x, y, z) [m].
         tip_velocity: Velocity of the tip at the closest approach [m/s].
@@ -106,7 +106,7 @@ class Outcome(ArrayLike):
 
     @property
     def known_miss(self) -> float | None:
-        """The miss distance [m]; None if the strike has no true one, so that `miss_distance` is a penalty."""
+        """The miss distance [m]; None if there is no true miss distance, so that `miss_distance` is a penalty."""
         return None if self.lost else self.miss_distance
 
     @property
@@ -138,7 +138,7 @@ class Outcome(ArrayLike):
 
     @property
     def hit_time(self) -> float | None:
-        """Time of the closest approach if that is a hit [s], else None."""
+        """Time of the closest approach [s] if the strike hits, else None."""
         return self.time if self.hit else None
 
 
@@ -184,14 +184,14 @@ class Objective:
         t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box in which strikes are searched; default: those of the rollout's space, see `default_bounds`.
         max_trials: Largest number of trials; None: no limit.
-        max_time: No trial starts later than this after the objective was made [s]; None: no limit.
-        stop_at_hit: End the search with the first hit.
-        check_reach: Refuse a target out of reach; one that does not fit the model is always refused.
+        max_time: No trial starts later than this time after the construction of the objective [s]; None: no limit.
+        stop_at_hit: Whether to end the search with the first hit.
+        check_reach: Whether to refuse a target out of reach; a target that does not fit the model is always refused.
         limits: One or several limits, such as `ArmLimits` and `Clearance`. A strike that exceeds them is refused: it is
-            not a hit, and its miss distance is larger than any real one and grows with the excess. Infeasible strikes
-            in hand space are refused as well. The bounds are reduced to the position limits. Default: the limits of the
-            model's arm (`whiptool.limits.all_limits.default_limits`), for a robot those of its joints, its collision
-            shapes and the floor on which it stands; None: no limits.
+            not a hit, and its miss distance is larger than any true miss distance and grows with the excess. Infeasible
+            strikes in hand space are refused as well. The bounds are reduced to the position limits. Default: the
+            limits of the model's arm (`whiptool.limits.all_limits.default_limits`), for a robot those of its joints,
+            its collision shapes and the floor on which it stands; None: no limits.
         criteria: Criteria of hits; searches minimise the first of them among hits. Without criteria they minimise the
             cost.
 
@@ -266,7 +266,8 @@ class Objective:
         """Connect the trials with a log.
 
         Args:
-            recorded: Trials of an earlier run; the first calls must repeat them and are answered from them.
+            recorded: Trials of an earlier run; the first calls must repeat them, and get their outcomes without
+                simulation.
             on_trial: Called with every trial, in order.
         """
         self._recorded, self._on_trial = list(recorded), on_trial
@@ -301,8 +302,9 @@ class Objective:
         return self.limits.admissible(strikes, self.bounds) if self.limits.commands else strikes
 
     def random_strikes(self, rng: np.random.Generator, count: int) -> np.ndarray:
-        """Return random strikes (count, 2 n + 1) within the bounds that keep the limits that can be checked beforehand,
-        if there are any."""
+        """Return random strikes (count, 2 n + 1) within the bounds that keep the limits that can be checked without
+        simulation.
+        """
         return self.limits.random_strikes(self.bounds, rng, count)
 
     def __call__(self, strike: AnyStrike | np.ndarray | Sequence[float]) -> Outcome:
@@ -333,8 +335,9 @@ class Objective:
         """Return the outcomes of strike vectors (B, 2 n + 1), each of which counts as a trial.
 
         Raises:
-            SearchStopped: The budget was used up within the batch (trials up to its end are counted), or one strike was
-                the hit to stop at (all are counted; with a simulator that is `one_by_one` only those up to the hit).
+            SearchStopped: The budget was used up within the batch (trials up to its end are counted), or a strike was
+                the hit to stop at (all trials of the batch are counted; with a simulator that is `one_by_one` only
+                those up to the hit).
         """
         strikes = np.array(self._array(strikes), ndmin=2)  # a copy: optimizers reuse their buffers
         width = self.space.width
@@ -388,7 +391,7 @@ class Objective:
 
         Returns:
             The outcome, and d cost / d strike, (2 n + 1,) [m/rad, m/s]; zeros if the strike diverged or was refused.
-            For a trial that is answered from a log they are computed again.
+            For a trial from a log the derivatives are computed again.
 
         Raises:
             InputError: The simulator has no derivatives.

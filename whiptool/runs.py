@@ -41,7 +41,7 @@ def code_version() -> str:
 
 
 def begun_by(config: Mapping[str, Any]) -> str:
-    """Return ` with version X` for a run that another version of the code began, else nothing."""
+    """Return ` with version X` for a run that another version of the code began, else an empty text."""
     version = config.get("version")
     return "" if version == code_version() else f" with version {version}"
 
@@ -186,7 +186,7 @@ def _refuse_taken(path: Path) -> None:
 
 
 def config_of(path: Path, command: str) -> dict:
-    """The resolved configuration of a run of a command, see `read_config`.
+    """Return the resolved configuration of a run of a command, see `read_config`.
 
     Raises:
         InputError: The folder is of another command, or its configuration is damaged.

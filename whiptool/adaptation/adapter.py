@@ -41,20 +41,20 @@ class Options:
 
     Args:
         max_strikes: Largest number of strikes.
-        stop_at: End after the first strike whose judged miss distance is at most this [m]; None: after the first hit
+        stop_at: End after the first strike whose estimated miss distance is at most this [m]; None: after the first hit
             that is claimed; 0: only after `max_strikes`.
         still: Film the hanging whip before the first strike, as step 0, unless earlier recordings are given.
         wiggle: Make a short, slow movement as step 0 instead.
-        adapt: Whether to learn; if not, one strike is planned from the prior and repeated.
+        adapt: Whether to identify the whip; if not, one strike is planned from the prior and repeated.
         starts: Number of starting points of every identification.
         seed: Seed of candidate strikes, sampled whips and starting points.
         t_stay: Time after the movement's end for which the tip is still observed [s].
         bounds, limits: Bounds and limits of the strikes, see `whiptool.adaptation.plan_search.Demands`.
-        check: Called with a strike and the posterior mean of whip and arm; returns why the strike is not allowed, or
-            None if it is.
-        first, later: Planning effort before, and after, the first recording from which something was learned.
-        retries: Largest number of searches with the first effort for a strike that, after strikes have been learned
-            from, has a hit probability below 50 %, or breaks a limit.
+        check: Function of a strike and the posterior mean of whip and arm that returns the reason why the strike is not
+            allowed, or None.
+        first, later: Planning effort before and after the first recording that was used for identification.
+        retries: Largest number of searches with effort `first` for a later strike whose hit probability is below 50 %,
+            or that breaks a limit.
     """
 
     max_strikes: int = 6
@@ -146,7 +146,7 @@ class Adapter:
         return None if self.folder is None else self.folder / f"strike-{self.number:04d}"
 
     def ask(self) -> Strike | None:
-        """Return the strike to be made next, the same until it is reported; None after the last one.
+        """Return the strike to be made next, the same until its recording is reported; None after the last strike.
 
         Raises:
             InputError: The folder is damaged.

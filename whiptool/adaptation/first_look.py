@@ -1,6 +1,6 @@
-"""Before a strike: a first look at the whip, as it hangs or in a short, slow movement; and where the arm rests.
+"""Measurement of the whip before the first strike, hanging or in a short, slow movement, and the arm's deviation at rest.
 
-An impedance law carries weight only with a position error, so that the arm rests beside the posture that is commanded.
+An impedance law carries weight only with a position error, so that the arm at rest deviates from its command.
 """
 
 from __future__ import annotations
@@ -62,10 +62,11 @@ def information(
 
 
 def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
-    """Return a strike without movement, in the middle of the start postures: a hanging whip shows its length.
+    """Return a strike without movement, in the middle of the start postures: the length of the whip can be measured
+    while it hangs.
 
     Args:
-        belief: About the arm.
+        belief: Belief whose plant has the arm.
         bounds: Box of strikes; default: `default_bounds`.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box

@@ -21,7 +21,7 @@ from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
 
 @dataclass
 class Adaptation:
-    """Strike with an unknown whip, learn it from each recording, and plan the next strike, until it hits.
+    """Strike with an unknown whip, identify it from each recording, and plan the next strike, until it hits.
 
     Args:
         prior: Prior of the whip's parameters before the first strike.
@@ -32,7 +32,7 @@ class Adaptation:
         recordings: Earlier recordings of the same whip, from which the first strike is planned.
         known: Posterior after those recordings, if it was computed before; None: it is computed.
         opening: Plan of the first strike, if it was computed before; None: it is computed.
-        interlock: Interlock that is set after a stop; default: that of the rig, if the port has one. It leaves a mark
+        interlock: Interlock that is set after a stop; default: that of the rig, if the port has one. A stop is recorded
             in the folder.
 
     Raises:

@@ -124,7 +124,7 @@ class Stock:
     Args:
         name: Name of the material, or of the model.
         centre: Logarithms of `NUMBERS`, (6,).
-        spread: Change of each logarithm as a property moves from the middle to the end of its range, (6, 7).
+        spread: Change of each logarithm when a property changes from the middle to the upper end of its range, (6, 7).
     """
 
     name: str
@@ -147,7 +147,7 @@ class Stock:
         return dict(zip(NUMBERS, np.exp(log).tolist(), strict=True))
 
     def owned(self, model: Model) -> Model:
-        """Return the model with its whip replaced by the uniform whip of median parameters; the mean of the prior."""
+        """Return the model with its whip replaced by the uniform whip with the median parameters, the prior mean."""
         return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip), name=self.name)
 
 

@@ -61,8 +61,8 @@ class ModelError:
             goal: A single goal.
             miss: Predicted miss distances [m], any shape.
             velocity: Velocity of the tip at its closest approach [m/s], (..., d); None: see `Goals.hit_probability`.
-            blur: Length that is added in quadrature to the scale of the model error [m]. Searches need one: with a
-                scale near 0 the probability is 0 or 1, and strikes cannot be ranked.
+            blur: Length that is added in quadrature to the scale of the model error [m]. Searches need a positive
+                length: with a scale near 0 the probability is 0 or 1, and strikes cannot be ranked.
 
         Returns:
             Probabilities, of the shape of `miss`.

@@ -61,9 +61,9 @@ class Demands:
     Args:
         bounds: Box of strikes; default: `default_bounds`.
         limits: One or several limits that the strike has to keep with the belief's mean; a strike that breaks them is
-            only chosen if none keeps them.
-        check: Returns why a strike must not be made, or None if it may; called for the best strikes, one after the
-            other.
+            only chosen if no strike keeps them.
+        check: Function that returns the reason why a strike must not be made, or None; it is called for the best
+            strikes in turn.
         t_stay: Time after the movement's end for which the tip is still observed [s].
     """
 
@@ -166,8 +166,8 @@ class Search(ABC):
     def candidates(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
-        """Return strikes (B, m) that pass near the goal with the belief's mean, and the number of strikes they were
-        chosen from.
+        """Return strikes (B, m) that pass near the goal with the belief's mean, and the number of strikes from which
+        they were chosen.
         """
 
     @abstractmethod
@@ -189,7 +189,9 @@ class Search(ABC):
     def look(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Return strikes (B, m), the score of each over the sampled whips (B,), and the number of candidates."""
+        """Run a search: return strikes (B, m), the score of each over the sampled whips (B,), and the number of
+        candidates.
+        """
         tried, number = self.candidates(rng, past, effort)
         scores = self.score(tried, whips)
         first = int(scores.argmax())
@@ -314,15 +316,15 @@ class CrossEntropy:
     def around(
         self, best: np.ndarray, value: float, worth: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the strikes that were drawn around the best one (D, m) and the score of each (D,).
+        """Return the strikes that were drawn around the best strike (D, m), and their values (D,).
 
-        A round that finds a better strike goes on from there, with the mean of the last spread and of the round's best
-        quarter's distance from there; else the spread shrinks to three fifths.
+        If a round finds a better strike, that becomes the centre, and the new spread is the mean of the last spread and
+        of the distance of the round's best quarter from the centre; else the spread shrinks to three fifths.
 
         Args:
-            best: Strike to begin at, (m,).
-            value: Worth of the strike.
-            worth: Function that returns the worth of strikes (B, m), (B,); the larger the better.
+            best: Initial strike, (m,).
+            value: Value of that strike.
+            worth: Function that returns the values (B,) of strikes (B, m), to be maximised.
             rng: Generator of the draws.
         """
         centre, top, spreads = best, value, np.full(len(best), self.spread)

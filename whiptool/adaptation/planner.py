@@ -90,8 +90,8 @@ class PlanarSearch(Search):
         return distance + np.where(excess > 0, 10 + excess, 0)
 
     def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
-        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean; the best of each
-        path.
+        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean; for each strike
+        the best step counts.
         """
         width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
         for step in range(steps + 1):
@@ -220,13 +220,14 @@ RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is belo
 
 
 def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort]) -> Plan:
-    """Return the best plan of one search after another; an allowed plan that hits with `UNSURE` or more ends them.
+    """Return the best plan of successive searches, which end at an allowed plan with a hit probability of at least
+    `UNSURE`.
 
     After several searches the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
     and is therefore a few percent too high.
 
     Args:
-        look: Searches for a strike with a given effort.
+        look: Function that searches for a strike with a given effort.
         efforts: Efforts of the searches, at least one.
     """
     began, found = time.perf_counter(), list[Plan]()

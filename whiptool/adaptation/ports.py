@@ -30,7 +30,7 @@ from whiptool.rollout.compiled import CompiledRollout
 
 
 class Port(Protocol):
-    """Anything that makes a strike and films it: a simulated twin, a whiptool rig, or a lab's own robot."""
+    """Base class of ports, which make strikes and film them: a simulated twin, a whiptool rig, or a user's robot."""
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Make a strike, film it, and return the result.
@@ -78,7 +78,7 @@ class TipPort:
         self._rollout = CompiledRollout(twin.model, twin.controller)
 
     def passes(self, strike: Strike) -> Approach:
-        """Return how the tip truly passes the target in a strike."""
+        """Return the true closest approach of the tip to the target in a strike."""
         return self._rollout.approach(strike.vector[None], np.array(self.target), t_stay=self.t_stay)
 
     def path(self, strike: Strike) -> tuple[np.ndarray, np.ndarray]:
@@ -114,8 +114,8 @@ class RigPort:
     """A rig as a port: hardware, or a simulated twin.
 
     Args:
-        make: Returns the rig for a strike's number. A twin's noise depends on that number, so that a resumed run sees
-            the same noise.
+        make: Function that returns the rig for a strike's number. A twin's noise depends on that number, so that a
+            resumed run sees the same noise.
         target: Position of the target [m], (d,).
     """
 
@@ -149,13 +149,13 @@ TRAJECTORY, RECORDED = "trajectory", "recorded.csv"  # the first as .csv and as 
 
 
 class AwaitsRecording(WhiptoolError):
-    """The user's robot has to make a strike next.
+    """Raised if the user's robot has to make the next strike.
 
     Args:
         strike: The strike to make.
-        number: Its number in the run.
+        number: Number of the strike in the run.
         trajectory: Trajectory that the robot has to run.
-        recording: Path at which its recording is expected.
+        recording: Path at which the recording of the strike is expected.
     """
 
     def __init__(self, strike: Strike, number: int, trajectory: Path, recording: Path) -> None:
@@ -167,7 +167,7 @@ class RobotPort:
     """A position-controlled robot that the user commands and records.
 
     Args:
-        model: Model of its arm.
+        model: Model of the robot's arm with the whip.
         target: Target, for the miss distance.
         rate: Samples a second of the trajectory [1/s].
         rest: Time at rest before the strike, in which the whip stops swinging [s].

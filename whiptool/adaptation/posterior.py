@@ -34,11 +34,11 @@ class Starts:
 
     Args:
         explained: Root mean square of the residuals, in standard errors, up to which no other start is tried.
-        near: In the plane also an RMSE [m] up to which no other start is tried: in a wrong local minimum it is
-            centimetres, with a model that is merely incomplete millimetres. Not used in space, where a bead at a wrong
-            position also costs only millimetres.
-        close: Fit tolerance: decrease of the cost per mean squared residual below which no further step is made, worth
-            0.08 standard errors.
+        near: In the plane also an RMSE [m] up to which no other start is tried: in a wrong local minimum the RMSE is
+            centimetres, with an incomplete model millimetres. Not used in space, where a bead at a wrong position also
+            costs only millimetres.
+        close: Fit tolerance: decrease of the cost per mean squared residual below which no further step is made; it
+            corresponds to 0.08 standard errors.
         valley: RMSE [m] above which two agreeing starts may both have ended in the same wrong local minimum.
         same: Difference in cost (a log likelihood) up to which two fits count as the same.
     """
@@ -71,7 +71,7 @@ class Learned:
     Args:
         belief: The posterior.
         rmse: Root mean square error of each recording that was used, by source [m].
-        refused: Reason why each of the others was not used, by source.
+        refused: Reason why a recording was not used, by source.
         wall_time: Time that the update took [s].
         redundancy: Number of readings that carry as much information as one independent reading with the stated error,
             as errors of neighbouring frames are correlated and may be larger than stated.
@@ -165,7 +165,8 @@ def driven_by(plant: Plant, recordings: Sequence[StrikeRecording]) -> str:
 
 
 def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[StrikeRecording | None, str]:
-    """Return the tip's frames up to shortly after its closest approach to the target and "", or None and the reason.
+    """Return the tip's frames up to shortly after its closest approach to the target and an empty text; or None and the
+    reason why the recording cannot be used.
 
     The standard errors include a model error, so that a precise camera does not drive the fit to implausible
     parameters. At rest this error is the same in all frames, which are therefore replaced by one: their median.
@@ -202,7 +203,7 @@ def usable(recording: StrikeRecording, contact: float | None = None) -> tuple[St
 
 
 def tip_mislabelled(recording: StrikeRecording) -> str:
-    """Return how the tip's label left its marker in a motion-capture recording; empty if it did not.
+    """Return a description of an exchange of the tip's label in a motion-capture recording; empty without an exchange.
 
     Recordings in the plane and those with a single marker are not checked.
     """

@@ -166,7 +166,7 @@ class Belief:
 
     @classmethod
     def from_table(cls, plant: Plant, table: Mapping[str, Any]) -> Belief:
-        """Return the belief that `to_table` wrote.
+        """Return the belief from a table of `to_table`.
 
         Raises:
             InputError: A key is missing, or its value does not fit.

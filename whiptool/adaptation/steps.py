@@ -32,7 +32,7 @@ _SIZES, _PACES = np.geomspace(0.001, 0.5, 9), np.array([0.015, 0.03, 0.06, 0.12]
 
 
 def judge_seen(miss: float, target: Target, error: float = NOISE) -> Judgement:
-    """Return the judgement of a strike of which only the miss distance is known, from a port that returns no recording.
+    """Return the judgement of a strike from its measured miss distance alone, for a port that returns no recording.
 
     Args:
         miss: Miss distance [m].
@@ -55,7 +55,7 @@ def judge(
     Args:
         recording: Recording of the tip, with the strike's command.
         target: Point and hit radius.
-        belief: The posterior of the whip, this strike included; None: the strike is judged by the frames alone.
+        belief: The posterior of the whip after this strike; None: only the frames are used.
         until: Frames after this time [s] are ignored, unless the closest approach is among them: after a contact with
             the target the whip moves as no model predicts. None: all frames are used.
         seed: Seed of the whips that are drawn from the belief.
@@ -120,7 +120,7 @@ class Seen:
 
     @property
     def carried_out(self) -> bool:
-        """Whether the strike was carried out. Nothing is learned from one that was refused or interrupted."""
+        """Whether the strike was carried out. A refused or interrupted strike is not used for identification."""
         return not (self.fault or self.refused)
 
 
@@ -225,7 +225,7 @@ class Step:
 
 
 class Steps(list[Step]):
-    """All steps of an adaptation in order, beginning with the measurement before the first strike, number 0, if any."""
+    """All steps in order, beginning with the measurement before the first strike, number 0, if any."""
 
     def __repr__(self) -> str:
         strikes = self.strikes

@@ -395,7 +395,7 @@ def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) ->
 
 
 def check_same_run(folder: RunFolder, config: dict) -> None:
-    """Refuse to resume a run whose stored configuration differs from the one that its options give now.
+    """Refuse to resume a run whose stored configuration differs from that of its options in this version.
 
     Raises:
         InputError: A part differs; it is named.
@@ -410,7 +410,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
-    """Return whether a run's model or controller, of which older versions wrote fewer keys, is the present one."""
+    """Return whether a run's stored model or controller is the present one; older versions wrote fewer keys."""
     from whiptool.impedance.controller_files import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 
@@ -557,7 +557,7 @@ def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = ""
 
 
 def tell(options: JsonOptions, summary: Mapping[str, Any], text: str) -> None:
-    """Print a result: one JSON object, or text for people."""
+    """Print a result: one JSON object, or lines of text."""
     print(json.dumps(summary, allow_nan=False) if options.json else text, flush=True)
 
 
@@ -578,7 +578,7 @@ COMMANDS = {
 
 
 def main() -> int:
-    """`whiptool COMMAND ...`: the same as `python -m whiptool.COMMAND ...`."""
+    """Run `whiptool COMMAND ...`, which is the same as `python -m whiptool.COMMAND ...`."""
     from importlib import import_module
 
     args = sys.argv[1:]

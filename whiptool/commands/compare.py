@@ -262,7 +262,7 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
 
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:
-    """Write tables and plots into a folder, and return the tables as Markdown, headed by `about`."""
+    """Write tables and plots into a folder, and return the tables as Markdown under the heading `about`."""
     import whiptool.comparison.series as tables
     from whiptool.comparison.trial_plots import save_comparison
 

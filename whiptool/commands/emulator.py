@@ -45,7 +45,7 @@ _command = cli.command(EmulatorOptions, "rig.emulator", __doc__ or "", _serve, p
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status."""
+    """Run the command line, and return the exit status."""
     words = list(sys.argv[1:] if args is None else args)
     if words[:1] == ["--control"]:  # started by `Emulator`
         from whiptool.rig.emulator.process import serve_child

@@ -9,5 +9,5 @@ from whiptool.commands.papers import of_papers
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """The command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
+    """Run the command line; the exit status is 0, 1 for a failure, 2 for bad input, 130 when interrupted."""
     return cli.run(lambda: of_papers("human.command").run(args))

@@ -37,7 +37,8 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
     """Return the names of --free in full; of an arm without a whip `com` is that of every link.
 
     Raises:
-        InputError: The plant has no such parameter, or several; the message says which option helps, if one does.
+        InputError: The plant has no such parameter, or several; the message names an option that helps, if there is
+            one.
     """
     from whiptool.dynamics.directions import LUMPED
     from whiptool.identification.bare_arm import BareArm
@@ -207,7 +208,7 @@ class FitRun:
         return error
 
     def open_folder(self) -> RunFolder:
-        """The run folder, with its configuration."""
+        """Return the run folder, with its configuration."""
         pairs = [(r, False) for r in self.recordings] + [(r, True) for r in self.held_out]
         files = _file_names([r.source for r, _ in pairs])
         recordings = [
@@ -225,7 +226,7 @@ class FitRun:
         return cli.open_folder(self.options, "identify", config)
 
     def write_recordings(self, folder: RunFolder) -> None:
-        """Keep the recordings as they are fitted, and say how each was read."""
+        """Store the recordings that are fitted, and print how each was read."""
         recordings = [*self.recordings, *self.held_out]
         for name, recording in zip(self.files, recordings, strict=True):
             if recording.remarks:
@@ -235,7 +236,7 @@ class FitRun:
             recording.save(folder.path / RECORDINGS / file)
 
     def fit(self) -> None:
-        """Fit, for every number of nodes that is to be tried."""
+        """Fit the parameters for every number of nodes that is to be tried."""
         from whiptool.identification.fit import best_nodes, fit
         from whiptool.identification.results import root_mean_square
         from whiptool.identification.summary import error_words

@@ -152,7 +152,7 @@ class SearchRun:
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
-        """Search with a progress bar, every new trial written as it happens."""
+        """Search with a progress bar; every trial is written immediately."""
         from whiptool.optimizers import find_method, run_search
 
         if self.options.pareto is None:
@@ -199,7 +199,7 @@ class SearchRun:
         return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:
-        """Print the result, replay it on the reference, then draw; JSON is printed after the replay."""
+        """Print the result, replay the strike in MuJoCo, then draw; JSON is printed after the replay."""
         from whiptool.optimizers import Status
 
         status = 130 if result.status is Status.INTERRUPTED else 0

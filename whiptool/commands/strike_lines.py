@@ -65,10 +65,10 @@ def _joint_lines(outcome, arm) -> list[str]:
 
 
 def missed_by(outcome, target) -> dict[str, float | None] | None:
-    """Return, for JSON, by how much a strike misses point [m], direction [rad] and speed [m/s]; None for each that it
-    meets.
+    """Return, for JSON, by how much a strike misses point [m], direction [rad] and speed [m/s]; None for each
+    requirement that is met.
 
-    Return None instead of a table if the strike hits, or has no closest approach.
+    The result is None if the strike hits, or has no closest approach.
     """
     if outcome.hit or outcome.lost:
         return None
@@ -95,8 +95,8 @@ def outcome_lines(outcome, target, arm) -> list[str]:
 
 
 def arrival_table(outcome, target) -> dict | None:
-    """Return, for JSON, the tip's arrival angle [rad] and speed [m/s] and those the target asks; None if it asks for
-    none.
+    """Return, for JSON, arrival angle [rad] and speed [m/s] of the tip and those that the target requires; None if it
+    requires none.
     """
     if target.goals.only_points:
         return None

@@ -136,7 +136,7 @@ def read_strike(folder: Path) -> StrikeRun:
     """Return the strike of a run folder of optimize or simulate.
 
     Raises:
-        InputError: A file is missing or damaged, or they do not belong together.
+        InputError: A file is missing or damaged, or the files do not belong together.
     """
     from whiptool.given_files import read_toml
     from whiptool.models.files import model_from_table
@@ -253,7 +253,7 @@ def play(strike: StrikeRun) -> bool:
 
 
 def window_opens() -> bool:
-    """Whether an OpenGL window can be opened; otherwise MuJoCo's viewer would wait for one without end."""
+    """Whether an OpenGL window can be opened; otherwise MuJoCo's viewer would wait for it forever."""
     try:
         import glfw
     except ImportError:

@@ -32,7 +32,7 @@ MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerUnit(Unit):
-    """A learner, trained once over the zone, that then strikes at every target with its policy.
+    """Work unit that trains a learner once over the zone and then strikes at every target with its policy.
 
     Args:
         scene: Model, targets and hit radii.
@@ -230,8 +230,6 @@ class Checkpoint:
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:
-        """Write history and training. The history is written first: its entries after the saved training are
-        recomputed.
-        """
+        """Write history and training; the history first, as its entries after the saved training are recomputed."""
         write_whole(self.history, json.dumps(history))
         training.save(self.path)

@@ -120,7 +120,7 @@ class Comparison:
         return DifficultyUnit(scene=self.scene, strikes=strikes)
 
     def training(self, observation: str) -> tuple[int, int, int]:
-        """Return the numbers of episodes, of trials in each, and of random episodes with an observation."""
+        """Return the numbers of episodes, trials per episode, and random episodes for an observation."""
         if observation == "tip" or self.further_episodes is None or self.further_episodes >= self.episodes:
             return self.episodes, self.trials, self.random_episodes
         share = self.further_episodes / self.episodes

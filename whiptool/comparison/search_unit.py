@@ -131,9 +131,9 @@ def library_search(objective: Objective, library: StrikeLibrary) -> Result:
 class SearchUnit(Unit):
     """A search from scratch at each target of a contiguous part of the targets.
 
-    The search goes on until the smallest hit radius is hit. For a target that is a point no search uses the radius, so
-    its first trial within a wider radius is the one at which a search with that radius would have ended. A required
-    direction or speed is weighted by the hit radius, so there is then one search per radius.
+    The search goes on until the smallest hit radius is hit. At a target without direction and speed no search uses the
+    radius, so that its first trial within a wider radius is the trial at which a search with that radius would have
+    ended. A required direction or speed is weighted by the hit radius, so there is then one search per radius.
 
     Args:
         scene: Model, targets and hit radii.

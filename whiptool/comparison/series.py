@@ -181,7 +181,7 @@ class Series:
 
     @property
     def main(self) -> bool:
-        """Whether it is a search, or a learner under the main convention (`MAIN_CONVENTION`)."""
+        """Whether the method is a search, or a learner with the main convention (`MAIN_CONVENTION`)."""
         return self.convention in ("", MAIN_CONVENTION)
 
     @property
@@ -199,7 +199,7 @@ class Series:
         return needs_fewer(self.trials, other.trials, share=share)
 
     def row(self) -> dict[str, Any]:
-        """One row of the table, by column."""
+        """Return one row of the table, by column."""
         low, high = self.interval
         return {
             "method": self.method,
@@ -222,7 +222,7 @@ class Series:
 
 
 def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Mapping[str, Any]]) -> list[Series]:
-    """The series of finished units, in the order of the units."""
+    """Return the series of finished units, in the order of the units."""
     groups: dict[tuple[str, str], dict[int, list[Mapping[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     units = list(units)
     for unit in units:
@@ -256,7 +256,7 @@ def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Map
 
 
 def as_csv(series: Sequence[Series]) -> str:
-    """Every series as a line, at full precision."""
+    """Return every series as a line of CSV, at full precision."""
     text = io.StringIO()
     rows = [one.row() for one in series]
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
@@ -321,7 +321,7 @@ def convention_table(series: Sequence[Series]) -> list[list[str]]:
 
 
 def as_markdown(table: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown, its columns aligned."""
+    """Return a table in Markdown with aligned columns."""
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     lines = [
         "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in table

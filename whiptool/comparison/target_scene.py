@@ -45,7 +45,7 @@ class TargetScene:
     Args:
         model, controller: Model of arm and whip, and the arm's controller.
         zone: Zone of the targets.
-        arrival: How the tip has to arrive there.
+        arrival: Required arrival of the tip at the targets.
         targets: Number of targets.
         target_seed: Seed with which the targets are drawn.
         radii: Hit radii [m], the widest first; learners are trained with the first.
@@ -136,7 +136,8 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
         reach: Largest distance from the shoulder that the tip reaches [m].
 
     Raises:
-        InputError: The name is neither, no point of the disc is within reach, or the disc contains all that is.
+        InputError: The name is neither `fast` nor a radius, no point of the disc is within reach, or the disc contains
+            all points within reach.
     """
     if name == FAST:
         return
@@ -151,8 +152,8 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
 
 
 def zone_named(name: str, scene: TargetScene, store: Store, *, quick: bool = False) -> Zone:
-    """Return the zone of a name: the fast region, or the reachable part of a disc of that radius [m] around the middle
-    of the scene's zone.
+    """Return the zone with a name: the fast region, or the reachable part of a disc of that radius [m] around the
+    middle of the scene's zone.
     """
     if name == FAST:
         return fast_region(scene, store, quick=quick)
@@ -192,9 +193,7 @@ class DifficultyUnit(Unit):
     strikes: int = 10_000
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Simulate each random strike at its own target and the best strike at all targets; return the fractions
-        hit.
-        """
+        """Simulate each random strike at its target and the best strike at all targets; return the fractions hit."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
         rollout, goals = scene.rollout(threads), scene.goals()
         task = StrikeTask(

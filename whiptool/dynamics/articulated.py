@@ -37,8 +37,8 @@ class Link(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """An orientation as a product of rotations: `before` (3, 3), a rotation by `angle` about `axis`, and constants
-    `after`.
+    """An orientation as a product of rotations: `before` (3, 3), a rotation by `angle` about `axis`, and the constant
+    `after` (3, 3).
     """
 
     before: ca.SX
@@ -55,7 +55,7 @@ class Turned(NamedTuple):
 
     @property
     def settled(self) -> Turned:
-        """The same orientation with everything in `before` and a zero angle."""
+        """Return the same orientation in the form `before` times a rotation by zero."""
         return Turned(self.matrix, ca.SX(0))
 
     def hinged(self, axis: Axis, q: ca.SX) -> tuple[Turned, ca.SX]:
@@ -145,7 +145,7 @@ class SpatialMoving(NamedTuple):
     axes: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 21 + 3 K entries as scalars, field by field, `axes` (3, K) column by column."""
+        """Return the 21 + 3 K entries as scalars, field by field, `axes` (3, K) column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialMoving:
@@ -169,7 +169,7 @@ class SpatialCarried(NamedTuple):
     force: ca.SX = ca.SX.zeros(3)
 
     def entries(self) -> list[ca.SX]:
-        """All entries as scalars; of symmetric matrices those on and above the diagonal."""
+        """Return all entries as scalars; for symmetric matrices those on and above the diagonal."""
         parts = (upper(self.J), scalars(self.H), upper(self.M), scalars(self.moment), scalars(self.force))
         return [x for part in parts for x in part]
 
@@ -192,7 +192,7 @@ class SpatialJoint(NamedTuple):
     among: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 7 K + K K entries as scalars, field by field, each matrix column by column."""
+        """Return the 7 K + K K entries as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialJoint:
@@ -203,15 +203,15 @@ class SpatialJoint(NamedTuple):
 
 
 class SpatialAcceleration(NamedTuple):
-    """Angular acceleration of the link before a joint [rad/s^2], and acceleration of the joint's point [m/s^2], (3, 1)
-    each.
+    """Angular acceleration of the link to which a joint is attached [rad/s^2], and acceleration of the joint's point
+    [m/s^2], (3, 1) each.
     """
 
     angular: ca.SX
     linear: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its six entries as scalars, the angular acceleration's first."""
+        """Return the six entries as scalars, those of the angular acceleration first."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> SpatialAcceleration:
@@ -254,7 +254,7 @@ def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
     """Return the quadratic drag (3, 1) [N] on a link's far end; `velocity` [m/s] and the link's direction `down` are
     (3, 1).
 
-    A tiny constant keeps the root differentiable at rest.
+    A tiny constant keeps the square root differentiable at rest.
     """
     if link.drag.is_zero():
         return ca.SX.zeros(3)

@@ -222,8 +222,8 @@ def explicit_timestep(model: Model) -> float:
 
     The method is stable for eigenvalues up to about 2.8 over the step; a fraction of that is used, as the whip does not
     hang during a strike. Dry friction is linearised at rest, as damping. A node with a universal joint at gimbal lock
-    (bent by 90 degrees about its second hinge) rotates about its first hinge with its own moment of inertia alone,
-    between two dampers.
+    (bent by 90 degrees about its second hinge) has only its moment of inertia about the first hinge, against two
+    dampers.
 
     Args:
         model: Whip, arm and gravity.

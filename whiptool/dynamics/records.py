@@ -12,7 +12,7 @@ class Record(Protocol):
     """A record of CasADi expressions, such as a frame or an articulated inertia."""
 
     def entries(self) -> list[ca.SX]:
-        """All its entries, each a scalar."""
+        """All entries of the record as scalars."""
         ...
 
     def with_entries(self: R, entries: Sequence[ca.SX]) -> R:
@@ -27,11 +27,11 @@ class Nothing:
     """An empty record."""
 
     def entries(self) -> list[ca.SX]:
-        """Return an empty list: this record has no entries."""
+        """Return an empty list, as this record has no entries."""
         return []
 
     def with_entries(self, entries: Sequence[ca.SX]) -> Nothing:
-        """Return this same record: it has no entries to replace."""
+        """Return this record, as it has no entries to replace."""
         return self
 
 
@@ -65,9 +65,7 @@ class Stored(Generic[R]):
 
     @classmethod
     def of(cls, record: R, name: str) -> Stored[R]:
-        """Return the storage of a record's entries that are not constant; entries with the same expression share a
-        column.
-        """
+        """Return the storage of the entries that are not constant; entries with equal expressions share a column."""
         different: list[ca.SX] = []
         where: list[int | None] = []
         for entry in record.entries():
@@ -80,12 +78,12 @@ class Stored(Generic[R]):
 
     @classmethod
     def along(cls, start: R, name: str, follow: Callable[[R], R], *, always: Sequence[int] = ()) -> Stored[R]:
-        """Return storage for every entry that is not the same constant in all records of a chain.
+        """Return the storage of the entries that are not the same constant in all records of a chain.
 
         Args:
             start: The first record.
             name: Name of the symbols.
-            follow: Returns the record that follows a given one.
+            follow: Function that returns the record after a given record.
             always: Indices of entries that are stored in any case.
         """
         free = {i for i, x in enumerate(start.entries()) if not x.is_constant()} | set(always)
@@ -98,13 +96,13 @@ class Stored(Generic[R]):
             free |= differs
 
     def needed(self, start: R, name: str, uses: Callable[[R], ca.SX], follow: Callable[[R], R]) -> Stored[R]:
-        """Return storage without the columns on which nothing depends.
+        """Return the storage without columns that no result depends on.
 
         Args:
             start: The first record.
             name: Name of the symbols.
-            uses: Returns the expressions that are needed from a record.
-            follow: Returns the record that follows a given one.
+            uses: Function that returns the expressions that are needed from a record.
+            follow: Function that returns the record after a given record.
         """
         wanted, after = uses(self.record), self.column(follow(self.record))
         live: set[int] = set()

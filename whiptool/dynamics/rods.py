@@ -73,7 +73,7 @@ class RodFrame(NamedTuple):
     PLACE = 16
 
     def entries(self) -> list[ca.SX]:
-        """All its entries as scalars; velocity and position last."""
+        """All entries as scalars; velocity and position last."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodFrame:
@@ -109,8 +109,9 @@ class RodJoint(NamedTuple):
     with_last: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 18 entries as scalars: `free`, `across` column by column, and the upper triangle of
-        `with_last`."""
+        """Return the 18 entries as scalars: `free`, `across` column by column, and the upper triangle of
+        `with_last`.
+        """
         return [*scalars(self.free), *scalars(self.across), *upper(self.with_last)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> RodJoint:

@@ -71,7 +71,7 @@ class ArmMotion(NamedTuple):
     turned: ca.SX = ca.SX(0, 1)
 
     def entries(self) -> list[ca.SX]:
-        """Return its a a + 8 a + 6 entries, and those of the hand, as scalars, field by field, each matrix column by
+        """Return the a a + 8 a + 6 entries, and those of the hand, as scalars, field by field, each matrix column by
         column.
         """
         return [x for part in self for x in scalars(part)]
@@ -99,7 +99,7 @@ class LedMotion(NamedTuple):
     acceleration: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 7 a + 6 entries as scalars, field by field, each matrix column by column."""
+        """Return the 7 a + 6 entries as scalars, field by field, each matrix column by column."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> LedMotion:
@@ -203,7 +203,7 @@ class SerialArm:
         return LedMotion(torque, at.jacobian, _of_point(drifts[-1], speeds[-1], at.hand))
 
     def weight(self, at: ArmPosture, bodies: list[Body], gravity: ca.SX | float) -> ca.SX:
-        """Return the torques (a, 1) [N m] that hold the weight of these bodies (Eq. 3)."""
+        """Return the torques (a, 1) [N m] that hold the weight of the given bodies (Eq. 3)."""
         up = ca.vertcat(0, 0, gravity)
         forces = []
         for body in bodies:

@@ -124,8 +124,9 @@ def arm_column(name: str) -> tuple[str, int]:
 
 @dataclass(frozen=True)
 class Structure:
-    """The properties of a model and controller that decide which terms the generated code has; all else is a
-    parameter."""
+    """The properties of a model and controller that decide which terms the generated code has; all other properties are
+    parameters.
+    """
 
     n_arm: int
     n_whip: int

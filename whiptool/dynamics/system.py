@@ -414,7 +414,7 @@ class System(ABC):
 
     @cached_property
     def columns(self) -> _Columns:
-        """Records and their stored columns, found by following them along the whip until nothing changes."""
+        """Records and their stored columns, followed along the whip until the stored entries do not change."""
         s = self._symbols
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
 
@@ -447,7 +447,7 @@ class System(ABC):
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
-        """The functions of which a compiled engine consists, by name; their arguments and results are columns."""
+        """The functions of a compiled engine by name; their arguments and results are columns."""
         s, c = self._symbols, self.columns
         q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"], s["share"])

@@ -32,7 +32,7 @@ class TautCarried(NamedTuple):
     force: ca.SX = ca.SX.zeros(3)
 
     def entries(self) -> list[ca.SX]:
-        """Return its 10 entries as scalars, field by field."""
+        """Return the 10 entries as scalars, field by field."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> TautCarried:
@@ -65,7 +65,7 @@ class TautJoint(NamedTuple):
     per_length: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its 11 entries as scalars, field by field."""
+        """Return the 11 entries as scalars, field by field."""
         return [x for part in self for x in scalars(part)]
 
     def with_entries(self, entries: Sequence[ca.SX]) -> TautJoint:
@@ -81,7 +81,7 @@ class PointAcceleration(NamedTuple):
     linear: ca.SX
 
     def entries(self) -> list[ca.SX]:
-        """Return its three entries as scalars."""
+        """Return the three entries as scalars."""
         return scalars(self.linear)
 
     def with_entries(self, entries: Sequence[ca.SX]) -> PointAcceleration:

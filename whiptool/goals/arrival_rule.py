@@ -59,12 +59,12 @@ class ArrivalRule:
 
     @property
     def directed(self) -> bool:
-        """Whether a direction is asked for at every target."""
+        """Whether the rule requires a direction at every target."""
         return self.direction is not None or self.angle is not None
 
     @property
     def only_points(self) -> bool:
-        """Whether neither a direction nor a speed is asked for."""
+        """Whether the rule requires neither a direction nor a speed."""
         return not self.directed and self.speed is None
 
     @property
@@ -129,8 +129,8 @@ class ArrivalRule:
         return Goals(positions, hit_radius, directions, self.cone, self.speed, sights)
 
     def goal_of(self, target: Target) -> Goals:
-        """Return the goal of a target if the rule covers it; if the rule has one direction, the target need not give
-        it.
+        """Return the goal of a target if the rule covers it; a rule with one direction also covers targets without
+        direction.
 
         Raises:
             InputError: The target asks for a direction that the rule does not have, or for more speed, or gives no
@@ -193,7 +193,7 @@ class ArrivalRule:
         return ", ".join(said) or "arriving in any way"
 
     def table(self) -> dict[str, Any] | None:
-        """Return the rule as plain data for a result; None if only points are asked for."""
+        """Return the rule as plain data for a result; None if neither direction nor speed is required."""
         if self.only_points:
             return None
         direction, angle = (list(x) if isinstance(x, tuple) else x for x in (self.direction, self.angle))

@@ -62,7 +62,7 @@ class Criterion(ABC):
         name: Name on the command line.
         words: Description, with the unit.
         largest: Whether larger is better.
-        of_torques: Whether it is computed from torques, which are not available for an arm of unknown inertia.
+        of_torques: Whether the criterion is computed from torques, which are unknown for an arm of unknown inertia.
     """
 
     name: ClassVar[str]
@@ -88,7 +88,7 @@ class Criterion(ABC):
         return value
 
     def cost(self, value: float, hit_radius: float) -> float:
-        """Return the cost of a hit in searches: negative, whereas that of a miss is not, and larger for a worse hit."""
+        """Return the cost of a hit in searches: negative, unlike that of a miss, and larger for a worse hit."""
         size = math.log1p(max(value, 0.0) / self._scale(hit_radius))
         return -(1 + size) if self.largest else -1 / (1 + size)
 

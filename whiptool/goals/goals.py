@@ -72,7 +72,7 @@ class Goals(NoArray, instead="its positions"):
 
     Args:
         positions: Positions of the targets [m], (B, d).
-        hit_radius: A target is hit when the tip comes this close [m].
+        hit_radius: Largest distance between tip and target at a hit [m].
         directions: Unit vectors along which the tip has to arrive, (B, d); None: any.
         cone: Largest angle between the direction and the tip's velocity at the closest approach [rad].
         speed: Least speed at the closest approach [m/s], along the direction if there is one; None: any.
@@ -94,8 +94,8 @@ class Goals(NoArray, instead="its positions"):
 
     @property
     def largest_cost(self) -> float:
-        """Largest amount that direction and speed add in quadrature to the miss distance [m]; 0 if only points are
-        asked for.
+        """Largest amount that direction and speed add in quadrature to the miss distance [m]; 0 if neither is
+        required.
         """
         of_direction = 0.0 if self.directions is None else 1 / math.sin(self.cone / 2)
         of_speed = 0.0 if self.speed is None else 1.0
@@ -176,9 +176,9 @@ class Goals(NoArray, instead="its positions"):
         Args:
             distance: Distance of the tip from the target at the closest approach [m], (B,); not finite for a diverged
                 strike.
-            velocity: Velocity of the tip then [m/s], (B, d); None: unknown, and only goals without direction and speed
-                can be hit.
-            error: Standard error of a measured distance [m], (B,): it is a hit if the hit probability is at least
+            velocity: Velocity of the tip at the closest approach [m/s], (B, d); None: unknown, and only goals without
+                direction and speed can be hit.
+            error: Standard error of a measured distance [m], (B,): a strike hits if its hit probability is at least
                 `CLAIMED`. None: the distance is exact.
         """
         if error is not None:
@@ -198,8 +198,8 @@ class Goals(NoArray, instead="its positions"):
 
         Args:
             distance: Expected distance of the tip from the target at the closest approach [m], any shape.
-            velocity: Velocity of the tip then [m/s], (..., d); None: unknown, and for a goal with direction or speed
-                the probability is at most 0.5.
+            velocity: Velocity of the tip at the closest approach [m/s], (..., d); None: unknown, and for a goal with
+                direction or speed the probability is at most 0.5.
             error: Scale of the position's error [m], a scalar or of the shape of `distance`; positive.
             freedom: Degrees of freedom of the position's error, see `probability_within`.
         """
@@ -219,8 +219,8 @@ class Goals(NoArray, instead="its positions"):
     def hit_by(self, near: Approach) -> np.ndarray:
         """Return which of the strikes with these closest approaches hit, (B,): see `hit`.
 
-        A strike that diverged does not count as a hit, nor does one that meets the hit radius by less than the
-        estimated integration error.
+        A strike that diverged does not count as a hit, nor a strike whose distance is within the hit radius by less
+        than the estimated integration error.
         """
         return ~near.diverged & self.hit(near.farthest, near.velocity, near.error)
 
@@ -251,7 +251,7 @@ class Goals(NoArray, instead="its positions"):
 
         Args:
             distance: Distance of the tip from the target at the closest approach [m], (B,).
-            velocity: Velocity of the tip then [m/s], (B, d).
+            velocity: Velocity of the tip at the closest approach [m/s], (B, d).
         """
         if self.only_points:
             return distance

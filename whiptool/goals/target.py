@@ -143,7 +143,7 @@ class Target(Vector):
 
     @classmethod
     def of(cls, goals: Goals, i: int) -> Target:
-        """Return number i of several goals as a target."""
+        """Return goal number i of several goals as a target."""
         rows = (goals.positions, goals.directions, goals.sights)
         place, direction, sight = (None if x is None else tuple(map(float, x[i])) for x in rows)
         assert place is not None
@@ -173,7 +173,7 @@ class Target(Vector):
 
         Args:
             distance: Distance of the tip at the closest approach [m].
-            velocity: Velocity of the tip then [m/s], (2,) or (3,).
+            velocity: Velocity of the tip at the closest approach [m/s], (2,) or (3,).
         """
         excess = self.goals.excess(np.array([distance]), np.array([velocity]))
         return {name: float(by[0]) for name, by in excess.items() if by[0] > 0}
@@ -248,7 +248,7 @@ def check_radius(name: str, radius: float, place: Sequence[float], model: Model)
 def missed_words(missed: Mapping[str, float]) -> str:
     """Return the result of `Target.missed_by` as text, such as `the direction by 12.3 degrees`.
 
-    If a strike does not count as a hit although it misses nothing, its uncertainty is too large, and the text says so.
+    If a strike meets all requirements and yet does not count as a hit, the text says that its uncertainty is too large.
     """
     if not missed:
         return "by less than the uncertainty"
@@ -275,7 +275,7 @@ _AHEAD = (0.55, 0.0, 0.0)  # of an arm that stands on no floor, such as a person
 
 
 def usual_target(model: Model) -> Target:
-    """Return the default target of a model: in the plane the paper's, in space one that arms hit easily.
+    """Return the default target of a model: in the plane that of the paper, in space a target that arms hit easily.
 
     In space its coordinates are fractions of the model's reach, rounded to two digits: in front of the base, and for a
     robot on a floor also to the side and above it.
@@ -288,10 +288,10 @@ def usual_target(model: Model) -> Target:
 
 
 def as_target(target: Target | Sequence[float] | np.ndarray) -> Target:
-    """Return a target as it is, or a position (x, y) or (x, y, z) [m] as a target with the default hit radius.
+    """Return a target unchanged, or a position (x, y) or (x, y, z) [m] as a target with the default hit radius.
 
     Raises:
-        InputError: The argument is neither.
+        InputError: The argument is neither a target nor a position.
     """
     place: Any = target  # a sequence of any kind, which a `Target` keeps as a tuple
     return target if isinstance(target, Target) else Target(place)

@@ -27,7 +27,7 @@ class Zone(Protocol):
 
     @property
     def dimension(self) -> int:
-        """d: 2 in the plane, 3 in space."""
+        """Dimension d of the zone: 2 in the plane, 3 in space."""
         ...
 
     @property
@@ -244,7 +244,7 @@ def round_name(disc: Disc) -> str:
 
 
 def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
-    """Return the disc or ball itself if it lies within reach [m] of the shoulder, else the part that does.
+    """Return the part of a disc or ball that lies within reach [m] of the shoulder; the whole if all of it does.
 
     Raises:
         InputError: No point of it is within reach, or the disc contains all points within reach.

@@ -25,10 +25,10 @@ class Parameter:
         name, value, start: Name, fitted value and starting value, in the parameter's unit.
         unit: SI unit; empty: none.
         kind: `well determined`: known to 10 % or better (a delay, rotation or shift, whose zero is arbitrary, to a
-            tenth of its typical size); `weak`: less well; `traded`: it would be well determined if all others were
-            known, but its error is correlated with that of `partner`; `flat`: the recordings contain no information on
-            it; `at bound`: it ended at a bound; `withdrawn`: the model does not explain the readings, or their times
-            are wrong, so that no standard error is valid. All classes assume that the model's form is right.
+            tenth of its typical size); `weak`: less well; `traded`: well determined if all others were known, but its
+            error is correlated with that of `partner`; `flat`: the recordings contain no information on it; `at bound`:
+            it ended at a bound; `withdrawn`: the model does not explain the readings, or their times are wrong, so that
+            no standard error is valid. All classes assume that the model's form is right.
         error: Standard error of the value, in its unit; NaN if flat or withdrawn.
         interval: 95 % interval; None for the classes flat, at bound and withdrawn.
         alone: Standard error if all other parameters were known; NaN if withdrawn.

@@ -43,10 +43,10 @@ DRIVES = ("command", "joints", "robot", "hand", "handle", "passive", "free")
 
 @dataclass
 class Packed:
-    """Parameters of a plant (P,), and their derivatives by its m free parameters, (m, P), as the compiled engine takes
-    them.
+    """Parameters of a plant (P,), and their derivatives by its m free parameters, (m, P), in the form that the compiled
+    engine takes.
 
-    `hanging` is the same for the closed loop that computes how the whip hangs; `turning` is the derivative of a clamp's
+    `hanging` has the same for the closed loop that computes the hanging whip; `turning` is the derivative of a clamp's
     angle, (m,).
     """
 
@@ -139,7 +139,7 @@ def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
 
 
 def unknown_markers(recording: StrikeRecording) -> InputError:
-    """Return the error which says that no marker of a recording is on the whip."""
+    """Return the error for a recording without a marker on the whip."""
     fix = "names are in lower case" if any(name != name.lower() for name in recording.markers) else ""
     rule = "tip or nodes of the whip among them (tip, node1, node2, ...)"
     return InputError(f"{recording.called}: markers", ", ".join(recording.markers), rule, fix)
@@ -455,9 +455,9 @@ class FreeDrive(Drive):
 
 
 def pieces(swing: StrikeRecording, length: float) -> list[StrikeRecording]:
-    """Pieces of `length` seconds of the angles of an arm, all but the first without a measured first state.
+    """Return pieces of `length` seconds of the angles of an arm; only the first has a measured initial state.
 
-    A long swing of several links forgets its start; pieces do not, and a fit that begins with them converges.
+    A long swing of several links is chaotic, so that a fit to short pieces converges better at first.
     """
     count = max(1, round((swing.t[-1] - swing.t[0]) / length))
     ends = np.linspace(0, len(swing.t), count + 1).astype(int)
@@ -498,7 +498,7 @@ def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.n
     (2 N,).
 
     It is computed from the direction of the farthest marker from the hand and its rate: a whip on a free hinge rotates
-    there, any other bends evenly.
+    about it, any other whip bends evenly.
 
     Args:
         recording: Recording from the release on.

@@ -50,7 +50,7 @@ class Judgement:
 
     Args:
         miss: Posterior mean of the miss distance [m].
-        error: Its standard error [m].
+        error: Standard error of the miss distance [m].
         probability: Hit probability.
         nearest: Time and position of the closest approach; None if only the distance is known.
     """
@@ -129,7 +129,7 @@ def weigh(
         t, paths: Times (T,) [s] and sampled paths (S, T, d) [m].
         frames: Frames that show the tip.
         target: Point and hit radius.
-        sizes, paces: Standard deviations [m] and correlation times [s] of the model error that are tried.
+        sizes, paces: Candidate standard deviations [m] and correlation times [s] of the model error.
     """
     d = paths.shape[2]
     at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(d)] for path in paths])  # (S, d, F)

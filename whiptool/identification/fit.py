@@ -199,9 +199,9 @@ def predict(
 ) -> list[RecordingFit]:
     """Return recordings that were not fitted, with the plant's predictions.
 
-    The drive (command, measured joints or tracked handle) is taken from the recording. If a recording has own unknowns
-    (initial state, a robot's lag, nuisance parameters), they are fitted to the first half of its frames and the second
-    half is predicted. A pendulum's free swing starts from its first sample.
+    The drive (command, measured joints or tracked handle) is taken from the recording. If a recording has separate
+    unknowns (initial state, a robot's lag, nuisance parameters), they are fitted to the first half of its frames and
+    the second half is predicted. A pendulum's free swing starts from its first sample.
 
     Args:
         recordings: Recordings to predict.
@@ -210,7 +210,7 @@ def predict(
         options: Options of the fit.
 
     Returns:
-        Each recording with its residuals, without the readings to which its own unknowns were fitted.
+        Each recording with its residuals, without the readings to which its unknowns were fitted.
 
     Raises:
         InputError: A recording has no readings left to predict.

@@ -30,8 +30,8 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
 
     Args:
         path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
-        cameras: File of the calibrated cameras, for films and recordings in pixels in space; default: the one that each
-            recording names.
+        cameras: File of the calibrated cameras, for films and recordings in pixels in space; default: the file that
+            each recording names.
         handle: Whether the handle's path is needed, which is not tracked in images.
 
     Raises:

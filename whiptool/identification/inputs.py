@@ -27,11 +27,12 @@ from whiptool.vision.markers import Marker
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:
-    """Return the paths to fit, and those to hold out.
+    """Return the paths of the recordings to fit, and those of the recordings to hold out.
 
     Args:
         recordings: All paths.
-        held_out: Number of last recordings to hold out, or their names; None: the last one if there are three or more.
+        held_out: Number of recordings to hold out, counted from the last, or their names; None: one if there are three
+            or more.
 
     Raises:
         InputError: A path is given twice, or nothing is left to fit.
@@ -52,10 +53,10 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
 
 
 def names_of(name: str, known: Collection[str]) -> list[str]:
-    """Return the known parameter names that an abbreviated name means; empty if no name fits.
+    """Return the full parameter names for an abbreviated name; empty if no name fits.
 
-    `whip.k` means itself, `k` every name that ends with `.k`, and `com`, if no name ends with it, its elements
-    `link.com[0]`, `link.com[1]`, ...
+    A full name such as `whip.k` is unchanged, `k` stands for every name that ends with `.k`, and `com`, if no name ends
+    with it, its elements `link.com[0]`, `link.com[1]`, ...
     """
     if name in known:
         return [name]
@@ -105,7 +106,7 @@ def profile_of(model: Model, name: str) -> WhipProfile:
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:
     """Read a prior from a TOML file with lines such as `"whip.m" = {value = 0.012, error = 0.1}`.
 
-    An error is relative for a parameter that is always positive, and in its own unit for one that may be zero (drag,
+    An error is relative for a parameter that is always positive, and in the unit of a parameter that may be zero (drag,
     friction, rest angle, delay).
 
     Args:
@@ -161,7 +162,7 @@ def read_marker(path: str | None) -> Marker | None:
 
 
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
-    """Return the controller that the recordings state, or None if none does.
+    """Return the controller that the recordings state, or None if they state none.
 
     If a controller does not state its compensated masses, those of the other recordings are taken.
 

@@ -34,7 +34,7 @@ class LaggedReference:
         self.rows, self.mean = np.array([[1 / SPREAD]]), np.array([USUAL / SPREAD])
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion for a lag c (1,) [s], of which only the magnitude matters."""
+        """Return the motion for a lag c (1,) [s]; the sign of c is ignored."""
         sign, lag = (-1.0 if c[0] < 0 else 1.0), max(abs(float(c[0])), _LEAST)
         share = _lagging(self._t, self._strike.D, lag + 1j * _STEP)  # (3, I)
         span = np.subtract(self._strike.q_f, self._strike.q_i)

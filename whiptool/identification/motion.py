@@ -147,7 +147,7 @@ class BaseMotion(Protocol):
     mean: np.ndarray
 
     def at(self, c: np.ndarray) -> Moved:
-        """The motion with coefficients c."""
+        """Return the motion with coefficients c."""
         ...
 
 
@@ -212,7 +212,7 @@ class HandleMotion:
         self._still = np.zeros(joints), np.zeros((2 * spline.size, joints))  # the frame of the base does not turn
 
     def at(self, c: np.ndarray) -> Moved:
-        """The motion with coefficients c (C,)."""
+        """Return the motion with coefficients c (C,)."""
         p, v, a = (basis @ c.reshape(-1, 2) for basis in self._bases)
         inputs = np.hstack([np.zeros((len(v), 3)), v, a])
         return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)

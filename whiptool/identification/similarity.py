@@ -120,7 +120,7 @@ def _delay(t: np.ndarray, P: np.ndarray, S: np.ndarray) -> float:
 
 
 def frechet(P: np.ndarray, S: np.ndarray) -> float:
-    """Discrete Frechet distance of two curves (T, d), (U, d) [m]; Eiter and Mannila (1994)."""
+    """Return the discrete Frechet distance of two curves (T, d), (U, d) [m]; Eiter and Mannila (1994)."""
     distance = np.linalg.norm(P[:, None] - S[None], axis=2)
     reach = np.empty_like(distance)
     reach[0] = np.maximum.accumulate(distance[0])

@@ -41,7 +41,7 @@ _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
 class Ending(Enum):
-    """Why the solver stopped."""
+    """Reason why the solver stopped."""
 
     CONVERGED = "the cost no longer decreases"
     SETTLED = "the shared parameters have converged; those of single recordings still change along a flat direction"
@@ -67,7 +67,7 @@ class Solution:
         z: Shared unknowns, (G,).
         own: Own unknowns of each recording, (L,).
         cost: Half the sum of the loss.
-        status: Why it stopped.
+        status: Reason why the solver stopped.
         history: Cost, damping and length of the step in z, at the start and after each accepted step.
         evaluations: Evaluations of the model, with or without derivatives.
     """
@@ -166,8 +166,9 @@ def solve(
         lower, upper: Bounds of z, (G,).
         loss: Loss to minimise.
         max_iterations: Largest number of iterations.
-        tolerance: It ends where the cost would fall by no more than this, per mean squared residual; or where shared
-            unknowns stay while each recording's own still move along a flat valley of the cost (`Ending.SETTLED`).
+        tolerance: The solver stops if the predicted decrease of the cost, per mean squared residual, is at most this;
+            or if the shared unknowns are constant and only those of single recordings change along a flat valley of the
+            cost (`Ending.SETTLED`).
     """
     search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
     here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)

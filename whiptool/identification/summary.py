@@ -50,7 +50,7 @@ def parameter_lines(fit: Fit) -> list[str]:
 
 
 def bound_lines(fit: Fit) -> list[str]:
-    """Return a sentence for each number that ended at a bound: which bound, and where the fit had started."""
+    """Return a sentence for each parameter that ended at a bound, with the bound and the starting value."""
     lines = []
     for p in fit.parameters:
         if p.name not in fit.at_bounds:
@@ -74,7 +74,7 @@ def misfit_line(fit: Fit) -> str:
 
 
 def warning(fit: Fit) -> str | None:
-    """Return the warning why all classes and intervals are withdrawn; None if the fit is valid."""
+    """Return the warning that all classes and intervals are withdrawn, with the reason; None if the fit is valid."""
     if fit.explains:
         return None
     if fit.clock_fault is not None:
@@ -135,8 +135,8 @@ def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
 
 
 def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Return times (S,) [s], measured and predicted positions (S, d) [m], and the name of the marker: the tip or the
-    last one.
+    """Return times (S,) [s], measured and predicted positions (S, d) [m], and the name of the marker: the tip or,
+    without a tip, the last marker.
 
     For a camera in space the positions are pixels, and depth [m] if it was measured.
     """

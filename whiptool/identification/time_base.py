@@ -62,9 +62,7 @@ class ClockFault:
 
     @property
     def plain(self) -> bool:
-        """Whether the fault is significant, large enough, and explains most of the residuals that the fit leaves
-        unexplained.
-        """
+        """Whether the fault is significant, large enough, and explains most of the residuals left by the fit."""
         return self.p_value <= SIGNIFICANCE and self.frames >= LEAST and self.share >= SHARE
 
 

@@ -77,8 +77,8 @@ def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: 
     In the home posture, with the whip's mass in the hand, they give the natural frequency `frequency` and critical
     damping. If only the hand's position is controlled (`hand.orientation` is false), both are multiples of the identity
     (d, d) [N/m, N s/m], computed from the largest effective mass in any direction. If its orientation is controlled,
-    too, they are the hand's effective inertia matrix times w^2 and 2 w, w = 2 pi frequency; rotational entries are in
-    N m/rad and N m s/rad. A single factor would not do there, because the inertia about the hand's own axis is very
+    too, they are the hand's effective inertia matrix times w^2 and 2 w, w = 2 pi frequency; rotational entries are in N
+    m/rad and N m s/rad. A single factor is not sufficient, because the inertia about the axis of the hand is very
     small.
 
     Args:
@@ -198,7 +198,7 @@ class Controller(NoArray, instead="its parameters()"):
             raise InputError(f"controller {self.law.kind}", given, f"matrices of {rows} rows, one per {each}", fix)
 
     def reckoning_with(self, model: Model) -> Controller:
-        """Return the same controller with gravity compensation for this model, whatever model is simulated."""
+        """Return the same controller with gravity compensation for this model, independent of the simulated model."""
         expect(Model, model=model)
         if self.prescribed:
             return self

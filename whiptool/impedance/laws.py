@@ -150,7 +150,7 @@ class ConstantImpedance(NoArray, instead="its K or B"):
         return law
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return `K` and `B` by name, flattened row by row, (1,) for one number, as `expression` takes them."""
+        """Return `K` and `B` by name, flattened row by row, (1,) for a single number, for `expression`."""
         return {"K": np.ravel(self.K), "B": np.ravel(self.B)}
 
     @staticmethod
@@ -207,9 +207,9 @@ def constant_preset(name: str) -> ConstantImpedance:
 class OIAC(NoArray, instead="its parameters()"):
     """Online impedance adaptation control: stiffness and damping that grow with the tracking error.
 
-    `eps = e + beta de` (Eq. 8), `F = eps / gamma`, `K = F e^T`, `B = F de^T` (Eq. 9),
-    `gamma = a / (1 + C |eps|^2)` (Eq. 10), `tau = K e + B de` (Eq. 2). Both matrices have rank one, and the torque
-    is `eps (|e|^2 + |de|^2)(1 + C |eps|^2) / a`: cubic in the error, and zero where the error is.
+    `eps = e + beta de` (Eq. 8), `F = eps / gamma`, `K = F e^T`, `B = F de^T` (Eq. 9), `gamma = a / (1 + C |eps|^2)`
+    (Eq. 10), `tau = K e + B de` (Eq. 2). Both matrices have rank one, and the torque is `eps (|e|^2 + |de|^2)(1 + C
+    |eps|^2) / a`: cubic in the error, and zero at zero error.
 
     Args:
         a: Adaptation scale; smaller is stiffer.
@@ -238,7 +238,7 @@ class OIAC(NoArray, instead="its parameters()"):
 
     @staticmethod
     def sizes(n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()`, whatever the arm."""
+        """Names and lengths of `parameters()`, the same for any arm."""
         return {"a": 1, "beta": 1, "C": 1}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> OIAC:
@@ -246,7 +246,7 @@ class OIAC(NoArray, instead="its parameters()"):
         return OIAC(**{name: float(x[0]) for name, x in numbers.items()})
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the law's parameters by name, (1,) each, as `expression` takes them."""
+        """Return the law's parameters by name, (1,) each, for `expression`."""
         return {"a": np.array([self.a]), "beta": np.array([self.beta]), "C": np.array([self.C])}
 
     @staticmethod
@@ -262,7 +262,7 @@ OIAC_PRESETS: dict[str, OIAC] = {"printed": OIAC(), "table4": OIAC(a=1.3e-4)}
 
 
 def oiac_preset(name: str) -> OIAC:
-    """The OIAC preset called `name`.
+    """Return the OIAC preset called `name`.
 
     Raises:
         InputError: No preset has that name; the message lists the presets.
@@ -277,7 +277,7 @@ def oiac_preset(name: str) -> OIAC:
 @register
 @dataclass(frozen=True)
 class PositionControl:
-    """Joints exactly on the reference (Eq. 1), as stiff industrial robots follow it.
+    """Position control: joints follow the reference (Eq. 1) exactly, like those of stiff industrial robots.
 
     The motion is prescribed, and there are no tracking errors. The torques are those that this motion needs under the
     load of the whip, by inverse dynamics, so that torque limits can be checked. K and B are zero.

@@ -65,10 +65,10 @@ class Interception:
         contact: Time at which the tip meets the target [s], on the same clock.
         point: Position of the contact (x, y) [m].
         tip_speed: Speed of the tip at the contact [m/s].
-        probability: Predicted hit probability, over sampled tracks other than those with which the strike was chosen.
-        expected_miss: Mean miss distance over the same tracks, each cut at 0.5 m [m].
+        probability: Predicted hit probability, over tracks that were sampled independently of the choice of the strike.
+        expected_miss: Mean miss distance over the same tracks, each at most 0.5 m [m].
         mean_miss: Miss distance with the most probable track [m].
-        warning: Warning of the track that it is planned on (`TargetTrack.warning`); empty: none.
+        warning: Warning of the track (`TargetTrack.warning`); empty: none.
         wall_time: Time that planning took [s].
     """
 
@@ -345,7 +345,7 @@ class Aim:
     def best(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, rng: np.random.Generator, samples: int, began: float
     ) -> Interception:
-        """Return the strike with the largest hit probability, which is computed from tracks that did not choose it."""
+        """Return the strike with the largest hit probability, computed from independently sampled tracks."""
         allowed, path = sure_paths(self.library.striker, x, rate=FINE)
         t = np.arange(path.shape[1]) / FINE
         seed = int(rng.integers(2**63))  # the same tracks for every strike
@@ -374,8 +374,8 @@ class Aim:
     def outlook(
         self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
-        """Return hit probability and miss distances of a tip path (T, 2) [m] at times (T,) [s] over samples of the
-        track.
+        """Return the hit probability and the miss distances of a tip path (T, 2) [m] at times (T,) [s] over samples of
+        the track.
         """
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
         miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance

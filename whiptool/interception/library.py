@@ -19,11 +19,11 @@ SPEED = 2.0  # [m/s] below which the tip does not strike
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Points, times and velocities of the tip over many strikes that were simulated once.
+    """Points, times and velocities of the tip in many simulated strikes.
 
     Args:
-        striker: Rolls strikes out, within their box and limits.
-        free: Numbers of a strike that may be chosen, (2 a + 1,).
+        striker: Simulator of strikes within bounds and limits.
+        free: Which coordinates of a strike may be chosen, (2 a + 1,).
         strikes: Strike vectors, (B, 2 a + 1).
         owner: Index of the strike to which each of the N points belongs, (N,).
         tau: Time of each point after the strike's start [s], (N,).
@@ -40,7 +40,7 @@ class Library:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Tree of the points."""
+        """k-d tree of the points."""
         return cKDTree(self.points)
 
     @classmethod
@@ -85,15 +85,15 @@ class Library:
 
 
 def sure_paths(striker: Striker, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return which strikes (B, m) keep the limits for certain, as their peak values say, and their tips' paths [m].
+    """Return whether the peak values of strikes show that they keep the limits, and the paths of their tips.
 
     Args:
-        striker: Rolls out.
-        strikes: Vectors.
+        striker: Simulator of strikes.
+        strikes: Strike vectors, (B, m).
         rate: Samples a second [1/s].
 
     Returns:
-        Whether each does, (B,), and the second as `tip_path` has it, (B, S, d).
+        Whether each keeps the limits, (B,), and the paths as from `tip_path`, (B, S, d) [m].
     """
     near, paths = striker.rollout.peaks_and_path(strikes, t_stay=striker.t_stay, rate=rate)
     beyond = [striker.limits.violation_of_command(strikes)]

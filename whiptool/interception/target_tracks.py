@@ -54,8 +54,8 @@ class TargetMotion(ABC):
 
 @dataclass(frozen=True)
 class Polynomial(TargetMotion):
-    """A target at rest (order 0) or with an initial velocity (order 1), under a known acceleration. Its parameters are
-    x, y, then vx, vy at time 0.
+    """A target at rest (order 0) or with an initial velocity (order 1), under a known acceleration. The parameters are
+    x, y and, for order 1, vx, vy at time 0.
 
     Args:
         name: Name of the motion.
@@ -78,7 +78,7 @@ class Polynomial(TargetMotion):
         return powers @ terms + 0.5 * np.asarray(t)[:, None] ** 2 * np.array(self.acceleration)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return zeros (1, p): the fit is linear and needs no initial guess."""
+        """Return zeros (1, p), because the fit is linear and needs no initial guess."""
         return np.zeros((1, len(self.names)))
 
 
@@ -205,12 +205,12 @@ class TargetTrack:
 
     @property
     def p_value(self) -> float:
-        """Probability of residuals at least this large if the motion is right; a small value means that it is not."""
+        """Probability of residuals at least this large if the motion is right; small if it is wrong."""
         return float(chi2_distribution.sf(self.chi2, self.dof)) if self.dof > 0 else 1.0
 
     @property
     def misfit(self) -> float:
-        """max(1, chi2 / dof): factor by which the variance of the frames exceeds the stated one."""
+        """Factor by which the variance of the frames exceeds the stated variance, `max(1, chi2 / dof)`."""
         return _misfit(self.chi2, self.dof)
 
     @property

@@ -154,7 +154,7 @@ class AllLimits:
     def random_strikes(self, bounds: StrikeBounds, rng: np.random.Generator, count: int) -> np.ndarray:
         """Return random strikes (count, 2 a + 1) in a box that keep the limits that can be checked without simulation.
 
-        If too few are found, the rest may break these limits.
+        If too few are found, the other strikes may break these limits.
         """
         drawn = self.admissible(bounds.sample(rng, count), bounds)
         found = drawn[self.kept_beforehand(drawn)]
@@ -209,7 +209,7 @@ class AllLimits:
         Args:
             strikes: Strike vectors, (B, 2 a + 1).
             near: Closest approaches of the strikes.
-            trajectory: Returns the whole trajectory of a strike (2 a + 1,).
+            trajectory: Function that returns the whole trajectory of a strike (2 a + 1,).
         """
         return self.judged(strikes, near, trajectory)[0]
 

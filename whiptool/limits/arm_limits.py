@@ -19,7 +19,7 @@ PERIOD = 1e-3  # [s] from one torque command to the next, of robots that limit i
 
 
 def torque_rates(t: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rates of change of torques, from each millisecond to the next.
+    """Return the rates of change of torques over intervals of 1 ms.
 
     Args:
         t: Times [s], (T,), increasing.
@@ -149,7 +149,8 @@ class ArmLimits(Limits):
         return float(worst) - (1.0 - margin)
 
     def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
-        """Return the same from the peak values of each joint, which suffice since each limit concerns one quantity.
+        """Return the excess over the limits from the peak values of each joint, which suffice since each limit concerns
+        one quantity.
 
         Returns:
             One number per strike, (B,) for an `Approach`; infinite if positions are limited but unknown.

@@ -38,8 +38,8 @@ class HangingWhip:
         self._turns = model.arm.turns
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much the whip hangs too low [m], (1,), at most 0 if it does not, and the derivatives (1, 2 a +
-        1).
+        """Return by how much the whip hangs too low [m], (1,), at most 0 if it keeps the distance, and the derivatives
+        (1, 2 a + 1).
 
         Args:
             strike: Strike vector, (2 a + 1,).
@@ -69,7 +69,7 @@ SPARE = 5e-3  # [m] that a search keeps besides, for what lies between and for h
 
 
 class PathClearance:
-    """Constraints on the distance of an arm without its whip from itself and the floor, on its commanded path.
+    """Constraints on the distances between links and from the floor for an arm without its whip, on the commanded path.
 
     The joints move along a straight line from `q_i` to `q_f`, so the path does not depend on the duration.
 
@@ -249,7 +249,7 @@ class Clearance(Limits):
         return -math.inf if found is None else self._beyond(found)
 
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return -1 for each strike, (B,), as peak values contain no distances; infinity for one that diverged."""
+        """Return -1 for each strike, (B,), as peak values contain no distances; infinity for strikes that diverged."""
         return np.where(near.diverged, math.inf, -1.0)
 
     def _beyond(self, found: NearestPair) -> float:

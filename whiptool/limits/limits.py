@@ -38,14 +38,14 @@ class CommandLimits:
 
     @property
     def largest(self) -> np.ndarray:
-        """Largest velocity, acceleration and jerk of each joint that searches command, (3, a); infinite without a
+        """Largest velocity, acceleration and jerk that searches command for each joint, (3, a); infinite without a
         limit.
         """
         limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES])
         return limits * np.array([[self.share], [1 - ROUNDING], [1 - ROUNDING]])
 
     def farthest(self, D: np.ndarray) -> np.ndarray:
-        """Return the largest movement of each joint that searches command in given durations [rad or m].
+        """Return the largest movement that searches command for each joint in given durations [rad or m].
 
         Args:
             D: Durations [s], (B,).

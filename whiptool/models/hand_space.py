@@ -318,7 +318,7 @@ class HandSpace:
         """Return the path of the arm's joints for a strike (2 m + 1,).
 
         Raises:
-            InputError: The hand cannot reach its start or end, or not on a straight path within the joints' limits.
+            InputError: The hand cannot reach its start or end, or there is no straight path within the joints' limits.
         """
         found = self._solved(vector[None])
         self._refuse(found, vector[None])
@@ -328,7 +328,7 @@ class HandSpace:
         """Return the parameters of strikes (B, 2 m + 1) for simulators, in the order of `layout`.
 
         Raises:
-            InputError: As in `path`.
+            InputError: See `path`.
         """
         found, B, (m, d) = self._solved(vectors), len(vectors), (self.size, self.arm.dimension)
         self._refuse(found, vectors)
@@ -463,7 +463,7 @@ def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
         orientation: Whether the Jacobian includes the hand's rotation, for strikes that prescribe the hand's pose.
 
     Raises:
-        InputError: The arm has no default bounds, as a planar arm of three joints.
+        InputError: The arm has no default bounds; an example is a planar arm of three joints.
     """
     try:
         box = default_bounds(arm)

@@ -88,8 +88,8 @@ class JointTrajectory:
         its end.
 
         Args:
-            strike: The strike; for one in hand space the path of its joints.
-            joints: Names of its n joints.
+            strike: The strike; in hand space the path of its joints.
+            joints: Names of the n joints.
             start: Present posture [rad or m], (n,); default: the strike's start, with no movement to it.
             limits: Limits of each joint; see `lead_in_time`. Default: none.
             rate: Sampling rate [1/s]; all parts of the trajectory begin at a sample.

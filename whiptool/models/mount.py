@@ -66,8 +66,9 @@ _LEVEL = 1e-9  # of an axis: by how much it may be off the vertical or the horiz
 
 
 def level_links(arm: SpatialArm) -> int:
-    """Return how many of an arm's first links never change their height: their joints rotate about the vertical
-    only."""
+    """Return the number of an arm's first links that never change their height, as their joints rotate about the
+    vertical.
+    """
     at_zero = arm_frames(arm, np.zeros(arm.n))
     for i, (link, frame) in enumerate(zip(arm.links, at_zero, strict=False)):
         upward = abs(float(frame.rotation[2] @ link.axis))

@@ -72,7 +72,7 @@ class ArmParameters(JointedArm):
 
     @property
     def joint_limits(self) -> tuple[JointLimits, ...]:
-        """Limits of each joint, (n,): none is limited."""
+        """Limits of each joint, (n,): all infinite."""
         return (JointLimits(),) * self.n
 
     @property
@@ -82,7 +82,7 @@ class ArmParameters(JointedArm):
 
     @property
     def weightless(self) -> tuple[str, ...]:
-        """Names of the joints whose links have an unknown inertia: none."""
+        """Names of the joints whose links have an unknown inertia: an empty tuple."""
         return ()
 
     def per_link(self, name: str) -> np.ndarray:
@@ -92,11 +92,11 @@ class ArmParameters(JointedArm):
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Return the numbers of each of `QUANTITIES`, (n,)."""
+        """Return the values of each of `QUANTITIES` for all links, (n,)."""
         return {name: self.per_link(name) for name in self.QUANTITIES}
 
     def in_space(self) -> SpatialArm:
-        """Return the arm in space, its axes parallel to (0, -1, 0): x stays x, the plane's y becomes z."""
+        """Return the arm in space with joint axes along (0, -1, 0): x is kept, and y of the plane becomes z."""
         links, position = [], (0.0, 0.0, 0.0)
         for link in self.links:
             assert link.com is not None
@@ -142,7 +142,7 @@ AnyArm: TypeAlias = ArmParameters | SpatialArm
 
 
 def in_space(arm: AnyArm) -> SpatialArm:
-    """Return a planar arm as one in space with joint axes along (0, -1, 0); x stays x, and the plane's y becomes z."""
+    """Return a planar arm in space with joint axes along (0, -1, 0): x is kept, and y of the plane becomes z."""
     return arm.in_space()
 
 
@@ -293,7 +293,7 @@ class Model(NoArray, instead="its parameters()"):
                 `arm.lengths`.
 
         Raises:
-            InputError: There are not as many lengths as links, a number is out of range, or the arm has collision
+            InputError: The number of lengths is not that of links, a number is out of range, or the arm has collision
                 shapes, which would no longer fit.
         """
         return dataclasses.replace(self, arm=self.arm.with_lengths(lengths))

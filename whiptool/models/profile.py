@@ -316,7 +316,7 @@ def resized(
     """Return a whip of the same material with another length, number of nodes or taper.
 
     Mass, bending stiffness, damping and drag per length are kept. The nodes of a whip that was computed from a profile
-    are computed again; those of others are scaled with the length of their links.
+    are computed again; other nodes are scaled with the length of their links.
 
     Args:
         whip: The original whip.
@@ -326,8 +326,8 @@ def resized(
             with its square, bending stiffness and damping with its fourth power. None: unchanged.
 
     Raises:
-        InputError: A number is out of range, or the nodes differ in a way that no profile describes, so that only the
-            length can be changed.
+        InputError: A number is out of range, or the whip has values per node that no `WhipProfile` reproduces, so that
+            only the length can be changed.
     """
     N = whip.N if nodes is None else whole("nodes", nodes, high=200)
     L = whip.length if length is None else metres("length", length)

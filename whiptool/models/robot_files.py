@@ -48,7 +48,7 @@ def check_mjcf(path: Path | str) -> None:
     """Refuse an MJCF file that is not safe to parse.
 
     Raises:
-        InputError: As in `read_urdf_text`, for the file or one that it includes.
+        InputError: See `read_urdf_text`; also for files that it includes.
     """
     _check(Path(path), read_text(path, "MJCF"), [])
 
@@ -113,13 +113,12 @@ class ArmChoice:
     """Selection of an arm from a robot: the chain from its base to a tip.
 
     Args:
-        tip: Name of the link, body or site at whose origin the hand is; empty: the only one that carries no other link.
+        tip: Name of the link, body or site at whose origin the hand is; empty: the only link that carries no other.
         moving: Names of the joints that move; None: all between base and tip that are not in `locked`.
-        locked: Positions of joints that do not move [rad or m], by name; a joint that neither moves nor is named here
-            is locked at 0.
+        locked: Positions of joints that do not move [rad or m], by name; other joints that do not move are locked at 0.
         outward: Direction in the tip's frame in which a stick or the whip points, (3,); default: z, as for flanges.
-        never_touch: Pairs of joint names (or `base` and a joint) whose links are not checked for contact; None: those
-            that touch with all joints at 0.
+        never_touch: Pairs of joint names (or `base` and a joint) whose links are not checked for contact; None: the
+            pairs that touch with all joints at 0.
 
     Raises:
         InputError: A value is of the wrong kind, or a joint both moves and is locked.

@@ -210,7 +210,7 @@ class Scene:
 
         Args:
             q: Joint positions, (T, n), or (T, a) for an arm alone.
-            enough: Distance above which the exact value is not needed [m]; then that of any state is returned.
+            enough: Distance above which the exact value is not needed [m]; the distance in any state is then returned.
         """
         return self.nearest_of_groups(q, np.zeros(len(self.pairs), int), [enough])[0]
 
@@ -392,12 +392,12 @@ def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
     """Return an arm in which pairs of links that touch in the zero posture are not checked for contact; `notes` lists
     them.
 
-    In the zero posture all joints are at 0, or as near to it as their ranges allow. Links that touch in every posture
-    touch in it.
+    In the zero posture all joints are at 0, or as near to it as their ranges allow. This finds links that touch in
+    every posture.
 
     Args:
         arm: Arm as read from a file.
-        choice: If its `never_touch` is given, these pairs are used instead.
+        choice: If its `never_touch` is given, these pairs are used instead of those that touch.
 
     Raises:
         InputError: The choice names a joint that the arm does not have.

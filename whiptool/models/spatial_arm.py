@@ -348,7 +348,7 @@ class SpatialArm(JointedArm):
         return self
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Return the numbers of each of `QUANTITIES`, flat, and the hand's position."""
+        """Return the values of each of `QUANTITIES` for all links, flattened, and the hand's position."""
         return {name: np.ravel(self.per_link(name)) for name in self.QUANTITIES} | {
             "hand_position": np.array(self.hand_position)
         }
@@ -375,12 +375,13 @@ class SpatialArm(JointedArm):
         return np.array([*(link.position for link in self.links[1:]), self.hand_position])
 
     def with_lengths(self, lengths: Sequence[float]) -> SpatialArm:
-        """Return a copy with other distances between its joints (n,) [m], in the same directions.
+        """Return a copy with other distances between the joints (n,) [m], in the same directions.
 
         See `Model.with_arm`.
 
         Raises:
-            InputError: A number is out of range, two joints at the same point get a distance, or a link has capsules.
+            InputError: A number is out of range, two joints at the same point would be separated, or a link has
+                capsules.
         """
         given = np.array([metres("lengths", x, strict=False) for x in numbers("lengths", lengths, self.n)])
         now = self.lengths

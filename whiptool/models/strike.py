@@ -289,7 +289,7 @@ FARTHEST_TURN = 4 * np.pi  # [rad] from 0; no arm turns farther
 
 
 class StrikePath(Protocol):
-    """Motion of the arm's joints in a strike: a `Strike`, or the `HandPath` of a strike in hand space."""
+    """Interface of a strike's joint motion: a `Strike`, or the `HandPath` of a strike in hand space."""
 
     @property
     def q_i(self) -> tuple[float, ...]:

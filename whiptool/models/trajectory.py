@@ -35,7 +35,7 @@ class ClosestApproach(NamedTuple):
     share: np.ndarray
 
     def along(self, values: np.ndarray) -> np.ndarray:
-        """Return the change of values (T, ...) of one path over the segment of its closest approach, (...)."""
+        """Return the change of one path's values (T, ...) over the segment of its closest approach, (...)."""
         return values[self.segment + 1] - values[self.segment]
 
     def between(self, values: np.ndarray) -> np.ndarray:
@@ -193,7 +193,7 @@ class Approach(NoArray, instead="its distance, tip or velocity"):
 
     @property
     def known(self) -> np.ndarray:
-        """Whether a strike has a distance whose integration error meets the tolerance, (B,)."""
+        """Whether each strike has a distance whose integration error meets the tolerance, (B,)."""
         return ~self.diverged & np.isfinite(self.farthest)
 
     @property
@@ -304,7 +304,7 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         return float(self.approach(target).distance[0])
 
     def since(self, begin: float) -> Trajectory:
-        """Return the part from a time `begin` [s] on, with times relative to it."""
+        """Return the part after the time `begin` [s], with times relative to it."""
         begin = number("begin", begin)
         part = {name: getattr(self, name)[self.t >= begin] for name, axes in _SHAPES.items() if axes}
         part["t"] = part["t"] - begin

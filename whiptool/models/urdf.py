@@ -108,9 +108,9 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Bodies on fixed or locked joints are part of the link that carries them. `<collision>` spheres, capsules, cylinders
     and boxes become the arm's capsules; meshes are ignored. A moving link without mass and shape is treated as a frame,
-    as between two hinges at one point. One with a shape gets the mass that its shapes or meshes would have if made of
-    water; if mesh files are missing, its joint is listed in `weightless`. Dry friction of joints is ignored. The arm's
-    `notes` list these assumptions.
+    as between two hinges at one point. A link with a shape but without mass gets the mass that its shapes or meshes
+    would have if made of water; if mesh files are missing, its joint is listed in `weightless`. Dry friction of joints
+    is ignored. The arm's `notes` list these assumptions.
 
     Args:
         path: Path of the file; xacro files have to be expanded first.

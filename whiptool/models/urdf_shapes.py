@@ -42,7 +42,7 @@ def capsule_of(shape: Any) -> Capsule:
 
 
 def shaped_links(robot: ET.Element) -> set[str]:
-    """Return the names of the links that have a visual or collision shape; links without one are only frames."""
+    """Return the names of the links that have a visual or collision shape; other links are mere frames."""
     links = robot.findall("link")
     return {x.get("name", "") for x in links if x.find("visual") is not None or x.find("collision") is not None}
 

@@ -54,9 +54,9 @@ KINDS: dict[str, JointKind] = {
 class WhipParameters(NoArray, instead="its per_node(name)"):
     """Lumped whip (Fig. 2, Table 2): N point masses on massless links, joined by springs and dampers.
 
-    Each quantity is one number or one value per node. Joint 1 is the hinge between hand and whip. It is free (Sect.
-    2.1): a single number for `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle only applies to joints 2..N;
-    values per node are given for all joints, the hinge first.
+    Each quantity is a single number or one value per node. Joint 1 is the hinge between hand and whip. It is free
+    (Sect. 2.1): a single number for `k`, `cubic_stiffness`, `b`, `dry_friction` or a rest angle only applies to joints
+    2..N; values per node are given for all joints, the hinge first.
 
     Args:
         N: Number of nodes.
@@ -176,7 +176,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
 
     @property
     def clamped(self) -> bool:
-        """Whether its first joint, the hinge at the hand, has a spring."""
+        """Whether the first joint, the hinge at the hand, has a spring."""
         return bool(self.per_node("k")[0])
 
     def common(self, name: str) -> float:

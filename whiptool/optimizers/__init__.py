@@ -34,7 +34,7 @@ __all__ = ["METHODS", "Result", "Status", "find_method", "run_search", "search"]
 
 
 class Status(Enum):
-    """Why a search ended."""
+    """Reason why a search ended."""
 
     HIT = "hit"
     CONVERGED = "converged"
@@ -60,7 +60,7 @@ class Result(NoArray, instead="its strike or outcome"):
 
     Args:
         method: Name of the method on the command line.
-        status, message: Why the search ended.
+        status, message: Reason why the search ended, and its description.
         strike, outcome: The best strike and its outcome; None if there was no trial.
         trace: All trials in order.
         n_diverged: Number of trials that diverged.
@@ -149,7 +149,7 @@ _STOPS = {"hit": Status.HIT, "trials": Status.MAX_TRIALS, "time": Status.MAX_TIM
 
 
 def find_method(name: str) -> Method:
-    """The method called `name`: one of `METHODS`, or `nlopt:` and the name of an NLopt global algorithm.
+    """Return the method called `name`: one of `METHODS`, or `nlopt:` and the name of an NLopt global algorithm.
 
     Capital letters, hyphens and underscores make no difference: `DIRECT-L` is `directl`.
 

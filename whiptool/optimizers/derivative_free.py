@@ -40,12 +40,12 @@ DIRECT_L = "GN_DIRECT_L"
 
 
 def nlopt_names() -> list[str]:
-    """NLopt's derivative-free global algorithms."""
+    """Return the names of NLopt's derivative-free global algorithms."""
     return sorted(name for name in vars(nlopt) if name.startswith("GN_"))
 
 
 def nlopt_search(objective: Objective, *, seed: int, algorithm: str) -> None:
-    """Minimise the miss distance until the objective stops it or the algorithm ends by itself.
+    """Minimise the miss distance until the objective stops the search or the algorithm ends.
 
     NLopt has one random generator per process, which is seeded here.
 
@@ -124,7 +124,8 @@ def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
 
 
 def genetic_search(objective: Objective, *, seed: int, settings: GASettings | None = None) -> None:
-    """Evolve random strikes by selection, crossover and mutation until the objective stops it, or no child is new.
+    """Evolve random strikes by selection, crossover and mutation until the objective stops the search, or no child is
+    new.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -155,9 +156,9 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
 
 
 def cmaes_search(objective: Objective, *, seed: int) -> None:
-    """Restart CMA-ES from random strikes until the objective stops it.
+    """Restart CMA-ES from random strikes until the objective stops the search.
 
-    The implementation below pymoo draws from NumPy's global generator, which is put back as it was.
+    The implementation draws from NumPy's global generator, whose state is restored at the end.
 
     Raises:
         SearchStopped: The objective ended the search.
@@ -208,8 +209,8 @@ UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an u
 
 
 def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
-    """Return the rewards of costs [m] and hits, any shape: Eq. 17, multiplied by the negative cost for hits that have a
-    merit.
+    """Return the rewards of costs [m] and hits, any shape: Eq. 17, for hits that are ranked by a criterion multiplied
+    by the negative cost.
     """
     from whiptool.rl.task import reward
 
@@ -217,7 +218,7 @@ def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
 
 
 def learner_search(objective: Objective, *, seed: int, learner: str) -> None:
-    """Train a learner on the objective's target until the objective stops it.
+    """Train a learner on the objective's target until the objective stops the search.
 
     Raises:
         SearchStopped: The objective ended the search.

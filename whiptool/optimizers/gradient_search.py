@@ -47,7 +47,7 @@ def slsqp(objective: Objective, *, steps: int, further: int = 0) -> nlopt.opt:
 
 
 def run_down(optimizer: nlopt.opt, start: np.ndarray, ended: Sequence[BaseException]) -> None:
-    """Run an optimizer to its end, be it a kink, and raise the first of the errors that an objective ended it with."""
+    """Run an optimizer to its end, even at a kink, and raise the first error of the objective that ended it."""
     # it was given up, the search ended, or there is a kink: what was found until there is kept
     with contextlib.suppress(nlopt.ForcedStop, nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         optimizer.optimize(start)
@@ -83,8 +83,8 @@ class Cap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HitPoint:
-    """Measures (k,) and constraints (c,) at a strike, and their derivatives in the unit box; constraints are kept if <=
-    0.
+    """Measures (k,) and constraints (c,) at a strike, and their derivatives in the unit box; constraints are met if
+    they are at most 0.
     """
 
     measures: np.ndarray
@@ -154,7 +154,7 @@ class HitProblem:
         return float(point.measures[0])
 
     def beyond(self, result: np.ndarray, x: np.ndarray, gradient: np.ndarray) -> None:
-        """Set the constraints, for NLopt, and by how much measures are above the variable that is to bound them."""
+        """Set the constraints, for NLopt, and by how much measures exceed the variable that has to bound them."""
         n = len(self.lower)
         point, above = self(x[:n]), len(x) > n
         result[:] = np.r_[point.constraints, point.measures - x[n] if above else []]
@@ -274,7 +274,7 @@ def gradient_search(objective: Objective, *, seed: int) -> None:
 
 
 def refine(objective: Objective, start: np.ndarray, *, tolerance: float = 1e-6) -> bool:
-    """Minimise the cost from one strike (m,) along the gradient; return whether it came below `tolerance` [m]."""
+    """Minimise the cost from one strike (m,) along the gradient; return whether the cost is below `tolerance` [m]."""
     lower, upper = objective.bounds.box
     scale = upper - lower
     optimizer = slsqp(objective, steps=STEPS)

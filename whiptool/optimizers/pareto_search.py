@@ -215,7 +215,7 @@ FRESH = 16  # random strikes of which one is a new start
 
 
 def pareto_search(objective: Objective, *, seed: int) -> None:
-    """Find the Pareto front of an objective's two criteria until the objective stops it.
+    """Find the Pareto front of an objective's two criteria until the objective stops the search.
 
     First the two ends of the front are found, i.e. for each criterion its best hits and among equals the best by the
     other (payoff table of Mavrotas 2009): for the first criterion by an iterated local search (Lourenço, Martin and

@@ -34,7 +34,7 @@ class Camera:
     """Intrinsics, lens, pose and timing of a camera.
 
     Args:
-        name: For people and for files.
+        name: Name of the camera, in messages and files.
         width, height: Width and height of its images [pixels].
         camera_matrix: Intrinsics [pixels], (3, 3): focal lengths on the diagonal, principal point in the last column.
         rotation: Rotation from the world's axes to the camera's (right, down, forward), (3, 3).
@@ -42,7 +42,8 @@ class Camera:
         distortion: Coefficients of OpenCV's model (k1, k2, p1, p2[, k3[, k4, k5, k6]]); empty: none.
         fps: Frames per second.
         exposure: Exposure time of each row [s].
-        readout: Time from the first row's start to the start of the row after the last [s]; 0 is a global shutter.
+        readout: Time from the start of the first row's exposure to that of the row after the last [s]; 0 for a global
+            shutter.
         kind: Kind of light, `color` or `infrared`.
 
     Raises:
@@ -124,7 +125,7 @@ class Camera:
         return (points - self.position) @ self.rotation.T
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Return how far points (..., 2 or 3) [m] are along the optical axis [m], (...); NaN behind."""
+        """Return the depth of points (..., 2 or 3) [m] along the optical axis [m], (...); NaN behind the camera."""
         z = self.to_camera(points)[..., 2]
         return np.where(z > 0, z, np.nan)
 
@@ -158,7 +159,7 @@ class Camera:
 
     @cached_property
     def homography(self) -> np.ndarray:
-        """Metres on the strike plane from undistorted pixels, in homogeneous coordinates, (3, 3), its last entry 1."""
+        """Homography from undistorted pixels to metres on the strike plane, (3, 3), with last entry 1."""
         R = self.rotation
         H = np.linalg.inv(self.camera_matrix @ np.column_stack([R[:, 0], R[:, 2], -R @ self.position]))
         return H / H[2, 2]
@@ -168,7 +169,7 @@ class Camera:
         return homography.to_plane(self.homography, self.undistorted(pixels))
 
     def facing(self, distance: float) -> np.ndarray:
-        """Return the homography, as `homography`, of a plane that faces the camera at a distance [m], the axis at 0."""
+        """Return the homography of a plane that faces the camera at a distance [m], with its origin on the axis."""
         (fx, fy), (u, v) = self.focal_lengths, self.principal_point
         return np.array([[distance / fx, 0, -u * distance / fx], [0, -distance / fy, v * distance / fy], [0, 0, 1]])
 
@@ -177,7 +178,7 @@ class Camera:
         return float(np.sqrt(np.prod(self.focal_lengths)) / self.to_camera(point)[2])
 
     def slant(self, point: np.ndarray) -> float:
-        """Return how much longer than wide a ball's image is, at a point (2 or 3,) [m]: off the axis an ellipse."""
+        """Return the ratio of length to width of the elliptic image of a ball at a point (2 or 3,) [m]."""
         ray = self.to_camera(point)
         return float(np.linalg.norm(ray) / ray[2])
 

@@ -100,7 +100,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
         longest: Largest span of the times [s].
 
     Raises:
-        InputError: Their steps or their span are implausible; the message names the likely cause.
+        InputError: The steps or the span of the times are implausible; the message names the likely cause.
     """
     step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
     unit = "milliseconds"
@@ -155,7 +155,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
 
 
 def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
-    """Return sentences about gaps, and about logs that start late or end early; arguments as in `check_spans`."""
+    """Return sentences about gaps, and about logs that start late or end early; for the arguments see `check_spans`."""
     said = gaps("frames", t)
     for name, times in logs.items():
         slack = SLACK + float(np.median(np.diff(times)))
@@ -169,5 +169,5 @@ def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
 
 
 def of_use(times: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return which samples of a log lie near the frames or the command's start, (S,)."""
+    """Return whether samples of a log lie near the frames or the command's start, (S,)."""
     return (times >= min(t[0], 0.0) - LEAD) & (times <= t[-1] + LEAD)

@@ -49,8 +49,8 @@ def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
 def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -> np.ndarray:
     """Return the homography (3, 3) from n >= 4 points with known pixels and positions in the plane [m], (n, 2) each.
 
-    The direct linear transform of centred and scaled points (Hartley 1997); of more than four points, the map that
-    leaves the least squared distances in the image, whose errors they are.
+    It is found by the direct linear transform of centred and scaled points (Hartley 1997). For more than four points it
+    minimises the squared distances in the image, because the errors are those of pixels.
 
     Raises:
         InputError: There are too few points, they are not finite, or three of four lie on one line.

@@ -64,7 +64,7 @@ class Column:
 
     @property
     def number(self) -> int | None:
-        """The number or letter, as an index, if the name has nothing else: 0 for `actual_q_0`, 1 for `b`; else None."""
+        """Index from the number or letter of a name without other words: 0 for `actual_q_0`, 1 for `b`; else None."""
         if len(self.words) != 1:
             return None
         word = self.words[0]
@@ -72,13 +72,13 @@ class Column:
 
     @property
     def holds(self) -> bool:
-        """Whether it belongs to a gripper, which is not a joint of the arm."""
+        """Whether the column belongs to a gripper, which is not a joint of the arm."""
         return bool(_HAND & set(self.words))
 
 
 def in_numbers(names: Sequence[str]) -> list[int] | None:
-    """Return the order of columns whose names are only numbered, such as `q2, q1`; None if one is not, or a number is
-    missing.
+    """Return the order of columns whose names are only numbered, such as `q2, q1`; None if a name is not numbered, or a
+    number is missing.
     """
     numbers = [number for name in names if (number := Column.of(name).number) is not None]
     if len(numbers) < len(names) or sorted(numbers) not in (list(range(len(names))), list(range(1, len(names) + 1))):
@@ -95,7 +95,7 @@ def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = Fals
         listed: Whether the user listed the columns in the arm's order; names of other joints are then allowed.
 
     Raises:
-        InputError: A joint has no column, or several; the error's `given` lists the columns.
+        InputError: A joint has no column or several columns; `given` of the error lists the columns.
     """
     columns, wanted = [Column.of(name) for name in names], [Column.of(joint).words for joint in joints]
     exact = [[i for i, c in enumerate(columns) if c.words == words] for words in wanted]

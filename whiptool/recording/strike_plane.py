@@ -104,7 +104,7 @@ def fit_plane(recordings: Sequence[StrikeRecording]) -> StrikePlane | None:
 
 
 def check_one_plane(recordings: Sequence[StrikeRecording], plane: StrikePlane) -> None:
-    """Refuse recordings in space whose own plane differs from the common one.
+    """Refuse recordings in space whose plane differs from the common plane.
 
     Their projected motion would be too short: by 18 % at 35 degrees. Recordings whose points are nearly on a line have
     no strike plane and are accepted.

@@ -270,7 +270,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """Return the recording converted for a model.
 
         The joint log is reduced to the arm's joints, in their order; positions in space are rotated to the model's
-        upward axis (y in the plane, z in space), if the file states its own.
+        upward axis (y in the plane, z in space), if the file states an upward axis.
 
         Raises:
             InputError: The log has other joints, the positions are in a plane and the model is in space, or the

@@ -35,7 +35,7 @@ class Run:
 
     Args:
         cycles: Log of all control cycles.
-        fault: Fault that ended it early, or signal that came, also after the last cycle; None: neither.
+        fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
         torque_off: Whether every servo confirmed that its torque is off.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
         torque: State of the motors as text: torque is off, or the power has to be cut.

@@ -113,7 +113,7 @@ class Cycles:
         t, stamp, late: Scheduled time, clock time of the sample, and delay of the cycle's start [s], (C,) each.
         q, v: Measured positions [rad] and velocities [rad/s], (C, n).
         current, goal_current: Measured and commanded current [A], (C, n).
-        tau: Torque that the controller asked for [N m], (C, n).
+        tau: Torque that the controller requested [N m], (C, n).
         q_d: Desired position [rad], (C, n).
         voltage, temperature: Supply voltage [V] and temperature [deg C] of the servos, (C, n).
         flags, phase, state: Values of `Flag`, `Phase` and `whiptool.rig.safety.State`, (C,) integers.
@@ -144,7 +144,7 @@ class Cycles:
         """Read a file that `CycleLog` wrote, also if the writing process was killed.
 
         Raises:
-            InputError: The file is not such a log.
+            InputError: The file is not a log of cycles.
         """
         return _parse(Path(path).read_bytes(), str(path))
 

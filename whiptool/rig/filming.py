@@ -16,16 +16,16 @@ LOST = 0.5  # [s] without a frame: the camera is lost
 class Filming:
     """Reads frames from a camera in a thread, from its construction until `end`.
 
-    Frames have the times of the camera's own clock. The smallest difference between arrival and capture over all frames
-    is taken as the offset of the clocks. The remaining error is the shortest transmission delay, some milliseconds,
-    which identification can fit (`delay`).
+    Frames have times of the camera's clock. The smallest difference between arrival and capture over all frames is
+    taken as the offset of the clocks. The remaining error is the shortest transmission delay, some milliseconds, which
+    identification can fit (`delay`).
 
     Args:
         source: The camera, which is opened here and closed by `end`.
         keep_before: Time before the strike from which frames are kept, for the tracker's background [s].
 
     Attributes:
-        lost: Why the camera failed before the strike began or ended; empty: it did not.
+        lost: Reason why the camera failed before the end of the strike; empty: it did not fail.
     """
 
     def __init__(self, source: FrameSource, *, keep_before: float = 0.5) -> None:
@@ -69,7 +69,7 @@ class Filming:
             raise WhiptoolError(f"the camera gives no frames ({why}); the arm has not moved: check cable and --camera")
 
     def during(self, striking: bool) -> None:
-        """Tell whether the strike is in progress; frames after it are not kept. It is called by the control loop and
+        """Record whether the strike is in progress; frames after it are not kept. The control loop calls this; it
         returns quickly.
 
         Raises:

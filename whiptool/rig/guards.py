@@ -19,7 +19,7 @@ class Guards:
     """Limits of a run; exceeding one ends it in a fault.
 
     Args:
-        low, high: Lowest and highest joint positions [rad]: one number for all joints, or one for each.
+        low, high: Lowest and highest joint positions [rad]: a single number for all joints, or one for each.
         speed: Largest speed of a joint [rad/s]; default: 1.25 times the motor's no-load speed.
         current: Largest measured current [A].
         temperature: Highest temperature [deg C]; the servo's own limit is 80.

@@ -14,13 +14,14 @@ class Clock(Protocol):
         ...
 
     def sleep_until(self, t: float) -> None:
-        """Wait until time t [s]; return at once if it is past."""
+        """Wait until time t [s]; return immediately if it is past."""
         ...
 
 
 class WallClock:
-    """The system's monotonic clock. It sleeps until `spin` [s] before the deadline, then busy-waits, for less
-    jitter."""
+    """The system's monotonic clock. To reduce jitter, `sleep_until` sleeps until `spin` [s] before the deadline and
+    then busy-waits.
+    """
 
     def __init__(self, spin: float = 2e-4) -> None:
         self.spin = spin

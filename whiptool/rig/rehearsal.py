@@ -33,11 +33,11 @@ class Rehearsal:
     """Result of simulating a strike with the rig's sampling.
 
     Args:
-        trajectory: States and requested torques at every cycle; `K`, `B` are the law's own, before caps.
+        trajectory: States and requested torques at every cycle; `K` and `B` are those of the law before caps.
         usage: Largest usage of the motors' limits; 1 is on the speed-torque line.
         chatter: Ratio of the root mean square of the torque's second difference to that of the torque, for the worst
             joint.
-        refused: Reason why the strike must not run; None: it may.
+        refused: Reason why the strike must not be made; None: it may be made.
     """
 
     trajectory: Trajectory

@@ -53,7 +53,7 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Return the closest approach of the filmed tip (B = 1), marked as diverged where the tip was not seen."""
+        """Return the closest approach of the filmed tip (B = 1), marked as diverged if the tip was not seen."""
         seen = None
         if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
             seen = approach_seen(self.recording, target)
@@ -77,8 +77,8 @@ class Struck:
         return tip_seen(self.recording, 2)
 
     def judged(self, target: Target) -> Judgement | None:
-        """Return the miss distance estimated from the camera's frames, with its standard error; None if they do not
-        show the tip.
+        """Return the miss distance estimated from the camera's frames, with its standard error; None if the frames do
+        not show the tip.
 
         The result is cached for each target.
         """
@@ -88,7 +88,7 @@ class Struck:
         return self._judged[target]
 
     def unseen(self, target: Target) -> tuple[float, float] | None:
-        """Return the interval around the closest approach in which the tip was not seen [s]; None if it was seen."""
+        """Return the interval without the tip around the closest approach [s]; None if the tip was seen there."""
         frames, judged = self._frames(target), self.judged(target)
         if frames is None or judged is None or judged.nearest is None:
             return None
@@ -111,7 +111,7 @@ def nothing_seen(a: int) -> Approach:
 
 @dataclass(frozen=True)
 class TwinTruth:
-    """The true parameters of a twin, which the code that plans and controls strikes does not know.
+    """The true parameters of a twin, which are not available to the code that plans and controls strikes.
 
     Args:
         model: The true arm and whip.
@@ -135,7 +135,7 @@ class Rig:
     Args:
         model: The nominal model of whip and arm.
         controller: Controller of the strike.
-        target: Position of the target [m], which is visible in images.
+        target: Position of the target [m], which images show.
         options: Settings of the control loop.
         interlock: Interlock that is set after a stop; default: a new one.
     """
@@ -477,7 +477,7 @@ class RigRollout(Rollout):
 
         Args:
             strike: The strike, or its vector (m,).
-            t_stay: Not used: the rig's own options say how long it is recorded after the movement.
+            t_stay: Not used: the options of the rig contain this time.
 
         Raises:
             WhiptoolError: The rig is hardware, whose true trajectory is unknown.

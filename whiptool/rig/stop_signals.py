@@ -24,7 +24,7 @@ class StopSignals:
 
     An exception in a signal handler could leave a packet half sent and torque on. Only two things are interrupted:
     switching torque on, and, by a second signal, a user's callback, which may hang. Outside the main thread, where
-    Python has no signal handlers, it does nothing.
+    Python has no signal handlers, this class has no effect.
 
     At the end of its block the previous handlers are restored, and a received signal is sent again, once, unless
     `answered` is set.

@@ -90,10 +90,10 @@ def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
 class Interlock:
     """Prevents arming of the servos after a stop until a person has released it.
 
-    A fault is also recorded in files, so that later calls know of it; a signal is not, as it came from a person.
+    A fault is also recorded in files, which later calls read; a signal is not recorded, as it came from a person.
 
     Attributes:
-        stop: Why the arm was stopped; None: it was not, or it was released.
+        stop: Reason why the arm was stopped; None: it was not stopped, or was released.
         torque_off: Whether every servo has confirmed that its torque is off; None: nothing was armed.
         torque: The same as text.
     """
@@ -112,10 +112,10 @@ class Interlock:
             self.stop = self.stop or _read(mark)
 
     def trip(self, reason: str, *, lasting: bool = True, torque: str = "") -> None:
-        """Lock, and record the stop in the files; it never raises, because torque is switched off after it.
+        """Lock, and record the stop in the files. No exception is raised, because torque is switched off afterwards.
 
         Args:
-            reason: Why the arm was stopped; the first reason is kept.
+            reason: Reason why the arm was stopped; the first reason is kept.
             lasting: Whether the stop is recorded for later calls.
             torque: State of the motors, as text.
         """
@@ -134,7 +134,7 @@ class Interlock:
                 )
 
     def check(self) -> None:
-        """Refuse to go on after a stop.
+        """Refuse to continue after a stop.
 
         Raises:
             Locked: The arm was stopped, and not released.

@@ -50,7 +50,7 @@ class SAC(OffPolicyLearner):
         return {"actor": (self.settings.alpha * log_p - value).mean(), "entropy": -log_p.mean()}  # Eq. 16
 
     def update_targets(self) -> None:
-        """One step of the slow targets where a future counts."""
+        """Make one step of the slow targets if the discount is not 0."""
         if self.discount:
             super().update_targets()
 
@@ -86,11 +86,11 @@ class DDPG(OffPolicyLearner):
         return self.target_actor(obs), torch.zeros(())
 
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:
-        """Return the mean value of the actor's actions by the (first) critic, negative."""
+        """Return the negative mean value of the actor's actions by the first critic."""
         return {"actor": -self.critic(obs, self.actor(obs))[0].mean()}
 
     def update_targets(self) -> None:
-        """One step of the slow targets of actor and critics, Eq. 14."""
+        """Make one step of the slow targets of actor and critics, Eq. 14."""
         soft_update(self.target_actor, self.actor, self.settings.tau)
         super().update_targets()
 

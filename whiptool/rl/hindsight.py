@@ -121,7 +121,7 @@ class Relabelled(NamedTuple):
     Args:
         tip, velocity: Position [m] and velocity [m/s] of the tip at the closest approach, (B, d) each.
         cost: Cost [m], (B,).
-        hit: Whether it was a hit, (B,).
+        hit: Whether the strike hits, (B,).
         known: Whether the result is valid, (B,); False for strikes whose paths have fewer than two samples or, if they
             were simulated again, that diverged or were refused.
     """

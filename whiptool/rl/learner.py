@@ -128,9 +128,7 @@ class Learner(ABC):
                 raise Diverged(f"{name} has become {value}: try a smaller learning rate")
 
     def state_dict(self) -> dict:
-        """Return the state from which a killed run can be resumed exactly; it contains it contains tensors and numbers
-        only.
-        """
+        """Return the state from which a killed run can be resumed exactly: tensors and numbers only."""
         state = {name: part.state_dict() for name, part in self._parts().items()}
         return {**state, "generator": self.generator.get_state()}
 
@@ -196,7 +194,7 @@ class OffPolicyLearner(Learner):
         return batch.reward + self.discount * (1 - batch.terminated) * value
 
     def update_actor(self, batch: Transitions) -> dict[str, Tensor]:
-        """One step of the actor along the critics, whose own gradients are not taken, and of the slow targets."""
+        """Make one step of the actor along the critics, whose gradients are not taken, and of the slow targets."""
         self.critic.requires_grad_(False)
         losses = self.actor_loss(batch.obs)
         descend(self.actor_optimizer, losses["actor"])
@@ -210,10 +208,10 @@ class OffPolicyLearner(Learner):
 
     @abstractmethod
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:
-        """Return the loss `actor`, and others that are only shown."""
+        """Return the loss `actor`, and further values for the log."""
 
     def update_targets(self) -> None:
-        """One step of the slow targets, Eq. 14."""
+        """Make one step of the slow targets, Eq. 14."""
         soft_update(self.target_critic, self.critic, self.settings.tau)
 
     def normal(self, *shape: int) -> Tensor:

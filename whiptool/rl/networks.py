@@ -134,7 +134,7 @@ def adam(module: nn.Module, learning_rate: float) -> torch.optim.Adam:
 
 
 def descend(optimizer: torch.optim.Optimizer, loss: Tensor) -> None:
-    """One step of an optimizer down the gradient of a loss."""
+    """Make one step of an optimizer down the gradient of a loss."""
     optimizer.zero_grad()
     loss.backward()
     optimizer.step()

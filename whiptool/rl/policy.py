@@ -69,7 +69,7 @@ class Policy:
         return (actions[0] if seen.ndim == 1 else actions), None
 
     def strike(self, target: Target | Sequence[float]) -> Strike:
-        """Return the strike that the policy makes first at a target: its mean action for the observation at rest.
+        """Return the policy's first strike at a target: its mean action for the observation at rest.
 
         A policy that learned one direction for all targets uses it also for targets without direction.
 
@@ -88,9 +88,7 @@ class Policy:
 
 
 def first_strikes(learner: Learner, task: StrikeTask, goals: Goals) -> np.ndarray:
-    """Return the strikes (B, n_act) that a policy makes first at goals (B): its mean actions for the observation at
-    rest.
-    """
+    """Return a policy's first strikes (B, n_act) at goals (B): its mean actions for the observation at rest."""
     seen = torch.as_tensor(task.normalise(task.first_look(goals)), dtype=torch.float32)
     return task.to_strikes(learner.act(seen, deterministic=True).numpy().astype(float))
 
@@ -171,7 +169,7 @@ class Score:
     mean_cost: float
 
     def better_than(self, other: Score | None) -> bool:
-        """Whether it has more hits than another score, or as many with a smaller cost."""
+        """Whether this score has more hits than another, or as many with a smaller cost."""
         return other is None or (self.share_hit, -self.mean_cost) > (other.share_hit, -other.mean_cost)
 
 
@@ -190,12 +188,12 @@ class Best:
     actor: dict[str, Any]
 
     def table(self) -> dict[str, Any]:
-        """Return it as a dict, as it is stored in files."""
+        """Return the policy as a dict, in the form in which it is stored in files."""
         return {"episode": self.episode, "score": asdict(self.score), "actor": self.actor}
 
     @classmethod
     def of_table(cls, table: dict[str, Any]) -> Best:
-        """Return the policy that `table` described."""
+        """Return the policy from a table of `table`."""
         return cls(int(table["episode"]), Score(**table["score"]), table["actor"])
 
 

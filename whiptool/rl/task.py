@@ -74,7 +74,7 @@ class Judged:
         approach: Closest approaches of the strikes.
         distance: Miss distances [m], (B,); a penalty for strikes that diverged or exceed the limits.
         cost: `Goals.cost` [m], (B,), with the same penalty; for goals that are points, the distance.
-        hit: Whether they hit, (B,), see `Goals.hit`.
+        hit: Whether each strike hits, (B,), see `Goals.hit`.
         diverged: Whether a strike diverged, (B,).
         refused: Limit that a strike exceeds, as in `Outcome.refused`, (B,); empty: none.
     """
@@ -208,9 +208,7 @@ class StrikeTask:
         return self.arrival.goals_at(np.array(targets, float), self.hit_radius)
 
     def reset(self, targets: np.ndarray | Goals) -> np.ndarray:
-        """Give every lane (sub-environment) a goal, see `as_goals`, and return the observations before the first strike
-        (B, n_obs).
-        """
+        """Give every lane a goal, see `as_goals`, and return the observations before the first strike (B, n_obs)."""
         self.goals = self.as_goals(targets)
         self.counts = np.zeros(len(self.targets), int)
         return self.first_look(self.goals)
@@ -285,8 +283,8 @@ class StrikeTask:
         return self.observe(tip, np.zeros_like(tip), goals)
 
     def look(self, judged: Judged, targets: np.ndarray | Goals) -> np.ndarray:
-        """Return the observations after strikes, (B, n_obs); for strikes that diverged or were refused, those before
-        the first.
+        """Return the observations after strikes, (B, n_obs); for strikes that diverged or were refused, the
+        observations before the first strike.
         """
         goals = self.as_goals(targets)
         obs = self.observe(judged.approach.tip, judged.approach.velocity, goals)

@@ -68,14 +68,14 @@ def _training(method: str, settings: Mapping[str, Any], task: StrikeTask, plan: 
 
 
 def load_policy(run_folder: str | Path) -> Policy:
-    """Return the policy that `python -m whiptool.train` left in its run folder.
+    """Return the policy in a run folder of `python -m whiptool.train`.
 
     Args:
-        run_folder: The folder, for the best policy, the last one of a training that kept none; or one of the files in
-            it: `best.pt`, or `checkpoint.pt` for the policy of its last checkpoint.
+        run_folder: The folder, for its best policy or, if none was stored, its last; or one of the files in it:
+            `best.pt`, or `checkpoint.pt` for the policy of its last checkpoint.
 
     Raises:
-        InputError: PyTorch is not installed, or the folder is of another command, or holds no whole file of a policy.
+        InputError: PyTorch is not installed, or the folder is of another command, or has no complete file of a policy.
     """
     expect(str, PathLike, run_folder=run_folder)
     optional("torch", "a policy")

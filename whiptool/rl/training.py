@@ -153,7 +153,7 @@ class Training:
         return found
 
     def policy(self) -> Policy:
-        """Return the best policy, or the last one if none was kept; its weights are loaded into the learner."""
+        """Return the best policy, or the last if no best policy was stored; its weights are loaded into the learner."""
         if self.best is not None:
             self.learner.actor.load_state_dict(self.best.actor)
         return Policy(self.learner, self.task)

@@ -117,7 +117,7 @@ class CompiledRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """Coordinates of its strikes: joint space or hand space."""
+        """Coordinates of the strikes: joint space or hand space."""
         return self.controller.strike_space(self.model.arm)
 
     def _engine(self, *, forward: bool) -> Engine:
@@ -144,8 +144,8 @@ class CompiledRollout(Rollout):
             progress: Show a progress bar.
 
         Raises:
-            InputError: Shapes do not match, or a model has terms or a controller a period that this simulator does not
-                have.
+            InputError: Shapes do not match, or a model has terms, or a controller a control period, that this simulator
+                does not have.
         """
         strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
@@ -194,18 +194,18 @@ class CompiledRollout(Rollout):
     def nearest_node(
         self, strikes: Strikes, target: Points, *, nodes: Sequence[int], t_stay: float | np.ndarray = T_STAY
     ) -> Approach:
-        """Return the closest approaches to the target of several nodes of the whip, of the nearest one for each strike.
+        """Return the closest approach to the target of the nearest of several nodes of the whip, for each strike.
 
         Args:
             strikes, target: As in `approach`.
             nodes: Numbers of the nodes, from 0, next to the hand, to N - 1, the tip.
-            t_stay: Time after the movement [s], one for all or one for each strike, (B,).
+            t_stay: Time after the movement [s], a single value or one for each strike, (B,).
 
         Returns:
             Position, time and mean velocity over the step of the nearest node at its closest approach.
 
         Raises:
-            InputError: Shapes do not match, or there is no such node.
+            InputError: Shapes do not match, or a node does not exist.
         """
         strikes = self.vectors(strikes)
         B, a, d = len(strikes), self.model.arm.n, self.model.dimension

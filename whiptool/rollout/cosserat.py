@@ -107,8 +107,8 @@ class CosseratWhip:
         """Return the motion of tip and nodes while the hand follows a path, for B paths at once.
 
         Args:
-            hands: B paths of the hand, positions (3,) [m] over time from 0. The whip hangs at rest at first; after the
-                end of its path a hand stays there.
+            hands: B paths of the hand, positions (3,) [m] over time from 0. At first the whip hangs at rest; after the
+                end of its path the hand does not move.
             rate: Sampling rate of the result [1/s].
 
         Raises:
@@ -141,8 +141,8 @@ class CosseratWhip:
     def limit(
         self, hands: Sequence[CubicHermiteSpline], *, rate: float = 1000.0, elements: bool = True
     ) -> tuple[TipPaths, TipPaths]:
-        """Return the tip's motion extrapolated to an infinitely fine and stiff rod, and, for comparison, that of this
-        rod.
+        """Return the tip's motion extrapolated to an infinitely fine and stiff rod, and, for comparison, the motion
+        with this rod.
 
         The effects of elements, wave speed and sections are of second order; they are removed by Richardson
         extrapolation from this rod and one that is twice as coarse.

@@ -35,7 +35,7 @@ _callback = threading.Lock()  # MuJoCo's control callback is one per process
 
 
 class ReferenceRollout(Rollout):
-    """Simulates strikes of one model and controller in MuJoCo.
+    """Simulator of one model and controller in MuJoCo, as a reference for `CompiledRollout`.
 
     Rods are bodies on ball joints, and their bending torques are applied as external torques, see `mujoco_rods`.
 
@@ -264,10 +264,10 @@ class Replay:
     """Result of repeating a strike in MuJoCo.
 
     Args:
-        miss_distance: Miss distance with the last time step [m]; None if the strike diverged with it.
+        miss_distance: Miss distance with the last time step [m]; None if the strike diverged.
         timestep: The last time step [s].
         confirmed: Whether the miss distance agrees with the expected one within `AGREEMENT`.
-        velocity: Velocity of the tip at the closest approach [m/s], (d,); None if it diverged.
+        velocity: Velocity of the tip at the closest approach [m/s], (d,); None if the strike diverged.
     """
 
     miss_distance: float | None

@@ -34,8 +34,8 @@ class Resolved:
 
     Args:
         out: Outcomes in the engine's columns, (B, columns).
-        error: Estimated errors of the distances [m], (B,); infinite if no tolerance was fine enough.
-        tolerance: Tolerance of the steps' errors that was used [m], (B,).
+        error: Estimated errors of the distances [m], (B,); infinite if no tolerance sufficed.
+        tolerance: Tolerance of the error per step that was used [m], (B,).
     """
 
     out: np.ndarray
@@ -49,8 +49,8 @@ def resolve(
     """Simulate strikes with finer steps until the estimated errors of their distances are at most a tolerance.
 
     Args:
-        roll: Returns the outcomes (n, columns) of strikes with given indices (n,) and tolerances of a step's error (n,)
-            [m].
+        roll: Function that returns the outcomes (n, columns) of strikes with given indices (n,) and tolerances of a
+            step's error (n,) [m].
         count: Number of strikes.
         tolerance: Tolerance [m].
         columns: Columns of the outcomes.

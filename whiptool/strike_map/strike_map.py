@@ -61,10 +61,10 @@ def candidates(
     """Return candidates for one goal (B = 1): the nearest map entries, each corrected to first order.
 
     Args:
-        striker: Simulator of strikes, for their box.
-        answers: Map entries, rotated to the front.
+        striker: Simulator of strikes, which has their bounds.
+        answers: Map entries, rotated about the vertical to the front.
         front: Rotates goals to the front, and strikes back.
-        goal: The goal, not rotated.
+        goal: The goal in its true direction.
         shortlist: Number of entries that are corrected.
     """
     angle = front.angles(goal.positions)
@@ -132,9 +132,7 @@ class Gate:
 
     @classmethod
     def trained(cls, seen: np.ndarray, hit: np.ndarray, *, seed: int, progress: bool = False) -> Gate:
-        """Return a network trained by logistic regression on the features (N, f) of candidates and whether they hit,
-        (N,).
-        """
+        """Return a network trained by logistic regression on features (N, f) and on whether candidates hit, (N,)."""
         torch = optional("torch", "the gate of a strike map")
         from whiptool.rl.networks import Layers
 

@@ -103,7 +103,7 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes keep the limits as far as peak values and tip paths show, (B,), and their tip paths.
+        """Return whether strikes keep the limits by their peak values and tip paths, (B,), and their tip paths.
 
         Args:
             strikes: Strike vectors, (B, m).
@@ -124,7 +124,7 @@ class Striker:
         return np.array([self.limits.violation(path, Strike.from_vector(strike)) <= 0 for strike, path in played])
 
     def strike(self, strikes: np.ndarray, goals: Goals) -> Landings:
-        """Simulate strikes (B, m), and return their results, each at its goal.
+        """Simulate strikes (B, m), and return the result of each at its goal.
 
         Limits that need whole trajectories, such as distances, are only checked for strikes that would be hits.
         """

@@ -64,7 +64,7 @@ class Checkerboard:
         return _grid(*self.corners, self.square)
 
     def find(self, image: np.ndarray) -> Corners:
-        """Return all its corners, or none."""
+        """Return all inner corners, or no corners if the board is not completely visible."""
         try:
             pixels = find_checkerboard(image, corners=self.corners)
         except InputError:
@@ -83,7 +83,7 @@ class CharucoBoard:
         dictionary: Dictionary of the markers, by its name in OpenCV.
 
     Raises:
-        InputError: A number is out of range, or there is no such dictionary.
+        InputError: A number is out of range, or the dictionary does not exist.
     """
 
     squares: tuple[int, int]

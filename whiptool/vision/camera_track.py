@@ -41,8 +41,8 @@ class CameraTrack:
         return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
 
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much its lines of sight miss the other camera's, in the image [pixels], (P,), and the standard
-        errors (P,).
+        """Return the distances between this and the other camera's lines of sight in the image [pixels], (P,), and
+        their standard errors (P,).
 
         Args:
             other: Track of the same marker by another camera.

@@ -25,7 +25,7 @@ SURE = 0.5  # confidence from which a position is reported
 
 @dataclass(frozen=True)
 class Light:
-    """Settings of how a marker's brightness and size are learned and checked.
+    """Settings for the estimation and the check of a marker's brightness and size.
 
     Args:
         tolerance: Relative deviation of a blob's brightness above which it is doubtful.
@@ -73,7 +73,8 @@ class MarkerTracker:
         settings: The camera.
         calibration: Calibration of the strike plane; default: from the camera's pose.
         distance: Distance from the camera about which the marker moves in space [m]; positions are then those on a
-            plane there that faces the camera, and only pixels are of use. None: it moves in the strike plane.
+            plane at this distance that faces the camera, and only pixels are meaningful. None: the marker moves in the
+            strike plane.
         background: Image of the scene without the marker, of the frames' shape; default: the first frame without the
             blob that is taken as the marker. Objects of the marker's colour in it are ignored.
         start: Position of the marker in the first frame (2,) [pixels], if other objects look like it.

@@ -99,7 +99,7 @@ class Blob:
         mass: Sum of the strength [pixels].
         peak: Largest strength after filtering.
         box: Bounding box: left, top, width, height [pixels].
-        cut: Whether it touches the image's edge.
+        cut: Whether the region touches the image's edge.
         noise: Standard error of the centroid, per coordinate, due to sensor noise [pixels].
     """
 

@@ -21,7 +21,7 @@ def realsense() -> Any:
     """Return the module pyrealsense2.
 
     Raises:
-        MissingPackage: It is not installed, or its USB library is not.
+        MissingPackage: The module or its USB library is not installed.
     """
     try:
         return optional("pyrealsense2", "a RealSense camera")
@@ -39,13 +39,13 @@ class RealSenseCamera:
 
     Args:
         settings: Settings to request: size, rate, exposure, kind (`color` or `infrared`); also pose and readout, which
-            frames get. Focal lengths and principal point are replaced by the device's own.
-        serial: Serial number of the camera; empty for the only one.
+            are added to frames. Focal lengths and principal point are replaced by those of the device.
+        serial: Serial number of the camera; empty for the only camera.
         file: A recording of the SDK to play instead, without dropping frames.
 
     Raises:
         InputError: The recording cannot be read.
-        WhiptoolError: On `open`: there is no pyrealsense2, no camera, or it has no such stream.
+        WhiptoolError: Raised by `open` without pyrealsense2, without a camera, or if it has no such stream.
     """
 
     def __init__(self, settings: Camera, *, serial: str = "", file: Path | str | None = None) -> None:
@@ -60,7 +60,7 @@ class RealSenseCamera:
         """Refuse a camera that is not connected, without starting it.
 
         Raises:
-            InputError: No RealSense camera is connected, or none with this serial number; or pyrealsense2 is not
+            InputError: No RealSense camera is connected, or no camera has this serial number; or pyrealsense2 is not
                 installed.
         """
         if self.file is not None:

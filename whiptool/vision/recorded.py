@@ -104,7 +104,7 @@ class RecordedCamera:
         )
 
     def close(self) -> None:
-        """Let go of the file; closing twice does no harm."""
+        """Close the file; closing twice does no harm."""
         self._images = None
 
 

@@ -57,8 +57,8 @@ class Screen:
     """A dark screen before the camera, over part of the image and for part of the time.
 
     Args:
-        left, top, right, bottom: Its edges [pixels]; right and bottom are the first pixels outside.
-        start, end: It is there in frames that start in [start, end) [s].
+        left, top, right, bottom: Edges of the screen [pixels]; right and bottom are the first pixels outside.
+        start, end: Frames that start in [start, end) [s] show the screen.
     """
 
     left: int
@@ -80,7 +80,7 @@ class Truth:
         visible: Fraction of the marker that is visible, 0 to 1.
         speed: Speed of the tip during the exposure [m/s].
         target: Centre of the target [m], (d,), or None.
-        depth: Depth of `point`: how far it is along the optical axis [m].
+        depth: Depth of `point` along the optical axis [m].
     """
 
     t_point: float

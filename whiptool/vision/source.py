@@ -24,7 +24,7 @@ class Frame:
         settings: Intrinsics, pose, exposure and readout of the camera.
 
     Raises:
-        InputError: The image is not of the settings' size and kind, they expose it for longer than the time between
+        InputError: The image does not have the settings' size and kind, the exposure is longer than the time between
             frames, or the time is not finite.
     """
 
@@ -56,7 +56,7 @@ class FrameSource(Protocol):
         ...
 
     def read(self, timeout: float = 1.0) -> Frame | None:
-        """The next frame, or None if none arrives within the timeout [s] or the source has ended."""
+        """Return the next frame, or None if none arrives within the timeout [s] or the source has ended."""
         ...
 
     def close(self) -> None:

@@ -114,7 +114,7 @@ def board_pose(lens: Lens | Camera, view: Corners, board: Board) -> Pose:
     """Return the pose of a board in the axes of a camera (right, down, forward) that sees it.
 
     Raises:
-        InputError: Its corners fix no pose.
+        InputError: The corners do not determine a pose.
     """
     cv2 = opencv()
     lens_model = (lens.camera_matrix, np.array(lens.distortion))

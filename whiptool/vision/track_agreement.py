@@ -30,7 +30,7 @@ class Disagreement:
     Args:
         cameras: Names of the cameras.
         apart: Median distance between the two lines of sight in an image [pixels].
-        errors: The same in units of the stated errors.
+        errors: Median distance in units of the stated errors.
         delay: Difference of the clocks, second camera minus first, at which they agree best [s].
     """
 
@@ -60,7 +60,7 @@ def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
 
 
 def moved(found: Iterable[Disagreement]) -> str | None:
-    """Return the camera that is part of all disagreements if there is exactly one, else None."""
+    """Return the only camera that is part of all disagreements; None if there is not exactly one."""
     sets = [set(one.cameras) for one in found]
     common = set.intersection(*sets) if sets else set()
     return common.pop() if len(common) == 1 else None

@@ -101,14 +101,15 @@ def track(
 ) -> StrikeTrack:
     """Follow tip and target on the strike plane through all frames of a source.
 
-    The target's last sure position stands for it while the tip or the arm covers it.
+    While the tip or the arm covers the target, its last reliable position is used.
 
     Args:
         source: A source, which is opened and closed, or frames; all of one camera, in the order of time.
-        tip, target: Looks of the markers; default: those of the virtual camera, in its kind of light.
+        tip, target: Appearance of the markers; default: as in the virtual camera's images of the same kind.
         calibration: Calibration of the strike plane; default: from the camera's pose.
-        background: Image of the scene without tip, such as `median_image` makes; default: learned from the first frame.
-        tip_start: Position of the tip in the first frame (2,) [pixels]; needed only where several things look like it.
+        background: Image of the scene without tip, such as that of `median_image`; default: learned from the first
+            frame.
+        tip_start: Position of the tip in the first frame (2,) [pixels]; only needed if several objects look like it.
 
     Raises:
         InputError: There are no frames, they are not in the order of time, or a marker has a hue in infrared, or none

@@ -30,7 +30,7 @@ def asked_of(target: Target) -> str:
 
 
 def draw_direction(ax: Axes, target: Target, shown: Sequence[int] = (0, 1)) -> None:
-    """Draw the arrow of a target that asks for a direction into axes in the plane.
+    """Draw the arrow of a target with a required direction into axes in the plane.
 
     Args:
         ax: Axes to draw into.
@@ -47,7 +47,7 @@ def draw_direction(ax: Axes, target: Target, shown: Sequence[int] = (0, 1)) -> N
 
 
 def draw_direction_in_space(ax: Axes3D, target: Target) -> None:
-    """Draw the arrow of a target that asks for a direction into axes in perspective."""
+    """Draw the arrow of a target with a required direction into axes in perspective."""
     if target.direction is not None:
         start, end = arrow(target)
         ax.quiver(*start, *(end - start), arrow_length_ratio=0.25, zorder=7, **LOOK)

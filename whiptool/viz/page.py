@@ -53,7 +53,7 @@ def strike_page(
 def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str, Any]:
     """Return the data of the page: samples of the trajectory, and the closest approach.
 
-    Numbers are rounded to six digits; those that are not finite become None.
+    Numbers are rounded to six digits; values that are not finite become None.
     """
     near, a, whole, target = trajectory.approach(goal), model.arm.n, trajectory, np.array(goal.position)
     parts = {

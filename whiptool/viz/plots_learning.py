@@ -67,7 +67,7 @@ def mark_random(ax: Axes, random_episodes: int) -> None:
 
 
 def running_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Mean of each value and those up to `window` - 1 before it, (E,)."""
+    """Return the mean of each value and the `window` - 1 values before it, (E,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     last = np.arange(1, len(values) + 1)
     first = np.maximum(last - window, 0)

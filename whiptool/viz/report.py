@@ -110,7 +110,7 @@ class Section:
 
 
 def verdict_over(holds: Mapping[str, bool]) -> str:
-    """Return the verdict on a claim that was tested in several ways: holds in all, in none, or only in some of them."""
+    """Return the verdict on a claim tested in several ways: reproduced in all, in none, or only in some."""
     kept = [name for name, held in holds.items() if held]
     if len(kept) == len(holds):
         return REPRODUCED
@@ -118,9 +118,7 @@ def verdict_over(holds: Mapping[str, bool]) -> str:
 
 
 def without_verdicts(sections: Sequence[Section], why: str) -> list[Section]:
-    """Return the sections with all verdicts removed, and the reason `why`, for quick runs that are too short to judge
-    by.
-    """
+    """Return the sections with the reason `why` instead of any verdict, for quick runs that are too short for one."""
 
     def open_to(part: Text | Table | Picture | Claims) -> Text | Table | Picture | Claims:
         if isinstance(part, Table) and part.judges:

@@ -35,7 +35,7 @@ _IN_SPACE = Condition("only for a model in space", lambda o: o.find_model().dime
 
 @dataclass(frozen=True, kw_only=True)
 class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
-    """Strike, film, identify again and plan again, until an unknown whip hits."""
+    """Options of `adapt`, which strikes, films, identifies the whip and plans again until an unknown whip hits."""
 
     first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
     in_space: ClassVar[bool] = True
@@ -125,7 +125,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
             raise InputError("--model", self.model, "a model in the plane, but with --port robot or --camera tip")
 
     def build_target(self, model: Model | None = None) -> Target:
-        """Target with direction and speed of arrival; a least speed of 0 requires no speed."""
+        """Return the target with direction and speed of arrival; a least speed of 0 requires no speed."""
         return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
 
     def build_controller(self) -> Controller:

@@ -147,7 +147,7 @@ class ControllerOptions(LawOptions):
     """Largest absolute torque of every joint [N m]. Default: no limit."""
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe, or that of the file."""
+        """Return the controller that the options describe, or that of the file."""
         controller = super().build_controller()
         if self.in_file:
             return controller
@@ -160,7 +160,7 @@ class ControllerOptions(LawOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedControllerOptions(ControllerOptions):
-    """Options for the controller of a simulated arm, with its control period, which a rig determines itself."""
+    """Options for the controller of a simulated arm, with the control period, which a rig sets by --rate."""
 
     only_with: ClassVar[Conditions] = {"control_period": (_NOT_IN_FILE, _NOT_POSITION)}
 
@@ -176,7 +176,7 @@ class SimulatedControllerOptions(ControllerOptions):
             number("--control-period", self.control_period, low=0, high=LONGEST_PERIOD, strict=True)
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe, or that of the file."""
+        """Return the controller that the options describe, or that of the file."""
         controller = super().build_controller()
         if self.in_file:
             return controller

@@ -40,7 +40,7 @@ REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings" 
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
-    """Fit a whip's parameters to recorded strikes."""
+    """Options of `identify`, which fits a whip's parameters to recorded strikes."""
 
     first: ClassVar[tuple[str, ...]] = (
         "recordings",
@@ -141,7 +141,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         return None if self.drive == "free" else super()._model()  # no law is that of an arm without a whip
 
     def find_model(self) -> Model | Any:
-        """The model at which the fit starts: with --drive free an arm without a whip."""
+        """Return the model at which the fit starts: with --drive free an arm without a whip."""
         from whiptool.identification.bare_arm import read_bare_arm
 
         if self.drive != "free":

@@ -42,7 +42,7 @@ class Names:
 
     @property
     def registries(self) -> list[Any]:
-        """The registries, or mere tuples or dictionaries of names."""
+        """The registries; also mere tuples or dictionaries of names."""
         return [getattr(import_module(home.partition(":")[0]), home.partition(":")[2]) for home in self.homes]
 
     def known(self) -> list[str]:
@@ -69,18 +69,18 @@ class Names:
 
 
 def names_of(kind: Any) -> Names | None:
-    """Return the names that are allowed within a type, in whatever it is nested."""
+    """Return the `Names` annotation within a type, at any depth, or None."""
     found = next((x for x in getattr(kind, "__metadata__", ()) if isinstance(x, Names)), None)
     return found or next((inner for part in get_args(kind) if (inner := names_of(part))), None)
 
 
 @dataclass(frozen=True)
 class Condition:
-    """When an option has an effect.
+    """Condition under which an option has an effect.
 
     Args:
-        words: The condition for people, such as `only with --space hand`.
-        holds: Whether the options of a command meet it.
+        words: The condition as text, such as `only with --space hand`.
+        holds: Function that returns whether the options of a command meet the condition.
     """
 
     words: str
@@ -121,8 +121,8 @@ class OptionGroup:
     A group may list some of its fields in class variables, which a command collects from all its groups:
     `of_this_call`, not stored with a run; `changeable`, may be given again when a run is resumed; `may_be_empty`,
     options with several values that may be given without any; `first`, shown by `--help` of a command with many
-    options. `heading` is the group's heading in the help. `only_with` says of options when they have an effect: help
-    leaves out those that have none, and giving one is refused.
+    options. `heading` is the group's heading in the help. `only_with` has the conditions under which options have an
+    effect: help leaves out options without effect, and giving one is refused.
     """
 
     of_this_call: ClassVar[tuple[str, ...]] = ()
@@ -148,7 +148,7 @@ class OptionGroup:
         return next(f.default for f in fields(self) if f.name == name)
 
     def broken_condition(self, name: str) -> Condition | None:
-        """Return why an option has no effect with the others; None: it has one."""
+        """Return the condition under which an option would have an effect; None if it has one."""
         for group in type(self).__mro__:
             found = group.__dict__.get("only_with", {}).get(name, ())
             for condition in (found,) if isinstance(found, Condition) else found:
@@ -191,7 +191,7 @@ class SeedOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class JsonOptions(OptionGroup):
-    """Options for how the result is printed."""
+    """Options for the format of the printed result."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("json", "quiet")
     heading: ClassVar[str] = "result"
@@ -305,7 +305,7 @@ def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
 
 
 def of_run(error: InputError, resume: Path | None) -> InputError:
-    """Return the error of an option, or one of the run to resume if another version began that with the option."""
+    """Return the error of an option, or of `--resume` if another version began the run with that option."""
     from whiptool.runs import begun_by, read_config
 
     if resume is None or not error.name.startswith("--") or error.name == "--resume":
@@ -317,7 +317,7 @@ def of_run(error: InputError, resume: Path | None) -> InputError:
 
 @contextmanager
 def renaming(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
-    """Name values in the errors that come from within by other names, and add a fix to them."""
+    """Rename values in errors that are raised within a `with` block, and add a fix to these errors."""
     try:
         yield
     except InputError as error:

@@ -71,7 +71,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         return ("dynamixel_sdk", *["pyrealsense2"] * film, *["cv2"] * images)
 
     def build_controller(self) -> Controller:
-        """The controller that the options describe, or that of the file."""
+        """Return the controller that the options describe, or that of the file."""
         controller = super().build_controller()
         if controller.control_period is not None:
             allowed = "one without control_period: a rig holds every torque for a cycle of --rate"
@@ -98,7 +98,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
     """Return the hardware rig that the options describe; after a stop, a file blocks later calls with this port.
 
     Raises:
-        InputError: The serial device or the camera does not exist. Neither is opened yet.
+        InputError: The serial device or the camera does not exist; they are not opened yet.
     """
     from whiptool.rig.dynamixel.port import check_present
     from whiptool.rig.session import HardwareRig, ServoLine
@@ -132,7 +132,7 @@ def mark_of_port(port: str) -> Path:
 
 
 def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
-    """After a stop, ask a person to confirm that its cause is removed; nothing moves before.
+    """After a stop, ask a person to confirm that its cause is removed; nothing moves before the answer.
 
     Args:
         interlock: Interlock of the rig.

@@ -24,7 +24,7 @@ Space = Literal["joint", "hand", "pose"]
 
 @dataclass(frozen=True, kw_only=True)
 class SpaceOptions(SimulatedControllerOptions):
-    """Options for the coordinates of strikes (joint or hand space), and the controller that goes with them."""
+    """Options for the coordinates of strikes (joint or hand space), and for the controller in these coordinates."""
 
     first: ClassVar[tuple[str, ...]] = ("space",)
     takes_hand: ClassVar[bool] = True

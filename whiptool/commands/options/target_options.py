@@ -25,7 +25,7 @@ ModelName = Annotated[str, Names("whiptool.models.presets:PRESETS", beside="|FIL
 
 @dataclass(frozen=True, kw_only=True)
 class TargetOptions(OptionGroup):
-    """Options for the target, and for how long the tip is observed."""
+    """Options for the target, and for the time during which the tip is observed."""
 
     heading: ClassVar[str] = "target"
     first: ClassVar[tuple[str, ...]] = (

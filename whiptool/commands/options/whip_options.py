@@ -37,7 +37,7 @@ class WhipOptions(OptionGroup):
     """Density of the whip that --youngs-modulus describes [kg/m^3]."""
 
     def changed_whip(self, model: Model) -> Model:
-        """Return the model with its whip changed as the options say.
+        """Return the model with its whip changed by the options.
 
         Raises:
             InputError: A number is out of range, the material is incomplete, or the model's whip cannot be changed in

@@ -89,7 +89,7 @@ _OWN = frozenset(READERS)
 
 
 def find_format(path: Path | str) -> str:
-    """The key in `READERS` of a recording's format, by its name and first bytes.
+    """Return the key in `READERS` of a recording's format, by its name and first bytes.
 
     Raises:
         InputError: Nothing exists at the path, or it has an unknown format; the message lists the formats.
@@ -142,16 +142,16 @@ def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
 
 
 def read_recording(path: Path | str, *, format: str | None = None, **options: Any) -> StrikeRecording:
-    """Read the tracks of a strike from a file or folder of any format that holds tracks.
+    """Read the tracks of a strike from a file or folder of any format with tracks.
 
     Args:
         path: The file or folder.
         format: A key of `READERS`; None to choose by name and first bytes.
-        options: Options of the format's reader: the keys of its sidecar, which they override.
+        options: Options of the format's reader: keys of the sidecar file, whose values they override.
 
     Raises:
         InputError: The format is unknown or holds images (see `open_video`), the file is damaged, empty, in wrong
-            units, or breaks another rule, or an option is unknown.
+            units, or has another value that is not allowed, or an option is unknown.
     """
     expect(str, PathLike, path=path)
     form = _format(path, format)
@@ -163,12 +163,12 @@ def read_recording(path: Path | str, *, format: str | None = None, **options: An
 
 
 def open_video(path: Path | str, *, format: str | None = None, **options: Any) -> VideoSource:
-    """Open the images of a strike from a file or folder of any format that holds images.
+    """Open the images of a strike from a file or folder of any format with images.
 
     Args:
         path: The file or folder.
         format: A key of `READERS`; None to choose by name and first bytes.
-        options: Options of the format's reader: the keys of its sidecar, which they override.
+        options: Options of the format's reader: keys of the sidecar file, whose values they override.
 
     Raises:
         InputError: The format is unknown or holds no images, the file is damaged, or a value is not allowed.

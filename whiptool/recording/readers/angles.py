@@ -50,7 +50,7 @@ def holds_angles(path: Path, head: bytes) -> bool:
 
 
 def read_angles(path: Path | str, *, episode: int = 0) -> StrikeRecording:
-    """One swing of an NPZ or CSV file; see `read_swings`."""
+    """Return one swing of an NPZ or CSV file; see `read_swings`."""
     swings = read_swings(path)
     if not 0 <= episode < len(swings):
         raise InputError("episode", episode, f"a number from 0 to {len(swings) - 1}, of a swing in {path}")
@@ -80,7 +80,7 @@ def read_swings(path: Path | str) -> list[StrikeRecording]:
 
 
 def first_state(t: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Angles and rates at the first sample, by a parabola through the first samples, (2, links) [rad, rad/s].
+    """Return angles and rates at the first sample, by a parabola through the first samples, (2, links) [rad, rad/s].
 
     Args:
         t: Times [s], (T,).

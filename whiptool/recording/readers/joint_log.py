@@ -51,7 +51,7 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
 
     Args:
         path: The file.
-        columns: As of `joint_log`.
+        columns: See `asked` of `joint_log`.
 
     Raises:
         InputError: The file is not a joint log, has no joints, lacks a column, units differ, or time stamps are
@@ -82,8 +82,8 @@ def joint_log(
         t: Times [s], (S,).
         table: The other columns, (S, N).
         names: Names of the N columns; empty: the columns have no names, and are the joints in the arm's order.
-        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: the columns that have the
-            joints' names.
+        asked: Columns of the arm's joints: by the joints' names, or in the arm's order; None: they are recognised by
+            the columns' names.
         place: Location of the columns, for messages.
         of: Name of the times.
 

@@ -143,12 +143,12 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
 
     Args:
         folder: The dataset.
-        camera: Name of the feature, such as `observation.images.front`; None: the only one.
+        camera: Name of the feature, such as `observation.images.front`; None: the only camera.
         episode: Index of the episode.
         options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As in `lerobot_episode`; or there is no such camera, its file is missing or too short, or a value is
+        InputError: See `lerobot_episode`; or the camera does not exist, its file is missing or too short, or a value is
             not allowed; or OpenCV is not installed.
     """
     folder = Path(folder)

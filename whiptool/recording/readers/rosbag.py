@@ -65,8 +65,8 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
             uint16.
 
     Raises:
-        InputError: The file is not a bag or is damaged; the topic does not exist; an image has another encoding
-            (allowed are 16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8, bgra8) or cut off; or rosbags is not installed.
+        InputError: The file is not a bag or is damaged; the topic does not exist; an image is cut off or has another
+            encoding than 16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8 or bgra8; or rosbags is not installed.
     """
     topic = _one_topic(path, topic)
     for _, message in _messages(path, topic, IMAGE):
@@ -105,7 +105,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
         options: Keys of the sidecar file, whose values they override.
 
     Raises:
-        InputError: As in `db3_frames`; or there are fewer than two images, they differ in size, or a value is not
+        InputError: See `db3_frames`; or there are fewer than two images, they differ in size, or a value is not
             allowed.
     """
     path = Path(path)

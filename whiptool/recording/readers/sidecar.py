@@ -163,7 +163,7 @@ class Sidecar:
         times.
 
         Args:
-            notes: Further remarks on how it was read.
+            notes: Further remarks of the reader.
             log: Joint log in the recording itself, used if the sidecar names no file.
 
         Raises:
@@ -226,7 +226,8 @@ class Sidecar:
         return StrikeRecording(**{**source, **read, **self.fields(notes, log)})
 
     def view(self) -> Camera:
-        """The camera in space of a recording in pixels: the one with the name `camera` in the file `cameras`.
+        """Return the camera in space of a recording in pixels, which the keys `camera` (name) and `cameras` (file)
+        state.
 
         The file is next to the sidecar; an option may name a file elsewhere.
 
@@ -243,7 +244,7 @@ class Sidecar:
 
     @cached_property
     def filmed_by(self) -> Camera | None:
-        """The camera in space of a film; None if the key `cameras` is missing."""
+        """Return the camera in space of a film; None if the key `cameras` is missing."""
         return None if self.table.get("cameras") is None else self.view()
 
     @property
@@ -315,8 +316,8 @@ class Sidecar:
         return points * factor
 
     def homography(self) -> np.ndarray | None:
-        """Return the homography (3, 3) from pixels to metres, by `homography`, `known_points`, or `scale` and `origin`;
-        else None.
+        """Return the homography (3, 3) from pixels to metres, from the keys `homography`, `known_points`, or `scale`
+        and `origin`; None without them.
         """
         matrix, known = self.array("homography", 3, 3), self.table.get("known_points")
         given = [key for key in ("homography", "known_points", "scale") if key in self.table]

@@ -115,7 +115,7 @@ class DynamixelBus(Line):
         """Map the indirect data registers to the registers of `BLOCK`, and verify the mapping.
 
         Raises:
-            BusError: A servo did not accept it.
+            BusError: A servo did not accept the mapping.
         """
         addresses = [r.address + i for name in BLOCK for r in [register(name)] for i in range(r.size)]
         start = register("indirect_address_1").address
@@ -131,7 +131,7 @@ class DynamixelBus(Line):
         """Return the model number and firmware version of a servo.
 
         Raises:
-            NoReply, Unplugged: As named.
+            NoReply, Unplugged: The servo does not answer.
         """
         data = self._ask([0] * 8 + [0, 0], id, 1, 3, timeout or self.timeout, asked="for a ping", refusable=False)
         return data[0] | data[1] << 8, data[2]
@@ -140,7 +140,7 @@ class DynamixelBus(Line):
         """Return the value of a register, with its sign.
 
         Raises:
-            NoReply, Refused, Unplugged: As named.
+            NoReply, Refused, Unplugged: The servo does not answer, or answers with an error.
         """
         r = register(name)
         return r.decode(self._read_bytes(id, r.address, r.size, name))
@@ -150,7 +150,7 @@ class DynamixelBus(Line):
 
         Raises:
             InputError: The register is read-only or does not take the value.
-            NoReply, Refused, Unplugged: As named.
+            NoReply, Refused, Unplugged: The servo does not answer, or answers with an error.
         """
         r = register(name)
         if not r.writable:
@@ -169,7 +169,7 @@ class DynamixelBus(Line):
         """Send an instruction whose reply has no data (reboot, factory reset, clear, reg write, action).
 
         Raises:
-            NoReply, Refused, Unplugged: As named.
+            NoReply, Refused, Unplugged: The servo does not answer, or answers with an error.
         """
         self._ask([0] * 8 + [*parameters, 0, 0], id, instruction, 0, asked=f"to carry out instruction {instruction}")
 
@@ -180,7 +180,7 @@ class DynamixelBus(Line):
 
         Raises:
             NoReply: A reply is missing, damaged or doubtful; the sample is lost, and the line is drained before the
-                next one.
+                next sample.
             Refused: A servo answered with an error.
             Unplugged: The port is gone.
         """
@@ -210,7 +210,7 @@ class DynamixelBus(Line):
         return self._transaction(transact)
 
     def write_currents(self, counts: Sequence[int] | np.ndarray) -> None:
-        """Set Goal Current of every servo, in counts, in one packet. Servos do not answer it.
+        """Set Goal Current of every servo, in counts, in one packet. Servos send no reply.
 
         Raises:
             InputError: A value does not fit its register.
@@ -222,7 +222,7 @@ class DynamixelBus(Line):
         self._sync_write(self._goal, data)
 
     def write_all(self, name: str, value: int) -> None:
-        """Set a register of every servo to the same value, in one packet. Servos do not answer it.
+        """Set a register of every servo to the same value, in one packet. Servos send no reply.
 
         Raises:
             Unplugged: The port is gone.

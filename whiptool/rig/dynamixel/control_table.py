@@ -69,7 +69,7 @@ class Register:
 
     @property
     def eeprom(self) -> bool:
-        """Whether it keeps its value without power, and is locked while torque is on."""
+        """Whether the register keeps its value without power, and is locked while torque is on."""
         return self.address < RAM
 
     def decode(self, data: bytes) -> int:
@@ -165,7 +165,7 @@ def register(name: str) -> Register:
     """Return the register called `name`.
 
     Raises:
-        InputError: The control table has none of that name.
+        InputError: The control table has no register of that name.
     """
     if name not in XM430_W350:
         raise InputError("register", name, "a name of the XM430-W350's control table, such as goal_current")
@@ -178,7 +178,7 @@ class Units:
 
     Args:
         fineness: Factor by which counts are finer, for current at most 16 (its register has two bytes). It is 1 for a
-            real servo; an emulated one may have more, to study the effect of quantisation.
+            real servo, and may be larger for an emulated servo, to study the effect of quantisation.
     """
 
     fineness: int = 1

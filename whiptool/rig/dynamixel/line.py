@@ -50,7 +50,7 @@ class Line:
         self.failures: dict[str, int] = {}  # how often, by kind
 
     def follow(self, peer: Peer) -> None:
-        """Run in lock step with an emulator, which says whether a reply is missing, so that no timeout is needed."""
+        """Run in lock step with an emulator, which reports whether a reply is missing, so that no timeout is needed."""
         self._port.peer = peer
         peer.follow(self._port)
 

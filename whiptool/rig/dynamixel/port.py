@@ -44,10 +44,10 @@ def sdk() -> Any:
 
 
 class Peer(Protocol):
-    """The other end of a line in lock step (an emulator), which knows which bytes are still under way."""
+    """The other end of a line in lock step (an emulator), which reports whether bytes are still under way."""
 
     def given(self) -> int:
-        """Return the total number of bytes that it has sent, after it has processed all bytes sent to it.
+        """Return the total number of bytes that the peer has sent, after it has processed all bytes sent to it.
 
         Raises:
             OSError: The emulator has ended.
@@ -75,7 +75,7 @@ def check_present(device: str) -> None:
 
 
 def make_port(device: str, baud: int) -> Any:
-    """Return an open port, see `port_class`; no other program can open the device meanwhile.
+    """Return an open port, see `port_class`; no other program can open the device while it is open.
 
     Raises:
         InputError: The device cannot be opened, or does not support the baud rate.

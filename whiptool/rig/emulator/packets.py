@@ -30,7 +30,7 @@ _CRC = _table()
 
 
 def crc16(data: bytes | bytearray, crc: int = 0) -> int:
-    """CRC-16 of `data`, continued from `crc`."""
+    """Return the CRC-16 of `data`, continued from `crc`."""
     for byte in data:
         crc = (crc << 8 & 0xFF00) ^ _CRC[crc >> 8 ^ byte]
     return crc
@@ -51,7 +51,7 @@ def stuff(body: bytes) -> bytes:
 
 
 def unstuff(body: bytes) -> bytes:
-    """The reverse of `stuff`."""
+    """Reverse `stuff`: replace FF FF FD FD by FF FF FD."""
     return body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
 
 
@@ -64,7 +64,7 @@ def encode(packet: Packet, *, stuffed: bool = True) -> bytes:
 
 
 def status(id: int, error: int, data: bytes = b"") -> bytes:
-    """The bytes of a status packet."""
+    """Return the bytes of a status packet."""
     return encode(Packet(id, STATUS, bytes([error]) + data))
 
 

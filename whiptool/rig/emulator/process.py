@@ -72,7 +72,7 @@ class Emulator:
         Args:
             ids: Ids of the servos; default: all.
             baud: Baud rate [bit/s]; default: that of the servos.
-            timeout, fast: As in `DynamixelBus`; in lock step a reply that is under way is waited for longer.
+            timeout, fast: As in `DynamixelBus`; in lock step the timeout is extended while a reply is under way.
 
         Returns:
             A `DynamixelBus`; a bus returned earlier is no longer in lock step.

@@ -32,10 +32,10 @@ class Waits:
 
     Args:
         silence: Pause within a packet after which it is discarded (1.5 ms for the servo, more for a busy host).
-        at_once: Largest simulated time that is integrated before the next answer.
-        lag: Largest delay of simulated time behind real time; more is dropped.
+        at_once: Largest simulated time that is integrated before the next reply.
+        lag: Largest delay of simulated time behind real time; a larger delay is cut to it.
         pause: Time to wait for bytes before the simulation continues.
-        pause_at_rest: The same while nothing moves; registers are updated when bytes come.
+        pause_at_rest: Time to wait for bytes while nothing moves; registers are updated when bytes arrive.
     """
 
     silence: float = 0.02
@@ -170,7 +170,7 @@ class Server:
     # -- bytes ---------------------------------------------------------------------------------------------------
 
     def serve(self) -> None:
-        """Answer until the control connection sends `quit` or is closed."""
+        """Answer instructions until the control connection sends `quit` or is closed."""
         while self._round():
             pass
 

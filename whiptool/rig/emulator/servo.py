@@ -151,7 +151,7 @@ class Servo:
     # -- what clients do -----------------------------------------------------------------------------------------
 
     def heard(self) -> None:
-        """Reset the bus watchdog, because an instruction for any servo was received."""
+        """Reset the bus watchdog, because an instruction for some servo was received."""
         self._silent = 0.0
 
     def read(self, address: int, length: int) -> tuple[int, bytes]:
@@ -206,7 +206,7 @@ class Servo:
         return 0
 
     def write(self, address: int, data: bytes) -> int:
-        """Perform a write completely or not at all, and return its error number."""
+        """Perform a write completely or leave all registers unchanged, and return its error number."""
         error, writes = self.check(address, data)
         for r, value in writes:
             before = self.get(r.name)
