@@ -1,4 +1,4 @@
-"""Measurement of the whip before the first strike, hanging or in a short, slow movement, and the arm's deviation at rest.
+"""Measurement of the whip before the first strike, hanging or in a slow movement, and the deviation of the resting arm.
 
 An impedance law carries weight only with a position error, so that the arm at rest deviates from its command.
 """
