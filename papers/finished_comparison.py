@@ -135,7 +135,7 @@ def read_run(folder: Path | str) -> Results:
     return Results(
         series=tuple(collect(units, results)),
         rewards=_rewards(comparison, results),
-        random_episodes={o: comparison.training(o)[2] for o in comparison.observations},
+        random_episodes={o: comparison.training(o).random_episodes for o in comparison.observations},
         cap=comparison.scene.cap,
         version=config["version"],
     )

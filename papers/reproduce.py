@@ -238,7 +238,7 @@ def _facts(options: ReproduceOptions, comparison: Comparison) -> dict[str, str]:
         f"{options.target_seed}; at most {scene.cap} trials each; hit radii "
         + ", ".join(f"{radius:g}" for radius in scene.radii)
         + " m",
-        "training": f"{counted(comparison.episodes, 'episode')} of {counted(comparison.trials, 'strike')}, "
-        f"{comparison.random_episodes} random; {counted(comparison.seeds, 'seed')}"
+        "training": f"{counted(comparison.plan.episodes, 'episode')} of {counted(comparison.plan.trials, 'strike')}, "
+        f"{comparison.plan.random_episodes} random; {counted(comparison.seeds, 'seed')}"
         + (f"; observations other than tip {counted(further, 'episode')}" if further is not None else ""),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -62,7 +61,8 @@ def sections(context: Context) -> list[Section]:
     figures = comparison_figures(series)
     main = [one for one in series if one.main and one.hit_radius == scene.radii[0]]
     standings = {o: Standings(main, o) for o in comparison.observations}
-    strikes = [math.prod(comparison.training(o)[:2]) for o in comparison.observations]
+    plans = [comparison.training(o) for o in comparison.observations]
+    strikes = [plan.episodes * plan.trials for plan in plans]
     training = " and ".join(f"{n:,}" for n in dict.fromkeys(strikes))
     about = (
         f"Mean trials until a target is hit (Eq. 21), of {scene.targets} at random, at most {scene.cap} each; one that "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import astuple
 
 import matplotlib
 import numpy as np
@@ -15,6 +16,7 @@ from whiptool.comparison import Comparison
 from whiptool.comparison.plan import LEARNERS
 from whiptool.comparison.series import NAMES
 from whiptool.comparison.trial_plots import plot_rewards
+from whiptool.rl.settings import TrainingPlan
 from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import counted, times
@@ -34,13 +36,17 @@ def sections(context: Context) -> list[Section]:
             rows = [results[u.key]["rewards"] for u in comparison.learner_units(method, o)]
             shortest = min(map(len, rows))  # training that diverged ends before
             curves[o][method] = np.array([row[:shortest] for row in rows])
-    window = max(1, comparison.episodes // 50)
+    window = max(1, comparison.plan.episodes // 50)
     with matplotlib.rc_context(STYLE):
         figure = Figure((4.6 * len(curves) + 0.4, 4.2), layout="constrained")
         axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
         for ax, (o, rewards) in zip(axes, curves.items(), strict=True):
             plot_rewards(
-                ax, rewards, random_episodes=comparison.training(o)[2], window=window, title=f"observation {o}"
+                ax,
+                rewards,
+                random_episodes=comparison.training(o).random_episodes,
+                window=window,
+                title=f"observation {o}",
             )
             ax.label_outer()
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
@@ -50,9 +56,9 @@ def sections(context: Context) -> list[Section]:
         cells = [f"{f[method].mean():.1f} ({f[method].min():.1f} to {f[method].max():.1f})" for f in final.values()]
         table.append([NAMES[method], *cells])
     lengths = "; ".join(
-        f"{counted(n, 'episode')} of {counted(trials, 'strike')}, the first {random} random "
-        f"(observation {', '.join(seen)})"
-        for (n, trials, random), seen in _together(comparison).items()
+        f"{counted(plan.episodes, 'episode')} of {counted(plan.trials, 'strike')}, "
+        f"the first {plan.random_episodes} random (observation {', '.join(seen)})"
+        for plan, seen in _together(comparison).items()
     )
     about = (
         f"Algorithm 1: {lengths}; {counted(comparison.seeds, 'seed')}. A strike's reward is 50 for a hit (Eq. 17). "
@@ -81,7 +87,7 @@ def sections(context: Context) -> list[Section]:
 def _printed(comparison: Comparison, final: dict[str, dict[str, np.ndarray]]) -> Table:
     """What the paper states about the curves, and ours."""
     theirs = {"episodes": EPISODES, "strikes in each": TRIALS, "random episodes": RANDOM_EPISODES}
-    ours = [comparison.training(o) for o in final]
+    ours = [astuple(comparison.training(o)) for o in final]
     rows = [[what, f"{theirs[what]}", *(f"{x[i]}" for x in ours)] for i, what in enumerate(theirs)]
     rows += [
         [f"{NAMES[m]}, reward in the end", REWARD_OF.get(m, DRAWN), *(f"{f[m].mean():.1f}" for f in final.values())]
@@ -91,9 +97,9 @@ def _printed(comparison: Comparison, final: dict[str, dict[str, np.ndarray]]) ->
     return compared(rows, caption, *(f"here, observation {o}" for o in final))
 
 
-def _together(comparison: Comparison) -> dict[tuple[int, int, int], list[str]]:
+def _together(comparison: Comparison) -> dict[TrainingPlan, list[str]]:
     """Observations by the length of their training."""
-    lengths: dict[tuple[int, int, int], list[str]] = {}
+    lengths: dict[TrainingPlan, list[str]] = {}
     for o in comparison.observations:
         lengths.setdefault(comparison.training(o), []).append(o)
     return lengths

@@ -27,6 +27,7 @@ from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rl.policy import trials_to_hit
+from whiptool.rl.settings import TrainingPlan
 from whiptool.rl.trained import one_torch_thread
 
 TIMES = ("wall_time",)
@@ -292,12 +293,9 @@ def test_bad_input_gets_one_line(words, named, tmp_path):
 def test_other_observations_train_shorter_in_proportion(scene):
     """500 episodes, 50 random, become 100 and 10; never more than the first."""
     plan = Comparison(scene=scene, further_episodes=100)
-    assert plan.training("tip") == (500, 100, 50)
-    assert plan.training("goal") == plan.training("relative") == (100, 100, 10)
-    assert Comparison(scene=scene, episodes=20, random_episodes=4, further_episodes=100).training("goal") == (
-        20,
-        100,
-        4,
-    )
+    assert plan.training("tip") == TrainingPlan(500, 100, 50)
+    assert plan.training("goal") == plan.training("relative") == TrainingPlan(100, 100, 10)
+    short = TrainingPlan(20, random_episodes=4)
+    assert Comparison(scene=scene, plan=short, further_episodes=100).training("goal") == short
     with pytest.raises(InputError, match="episodes"):
         Comparison(scene=scene, further_episodes=0)

@@ -14,7 +14,7 @@ from flights import scene
 from scripted import Scripted
 
 from whiptool.comparison.learner_unit import CHECKPOINT_EVERY, Checkpoint, LearnerUnit, trials_within
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.task import StrikeTask
@@ -92,7 +92,7 @@ TARGETS = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin
 
 
 def recorded(radius: float) -> StrikeTask:
-    return StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=radius)
+    return StrikeTask(StraightFlight(), GoalRegion(Disc((0.8, 0.2), 1.0), hit_radius=radius), bounds=BOUNDS)
 
 
 def test_trials_of_a_policy_at_several_radii():
@@ -114,7 +114,7 @@ def test_trials_at_several_radii_where_a_direction_is_asked_for():
     angles, wanted = [-0.3, 0.45, 0.8, 0.89], np.array([0.0, 0.8, 0.9])
     radii = (0.4, 0.2, 0.06)
     rule, zone = ArrivalRule(angle=(-1.0, 1.0), cone=0.2), Disc((0.8, 0.2), 1.0)
-    task = StrikeTask(StraightFlight(), zone, bounds=BOUNDS, arrival=rule, hit_radius=0.06)
+    task = StrikeTask(StraightFlight(), GoalRegion(zone, rule, hit_radius=0.06), bounds=BOUNDS)
     goals = rule.goals_at(TARGETS, 0.4, wanted)
     found = trials_within(Scripted(task, angles), task, goals, radii, cap=4, convention="samples")
     for radius, (trials, hit) in found.items():
@@ -154,7 +154,7 @@ class Following(StraightFlight):
 def test_a_strike_that_the_limits_refuse_is_a_hit_at_no_radius(whole):
     """Of samples at -0.3, 0.45, 0.8 and 0.89 rad the last two are refused, which alone pass the target at 0.9 rad."""
     limits, zone = Low(whole=whole), Disc((0.8, 0.2), 1.0)
-    task = StrikeTask(Following(), zone, bounds=BOUNDS, hit_radius=0.02, limits=limits)
+    task = StrikeTask(Following(), GoalRegion(zone, hit_radius=0.02), bounds=BOUNDS, limits=limits)
     found = trials_within(
         Scripted(task, [-0.3, 0.45, 0.8, 0.89]), task, TARGETS, (0.2, 0.02), cap=4, convention="samples"
     )

@@ -12,6 +12,7 @@ from whiptool.comparison.plan import CHUNK, Comparison
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.errors import InputError
 from whiptool.models import preset
+from whiptool.rl.settings import TrainingPlan
 from whiptool.rollout import CompiledRollout
 
 
@@ -38,11 +39,9 @@ def test_units_have_keys_of_their_own():
     [(None, (100, 7, 30)), (100, (100, 7, 30)), (200, (100, 7, 30)), (50, (50, 7, 15)), (33, (33, 7, 10))],
 )
 def test_other_observations_train_in_proportion(further, expected):
-    plan = Comparison(
-        scene=scene(), methods=("sac",), episodes=100, trials=7, random_episodes=30, further_episodes=further
-    )
-    assert plan.training("tip") == (100, 7, 30)
-    assert plan.training("goal") == plan.training("relative") == expected
+    plan = Comparison(scene=scene(), methods=("sac",), plan=TrainingPlan(100, 7, 30), further_episodes=further)
+    assert plan.training("tip") == TrainingPlan(100, 7, 30)
+    assert plan.training("goal") == plan.training("relative") == TrainingPlan(*expected)
     unit = plan.learner_units("sac", "goal")[2]
     assert (unit.episodes, unit.trials, unit.random_episodes, unit.seed) == (*expected, 2)
 

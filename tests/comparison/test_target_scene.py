@@ -21,7 +21,7 @@ from whiptool.comparison.target_scene import (
     zone_named,
 )
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.zone import Disc, ReachableDisc, Region
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds, default_bounds
@@ -74,7 +74,7 @@ def test_hits_along_directions_are_counted_as_the_rollout_counts_them():
 
     hit = (near.distance <= 0.06) & (turned <= math.radians(25)) & (along >= 2.0)
     counted = hit.reshape(100, 40).sum(axis=1)
-    task, goals = StrikeTask(rollout, where.zone, arrival=rule), where.goals().rows(np.tile(np.arange(40), 100))
+    task, goals = StrikeTask(rollout, GoalRegion(where.zone, rule)), where.goals().rows(np.tile(np.arange(40), 100))
     np.testing.assert_array_equal(task.judge(np.repeat(strikes, 40, axis=0), goals).hit, hit)
     found = targets_hit(rollout, strikes, where)
     assert counted.max() > 3

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import cache
 
+from whiptool.goals.arrival_rule import GoalRegion
+from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Disc
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import ArmLink, ArmParameters, Model, WhipParameters
@@ -21,7 +23,8 @@ def one_joint() -> CompiledRollout:
     return CompiledRollout(model, Controller(ConstantImpedance(K=((30.0,),), B=((3.0,),))), timestep=1e-3)
 
 
-def one_joint_task(**options) -> StrikeTask:
+def one_joint_task(*, hit_radius: float = HIT_RADIUS, **options) -> StrikeTask:
     """Three numbers, q_1i, q_1f and D, and targets that one strike in six hits by chance."""
     bounds = StrikeBounds((-1.2, 0.3, 0.3), (0.0, 2.8, 1.0))
-    return StrikeTask(one_joint(), Disc((0.75, 0.0), 0.15), bounds=bounds, **options)
+    region = GoalRegion(Disc((0.75, 0.0), 0.15), hit_radius=hit_radius)
+    return StrikeTask(one_joint(), region, bounds=bounds, **options)

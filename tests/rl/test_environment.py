@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 
 import whiptool.rl.environment as environment
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.target import Target
 from whiptool.goals.zone import Disc
 from whiptool.gymnasium_id import ID
@@ -74,7 +74,7 @@ def test_a_step_is_a_strike():
 
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_the_vector_environment_equals_single_ones(observation):
-    options = {"observation": observation, "hit_radius": 0.1, "strikes": 3}
+    options = {"observation": observation, "zone": GoalRegion(Disc(), hit_radius=0.1), "strikes": 3}
     many, count = gymnasium.make_vec(ID, num_envs=8, **options), 8
     ones = [gymnasium.make(ID, **options) for _ in range(count)]
     obs, info = many.reset(seed=5)
@@ -108,7 +108,7 @@ def test_the_vector_environment_equals_single_ones(observation):
 
 def test_the_vector_environment_tells_in_the_form_of_gymnasiums_own():
     def play(**how):
-        envs = gymnasium.make_vec(ID, num_envs=4, hit_radius=0.3, strikes=2, **how)
+        envs = gymnasium.make_vec(ID, zone=GoalRegion(Disc(), hit_radius=0.3), num_envs=4, strikes=2, **how)
         targets = {"targets": np.full((4, 2), (1.3, 0.0)), "target": (1.3, 0.0)}
         envs.reset(options=targets)
         actions = np.random.default_rng(2).uniform(-1, 1, (2, 4, 5))
@@ -137,14 +137,14 @@ NEARER = Disc((1.0, 0.3), 0.15)
 @pytest.mark.filterwarnings("ignore:.*minimum value is -infinity", "ignore:.*maximum value is infinity")
 @pytest.mark.parametrize("rule", [UPWARD, ArrivalRule(direction=(0.0, 1.0)), ArrivalRule(speed=2.0)])
 def test_gymnasiums_checker_finds_nothing_at_goals_with_arrivals(rule, recwarn):
-    env = gymnasium.make(ID, arrival=rule, zone=NEARER)
+    env = gymnasium.make(ID, zone=GoalRegion(NEARER, rule))
     check_env(env.unwrapped)
     assert not [str(w.message) for w in recwarn if "infinity" not in str(w.message)]
     assert env.observation_space.shape == ((8,) if rule.directed else (6,))
 
 
 def test_a_step_at_a_direction_is_a_trial_of_the_objective():
-    env = gymnasium.make(ID, arrival=UPWARD, zone=NEARER, hit_radius=0.1).unwrapped
+    env = gymnasium.make(ID, zone=GoalRegion(NEARER, UPWARD, hit_radius=0.1)).unwrapped
     obs, info = env.reset(seed=3, options={"target": (1.0, 0.35), "angle": 1.4})
     target = Target.arriving((1.0, 0.35), 1.4, hit_radius=0.1, cone=np.radians(20), speed=2.0)
     assert target.direction is not None
@@ -170,7 +170,7 @@ def test_a_step_at_a_direction_is_a_trial_of_the_objective():
 
 def test_lanes_with_directions_equal_single_environments():
     """Each strike is its lane's last: the next goals stand in the same answer."""
-    options: dict[str, Any] = {"arrival": UPWARD, "zone": NEARER, "hit_radius": 0.12, "strikes": 1}
+    options: dict[str, Any] = {"zone": GoalRegion(NEARER, UPWARD, 0.12), "strikes": 1}
     many, one = gymnasium.make_vec(ID, num_envs=6, **options), gymnasium.make(ID, **options)
     obs, asked = many.reset(seed=4)
     rng, hits = np.random.default_rng(1), 0
@@ -199,11 +199,11 @@ def test_lanes_with_directions_equal_single_environments():
 
 
 def test_angles_are_refused_where_none_is_drawn():
-    env = environment.WhipEnv(arrival=ArrivalRule(direction=(0.0, 1.0)))
+    env = environment.WhipEnv(zone=GoalRegion(Disc(), ArrivalRule(direction=(0.0, 1.0))))
     with pytest.raises(InputError, match=r"arrival angles: got .* none, for the rule draws none"):
         env.reset(options={"angle": 1.0})
     with pytest.raises(InputError, match="angle: got nan"):
-        environment.WhipEnv(arrival=UPWARD).reset(options={"angle": np.nan})
+        environment.WhipEnv(zone=GoalRegion(Disc(), UPWARD)).reset(options={"angle": np.nan})
 
 
 def test_seeds_decide_the_targets():
@@ -232,8 +232,7 @@ def test_a_picture_before_and_after_a_strike():
 def test_bad_input_is_refused():
     wrong: tuple[dict[str, Any], ...] = (
         {"observation": "all"},
-        {"hit_radius": -0.1},
-        {"hit_radius": float("nan")},
+        {"hit_radius": 0.1},
         {"strikes": 0},
         {"model": "lemon"},
         {"controller": "mine"},
@@ -287,7 +286,8 @@ def test_stable_baselines_learns_on_it_unchanged():
 
 def test_environments_in_space():
     """Lanes equal single environments, a step equals the objective's trial, and both show three coordinates."""
-    options = {"model": "nah2023", "controller": "nah2023", "zone": Disc((1.7, 0.3, 0.2), 0.3), "hit_radius": 0.1}
+    region = GoalRegion(Disc((1.7, 0.3, 0.2), 0.3), hit_radius=0.1)
+    options = {"model": "nah2023", "controller": "nah2023", "zone": region}
     many, one = gymnasium.make_vec(ID, num_envs=3, **options), gymnasium.make(ID, **options).unwrapped
     assert many.single_observation_space.shape == many.single_action_space.shape == (9,)
     targets = np.array([[1.7, 0.3, 0.2], [1.8, 0.2, 0.1], [1.6, 0.4, 0.3]])

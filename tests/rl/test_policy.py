@@ -13,7 +13,7 @@ from fake_rollout import StraightFlight
 from scripted import Scripted
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion, sample_goals
 from whiptool.goals.target import Target
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
@@ -37,7 +37,7 @@ BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 )
 def test_trials_until_the_first_hit(convention, means, trials, hit):
     """Targets ahead, at 0.5 rad, and at 0.9 rad, with samples at -0.3, 0.5, 0.2, -0.8 rad."""
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
+    task = StrikeTask(StraightFlight(), GoalRegion(Disc((0.8, 0.2), 1.0), hit_radius=0.05), bounds=BOUNDS)
     targets = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)], [np.cos(0.9), np.sin(0.9)]])
     learner = Scripted(task, [-0.3, 0.5, 0.2, -0.8])
     ended: list[int] = []
@@ -64,7 +64,7 @@ def test_trials_until_the_first_hit(convention, means, trials, hit):
 def test_a_policy_that_repeats_itself_is_rolled_out_once():
     """The mean is always straight ahead: at two targets beside it one strike each is rolled out, of 600."""
     rollout = StraightFlight()
-    task = StrikeTask(rollout, Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
+    task = StrikeTask(rollout, GoalRegion(Disc((0.8, 0.2), 1.0), hit_radius=0.05), bounds=BOUNDS)
     targets, ended = np.array([[1.0, 0.0], [1.0, 0.3], [0.9, 0.4]]), []
     found = trials_to_hit(Scripted(task, []), task, targets, cap=600, convention="mean", on_trial=ended.append)
     assert (found[0].tolist(), found[1].tolist()) == ([1, 600, 600], [True, False, False])
@@ -82,7 +82,7 @@ def test_a_policy_that_goes_round_in_a_circle_is_rolled_out_once_around():
             return torch.as_tensor(actions)
 
     rollout = StraightFlight()
-    task = StrikeTask(rollout, Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.02)
+    task = StrikeTask(rollout, GoalRegion(Disc((0.8, 0.2), 1.0), hit_radius=0.02), bounds=BOUNDS)
     targets, struck = np.array([[1.0, 0.0], [np.cos(0.5), np.sin(0.5)]]), []
     found = trials_to_hit(
         Circling(task, []),
@@ -98,7 +98,7 @@ def test_a_policy_that_goes_round_in_a_circle_is_rolled_out_once_around():
 
 
 def test_it_ends_when_everything_is_hit():
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, hit_radius=0.05)
+    task = StrikeTask(StraightFlight(), GoalRegion(Disc((0.8, 0.2), 1.0), hit_radius=0.05), bounds=BOUNDS)
     learner = Scripted(task, [])
     trials, hit = trials_to_hit(learner, task, np.array([[0.7, 0.0], [1.5, 0.0]]), cap=9)
     assert (trials.tolist(), hit.tolist(), len(learner.asked)) == ([1, 1], [True, True], 1)
@@ -117,7 +117,7 @@ def test_a_policy_strikes_within_the_zone_that_it_learned():
 def test_a_policy_strikes_along_the_directions_that_it_learned():
     """It is shown the direction that is asked for, and refuses others before it is asked."""
     rule = ArrivalRule(angle=(0.0, 1.0), speed=1.5)
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS, arrival=rule)
+    task = StrikeTask(StraightFlight(), GoalRegion(Disc((0.8, 0.2), 0.3), rule), bounds=BOUNDS)
     learner = Scripted(task, [])
     policy = Policy(learner, task)
     policy.strike(Target.arriving((1.0, 0.1), 0.3))
@@ -139,7 +139,7 @@ def test_a_policy_strikes_along_the_directions_that_it_learned():
 def test_trials_until_goals_are_hit():
     """Three targets ahead, to be passed at 0, 0.4 and 0.9 rad: flights at 0.4 and 0.9 rad pass none of them so."""
     rule = ArrivalRule(angle=(-1.0, 1.0), cone=0.1)
-    task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 1.0), bounds=BOUNDS, arrival=rule, hit_radius=0.05)
+    task = StrikeTask(StraightFlight(), GoalRegion(Disc((0.8, 0.2), 1.0), rule, hit_radius=0.05), bounds=BOUNDS)
     places = np.array([[1.0, 0.0], [np.cos(0.4), np.sin(0.4)], [1.0, 0.0]])
     goals = task.arrival.goals_at(places, 0.05, np.array([0.0, 0.4, 0.4]))
     learner = Scripted(task, [0.4, 0.4, 0.4])
@@ -153,7 +153,7 @@ FOUND = [Score(0.2, 0.3), Score(0.5, 0.3), Score(0.5, 0.2), Score(0.5, 0.2), Sco
 
 
 def task_in(zone: Disc) -> StrikeTask:
-    return StrikeTask(StraightFlight(), zone, bounds=BOUNDS, hit_radius=0.05)
+    return StrikeTask(StraightFlight(), GoalRegion(zone, hit_radius=0.05), bounds=BOUNDS)
 
 
 def run_of(episodes: int, *, method: str = "ddpg", observation: str = "goal") -> Training:

@@ -10,7 +10,8 @@ from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
+from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Disc
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.models import preset
@@ -20,10 +21,11 @@ from whiptool.rl.task import StrikeTask, log_reward, reward
 
 BOUNDS = StrikeBounds((-0.5, 0.0, 0.1, 0.2, 0.4), (0.5, 1.0, 0.3, 0.8, 1.0))
 ZONE = Disc((1.0, 0.2), 0.4)
+ANY = ArrivalRule()
 
 
-def task(**options) -> StrikeTask:
-    return StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, **options)
+def task(*, arrival: ArrivalRule = ANY, hit_radius: float = HIT_RADIUS, **options) -> StrikeTask:
+    return StrikeTask(StraightFlight(), GoalRegion(ZONE, arrival, hit_radius), bounds=BOUNDS, **options)
 
 
 def test_the_reward_of_eq_17():
@@ -93,7 +95,7 @@ IN_SPACE = StrikeBounds((-0.5, 0.0, -0.5, *(0.1,) * 5, 0.4), (0.5, 1.0, 0.5, *(0
 
 @pytest.mark.parametrize("observation", ["tip", "relative", "goal"])
 def test_a_step_in_space(observation):
-    t = StrikeTask(StraightFlightInSpace(), BALL, bounds=IN_SPACE, observation=observation, hit_radius=0.1)
+    t = StrikeTask(StraightFlightInSpace(), GoalRegion(BALL, hit_radius=0.1), bounds=IN_SPACE, observation=observation)
     assert (t.n_act, t.n_obs) == (9, 9 if observation == "goal" else 6)
     targets = np.array([[1.0, 0.0, 0.0], [1.0, 0.3, 0.1]])
     first = t.reset(targets)
@@ -218,8 +220,8 @@ def test_a_cheap_strike_that_is_too_slow_is_no_hit():
 
 def test_arrivals_in_space_are_seen_from_the_base():
     """A flight straight at a target moves along the line of sight: it hits, and arrives along no angle."""
-    options = {"bounds": IN_SPACE, "hit_radius": 0.1, "arrival": ArrivalRule(angle=(-math.pi, math.pi))}
-    t = StrikeTask(StraightFlightInSpace(), BALL, **options)
+    region = GoalRegion(BALL, ArrivalRule(angle=(-math.pi, math.pi)), 0.1)
+    t = StrikeTask(StraightFlightInSpace(), region, bounds=IN_SPACE)
     assert t.n_obs == 12
     target = np.array([[1.0, 0.0, 0.05]])
     for angle, hit in ((0.0, False), (math.pi, True)):

@@ -11,7 +11,7 @@ from arrivals_by_hand import cost_by_hand, hit_by_hand
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.actor_critic import make_learner
@@ -145,7 +145,7 @@ ASKED = [
 @pytest.mark.parametrize("rule", ASKED)
 def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
     """Their goals are read from what the learner is shown; hits, rewards and what is seen are computed by hand."""
-    task = StrikeTask(StraightFlight(9.0), ZONE, bounds=BOUNDS, arrival=rule)
+    task = StrikeTask(StraightFlight(9.0), GoalRegion(ZONE, rule), bounds=BOUNDS)
     settings = settings_for("ddpg", hidden=(4,), batch_size=4)
     learner = make_learner("ddpg", settings, task, torch.Generator().manual_seed(0))
     run = Training(learner, task, TrainingPlan(episodes=3, trials=60, random_episodes=3, hindsight=2))
@@ -181,7 +181,7 @@ def test_relabelled_strikes_at_directions_are_judged_as_struck_ones(rule):
 
 def test_a_training_at_directions_goes_on_from_its_checkpoint(tmp_path):
     def fresh(rule: ArrivalRule, seed: int = 1) -> Training:
-        task = StrikeTask(StraightFlight(), ZONE, bounds=BOUNDS, arrival=rule)
+        task = StrikeTask(StraightFlight(), GoalRegion(ZONE, rule), bounds=BOUNDS)
         settings = settings_for("sac", hidden=(8,), batch_size=8)
         learner = make_learner("sac", settings, task, torch.Generator().manual_seed(seed))
         return Training(learner, task, TrainingPlan(episodes=6, trials=10, random_episodes=2, hindsight=1))

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 import whiptool as wt
 from whiptool.errors import InputError
+from whiptool.rl.settings import TrainingPlan
 
 pytestmark = pytest.mark.filterwarnings("ignore:Animation was deleted")
 MODEL = wt.load_model("lemon2024")
@@ -185,7 +186,7 @@ def test_what_is_guessed_works(snippet, holds, tmp_path):
 def test_a_policy_is_trained_and_asked_as_elsewhere():
     """`predict` is Stable-Baselines3's: an action for one observation or many, and no state."""
     here = Here(Path())
-    policy = wt.train(here["rollout"], wt.Disc((1.2, 0.1), 0.2), "SAC", episodes=2, trials=4, progress=False)
+    policy = wt.train(here["rollout"], wt.Disc((1.2, 0.1), 0.2), "SAC", plan=TrainingPlan(2, 4, 0), progress=False)
     env = wt.WhipEnv(zone=wt.Disc((1.2, 0.1), 0.2))
     seen, info = env.reset(seed=0)
     action, state = policy.predict(seen, deterministic=True)

@@ -136,6 +136,7 @@ class ComparisonOptions(
         """
         from whiptool.comparison.plan import Comparison
         from whiptool.comparison.target_scene import TargetScene
+        from whiptool.rl.settings import TrainingPlan
 
         model, controller = self.build_model(), self.build_controller()
         scene = TargetScene(
@@ -156,10 +157,7 @@ class ComparisonOptions(
             methods=tuple(methods),
             observations=tuple(observations),
             seeds=self.seeds,
-            episodes=self.episodes,
-            trials=self.trials,
-            random_episodes=self.random_episodes,
-            hindsight=self.hindsight,
+            plan=TrainingPlan(self.episodes, self.trials, self.random_episodes, self.hindsight),
             further_episodes=self.further_episodes,
         )
 

@@ -105,11 +105,9 @@ class LearnerUnit(Unit):
         scene = self.scene
         return StrikeTask(
             scene.rollout(threads),
-            scene.zone,
-            arrival=scene.arrival,
+            scene.region(radius),
             observation=self.observation,
             reward=self.reward,
-            hit_radius=radius,
             t_stay=scene.t_stay,
         )
 

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.search_unit import SearchUnit
 from whiptool.comparison.series import Series, collect
 from whiptool.comparison.target_scene import DifficultyUnit, TargetScene
 from whiptool.comparison.units import Store
-from whiptool.errors import InputError, expect, refuse_call
-from whiptool.goals.target import HIT_RADIUS
-from whiptool.goals.zone import Zone, usual_disc
+from whiptool.errors import InputError, expect
+from whiptool.goals.arrival_rule import GoalRegion, as_region
+from whiptool.goals.zone import Zone
 from whiptool.models.numbers import texts, whole
 from whiptool.optimizers import find_method
 from whiptool.rl.settings import TrainingPlan
@@ -38,7 +37,7 @@ class Comparison:
         methods: Methods of `whiptool.optimizers`; `random` is always added.
         observations: Observations of the learners.
         seeds: Number of seeds 0, 1, ...; a deterministic method gets one.
-        episodes, trials, random_episodes, hindsight: Training, see `whiptool.rl.training.TrainingPlan`.
+        plan: Length of a learner's training.
         further_episodes: Episodes with observations other than `tip`, at most `episodes`; None: as many. The number of
             random episodes is reduced in proportion.
 
@@ -50,10 +49,7 @@ class Comparison:
     methods: tuple[str, ...] = PAPER_METHODS
     observations: tuple[str, ...] = ("goal",)
     seeds: int = 3
-    episodes: int = 500
-    trials: int = 100
-    random_episodes: int = 50
-    hindsight: int = 0
+    plan: TrainingPlan = field(default_factory=TrainingPlan)
     further_episodes: int | None = None
 
     def __post_init__(self) -> None:
@@ -73,7 +69,7 @@ class Comparison:
             whole(name, value)
         if set(LEARNERS) & set(self.methods):
             for observation in ("tip", "goal"):
-                TrainingPlan(*self.training(observation), hindsight=self.hindsight)
+                self.training(observation)
             if not self.observations:
                 raise InputError("observation", (), ", ".join(OBSERVATIONS))
 
@@ -99,18 +95,9 @@ class Comparison:
 
     def learner_units(self, method: str, observation: str) -> list[LearnerUnit]:
         """Return the work units of a learner with an observation, one for each seed."""
-        episodes, trials, random_episodes = self.training(observation)
+        plan = asdict(self.training(observation))
         return [
-            LearnerUnit(
-                scene=self.scene,
-                method=method,
-                observation=observation,
-                seed=seed,
-                episodes=episodes,
-                trials=trials,
-                random_episodes=random_episodes,
-                hindsight=self.hindsight,
-            )
+            LearnerUnit(scene=self.scene, method=method, observation=observation, seed=seed, **plan)
             for seed in range(self.seeds)
         ]
 
@@ -119,12 +106,13 @@ class Comparison:
         strikes = 500 if quick else min(10_000, 100 * self.scene.targets)
         return DifficultyUnit(scene=self.scene, strikes=strikes)
 
-    def training(self, observation: str) -> tuple[int, int, int]:
-        """Return the numbers of episodes, trials per episode, and random episodes for an observation."""
-        if observation == "tip" or self.further_episodes is None or self.further_episodes >= self.episodes:
-            return self.episodes, self.trials, self.random_episodes
-        share = self.further_episodes / self.episodes
-        return self.further_episodes, self.trials, math.ceil(self.random_episodes * share)
+    def training(self, observation: str) -> TrainingPlan:
+        """Return the length of a learner's training for an observation."""
+        plan, further = self.plan, self.further_episodes
+        if observation == "tip" or further is None or further >= plan.episodes:
+            return plan
+        share = further / plan.episodes
+        return replace(plan, episodes=further, random_episodes=math.ceil(plan.random_episodes * share))
 
 
 def deterministic(method: str) -> bool:
@@ -137,27 +125,27 @@ def compare(
     rollout: CompiledRollout,
     methods: Sequence[str] = ("directl", "cmaes", "gradient"),
     *,
-    zone: Zone | None = None,
+    zone: Zone | GoalRegion | None = None,
     targets: int = 12,
-    target_seed: int = 0,
-    hit_radius: float = HIT_RADIUS,
     max_trials: int = 600,
-    **further: Any,
+    seeds: int = 1,
+    observations: Sequence[str] = ("goal",),
+    plan: TrainingPlan | None = None,
 ) -> list[Series]:
     """Compare methods by the trials that they need until they hit random targets of a zone (Fig. 6).
 
-    `random` is always added. Learners are trained first; `further` has the length of their training.
+    `random` is always added. Learners are trained first. `Comparison` has further options.
 
     Args:
         rollout: Simulator of the model and controller.
         methods: Methods of `METHODS`. Capital letters, hyphens and underscores make no difference.
-        zone: Zone of the targets; None: the paper's disc, in space a ball around the default target.
+        zone: Zone of the targets, or region of goals with hit radius and required arrival; None: the paper's disc, in
+            space a ball around the default target.
         targets: Number of targets, the same for all methods.
-        target_seed: Seed of the targets.
-        hit_radius: Hit radius [m].
         max_trials: Largest number of trials at each target.
-        further: `seeds` (1), `observations` of the learners, `episodes`, `trials`, `random_episodes`, `hindsight`, see
-            `Comparison`.
+        seeds: Number of seeds of each method.
+        observations: Observations of the learners.
+        plan: Length of a learner's training; None: that of the paper.
 
     Returns:
         One series for each method, and for a learner one for each way of using its policy.
@@ -166,22 +154,20 @@ def compare(
         InputError: No method has this name, or a number is out of range.
     """
     expect(CompiledRollout, rollout=rollout)
+    region = as_region(zone, rollout.model)
     scene = TargetScene(
         model=rollout.model,
         controller=rollout.controller,
-        zone=zone or usual_disc(rollout.model),
+        zone=region.zone,
+        arrival=region.rule,
         targets=whole("targets", targets),
-        target_seed=target_seed,
-        radii=(hit_radius,),
+        radii=(region.hit_radius,),
         cap=whole("max_trials", max_trials),
         tolerance=rollout.tolerance,
         timestep=rollout.timestep if rollout.tolerance is None else None,
     )
-    plan: dict[str, Any] = {"scene": scene, "seeds": 1} | further
-    for name, given in {"methods": methods, "observations": further.get("observations", ("goal",))}.items():
-        plan[name] = texts(name, given)
-    refuse_call("compare", Comparison, **plan)
-    comparison = Comparison(**plan)
+    names = {"methods": texts("methods", methods), "observations": texts("observations", observations)}
+    comparison = Comparison(scene=scene, seeds=seeds, plan=plan or TrainingPlan(), **names)
     with TemporaryDirectory() as folder:
         units = comparison.units()
         return collect(units, Store(Path(folder)).results(units, desc="compare"))

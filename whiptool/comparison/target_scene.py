@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 
 from whiptool.comparison.units import Store, Unit
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule, sample_goals
+from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import TARGET
 from whiptool.goals.zone import (
@@ -79,8 +79,11 @@ class TargetScene:
 
     def goals(self) -> Goals:
         """Return the targets with the widest hit radius and the required arrival of the tip."""
-        rng = np.random.default_rng(self.target_seed)
-        return sample_goals(self.zone, self.arrival, self.radii[0], self.targets, rng)
+        return self.region(self.radii[0]).draw(self.targets, np.random.default_rng(self.target_seed))
+
+    def region(self, hit_radius: float) -> GoalRegion:
+        """Return the region of the goals for one of the hit radii [m]."""
+        return GoalRegion(self.zone, self.arrival, hit_radius)
 
     def rollout(self, threads: int | None = None) -> CompiledRollout:
         """Return the simulator that all methods share."""
@@ -196,9 +199,7 @@ class DifficultyUnit(Unit):
         """Simulate each random strike at its target and the best strike at all targets; return the fractions hit."""
         scene, rng = self.scene, np.random.default_rng(scene_seed(self.scene))
         rollout, goals = scene.rollout(threads), scene.goals()
-        task = StrikeTask(
-            rollout, scene.zone, arrival=scene.arrival, hit_radius=scene.radii[0], t_stay=scene.t_stay
-        )  # which keeps the limits of a robot, as searches do
+        task = StrikeTask(rollout, scene.region(scene.radii[0]), t_stay=scene.t_stay)  # within a robot's limits
         strikes = task.admissible(task.bounds.sample(rng, self.strikes))
         random = task.judge(strikes, goals.rows(np.arange(len(strikes)) % scene.targets)).hit
         kept = math.ceil(_KEPT * self.strikes)

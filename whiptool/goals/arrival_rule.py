@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.errors import NOTHING, InputError
 from whiptool.goals.goals import CONE, Goals, arrival_angles, arrival_directions
 from whiptool.goals.target import HIT_RADIUS, Target, checked_radius, usual_target
-from whiptool.goals.zone import RADIUS, Disc, Region, Sector, Zone, check_fits, disc_within_reach, sample
+from whiptool.goals.zone import RADIUS, Disc, Region, Sector, Zone, check_fits, disc_within_reach, sample, usual_disc
 from whiptool.models.mount import default_floor, turns_as_a_whole
 from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
@@ -296,6 +296,11 @@ class GoalRegion:
         """
         angles = self.angles(tips, velocities)
         return self.rule.goals_at(tips, self.hit_radius, None if angles is None else self.rule.within(angles))
+
+
+def as_region(zone: Zone | GoalRegion | None, model: Model) -> GoalRegion:
+    """Return a region of goals unchanged, or a zone as a region of points; None: the usual disc, in space a ball."""
+    return zone if isinstance(zone, GoalRegion) else GoalRegion(zone or usual_disc(model))
 
 
 def usual_region(model: Model, hit_radius: float = HIT_RADIUS) -> GoalRegion:

@@ -19,8 +19,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import sample_goals
+from whiptool.errors import InputError, refuse_call
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target
 from whiptool.impedance import CONSTANT_PRESETS, Controller, constant_preset, oiac_preset
@@ -42,8 +41,8 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
             `default_controller`.
-        options: Those of `StrikeTask`, by name, such as `zone`, `hit_radius`, `observation`, `strikes`, `limits` and
-            `arrival=ArrivalRule(angle=(0.5, 1.5))`.
+        options: Those of `StrikeTask`, by name, such as `observation`, `strikes`, `limits` and
+            `zone=GoalRegion(Disc(), ArrivalRule(angle=(0.5, 1.5)), hit_radius=0.05)`.
 
     Raises:
         InputError: An option is out of range.
@@ -53,7 +52,9 @@ def make_task(
     if isinstance(controller, str):
         of_arm = as_named(controller, CONSTANT_PRESETS) in CONSTANT_PRESETS
         controller = Controller(constant_preset(controller) if of_arm else oiac_preset(controller))
-    return StrikeTask(CompiledRollout(model, controller), **options)
+    rollout = CompiledRollout(model, controller)
+    refuse_call("an environment", StrikeTask, rollout, **options)
+    return StrikeTask(rollout, **options)
 
 
 def spaces(task: StrikeTask) -> tuple[Box, Box]:
@@ -262,7 +263,7 @@ def _goals(
     """
     rule = task.arrival
     if places is None:
-        goals = sample_goals(task.zone, rule, task.hit_radius, count, rng)
+        goals = task.region.draw(count, rng)
     else:
         goals = rule.goals(places.reshape(count, -1), task.hit_radius, rng.random((count, rule.drawn)))
     return goals if angles is None else rule.goals_at(goals.positions, task.hit_radius, angles.reshape(count))

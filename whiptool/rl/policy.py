@@ -10,7 +10,6 @@ import numpy as np
 import torch
 
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import sample_goals
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target, as_target
 from whiptool.models.numbers import array_of
@@ -199,7 +198,7 @@ class Best:
 
 def held_out_goals(task: StrikeTask, seed: int) -> Goals:
     """Return goals in a task's zone, different from those drawn with the same seed for tests."""
-    return sample_goals(task.zone, task.arrival, task.hit_radius, GOALS, np.random.default_rng([seed, 1]))
+    return task.region.draw(GOALS, np.random.default_rng([seed, 1]))
 
 
 def score(learner: Learner, task: StrikeTask, goals: Goals) -> Score:

@@ -16,10 +16,9 @@ import numpy as np
 
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
-from whiptool.goals.arrival_rule import ArrivalRule
+from whiptool.goals.arrival_rule import GoalRegion, as_region
 from whiptool.goals.goals import Goals
-from whiptool.goals.target import HIT_RADIUS
-from whiptool.goals.zone import Zone, check_fits, usual_disc
+from whiptool.goals.zone import Zone, check_fits
 from whiptool.limits.all_limits import AllLimits, Limits, distance_beyond, limits_given
 from whiptool.models.kinematics import joint_points
 from whiptool.models.numbers import number, whole
@@ -125,13 +124,12 @@ class StrikeTask:
 
     Args:
         rollout: Simulator.
-        zone: Zone of the targets.
-        arrival: Required arrival of the tip.
+        zone: Region of the goals: zone, required arrival of the tip, and hit radius; or a zone of targets that are
+            points. None: the paper's disc, in space a ball.
         observation: `tip`: tip position and velocity at the closest approach of the last strike; `relative`: the same
             with the position relative to the target; `goal`: as `tip`, with target position and, if required,
             direction. Before the first strike the tip is at rest, see `resting_points`.
         reward: `paper` (Eq. 17) or `log` (see `log_reward`).
-        hit_radius: Hit radius [m].
         strikes: Number of strikes at one target after which an episode is truncated.
         t_stay: Time after the movement during which the tip is followed [s].
         bounds: Box of the strikes, onto which actions in [-1, 1] are mapped.
@@ -146,12 +144,10 @@ class StrikeTask:
     def __init__(
         self,
         rollout: CompiledRollout,
-        zone: Zone | None = None,
+        zone: Zone | GoalRegion | None = None,
         *,
-        arrival: ArrivalRule | None = None,
         observation: str = "goal",
         reward: str = "paper",
-        hit_radius: float = HIT_RADIUS,
         strikes: int = 100,
         t_stay: float = T_STAY,
         bounds: StrikeBounds | None = None,
@@ -164,9 +160,10 @@ class StrikeTask:
             raise InputError("reward", reward, ", ".join(REWARDS))
         self._reward = reward
         d = rollout.model.dimension
-        self.rollout, self.zone, self.observation = rollout, zone or usual_disc(rollout.model), observation
-        self.hit_radius = check_fits(self.zone, rollout.model, hit_radius)
-        self.arrival = arrival or ArrivalRule()
+        self.rollout, self.observation = rollout, observation
+        self.region = as_region(zone, rollout.model)
+        self.zone, self.arrival = self.region.zone, self.region.rule
+        self.hit_radius = check_fits(self.zone, rollout.model, self.region.hit_radius)
         self.arrival.check_dimension(rollout.model)
         self.strikes, self.t_stay = whole("strikes", strikes), number("t_stay", t_stay, low=0)
         given = limits_given(limits, rollout.model, prescribed=rollout.prescribed)

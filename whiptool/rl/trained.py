@@ -8,9 +8,9 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from whiptool.errors import expect
+from whiptool.errors import InputError, expect
 from whiptool.extras import optional
-from whiptool.goals.arrival_rule import named_rule, named_zone
+from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone
 from whiptool.impedance.controller_files import controller_from_table
@@ -39,11 +39,9 @@ def task_of(config: Mapping[str, Any]) -> StrikeTask:
     accuracy = {"tolerance": options.get("tolerance"), "timestep": options.get("timestep")}
     return StrikeTask(
         CompiledRollout(model, controller, **accuracy),
-        named_zone(options, model),
-        arrival=named_rule(options),
+        GoalRegion(named_zone(options, model), named_rule(options), options.get("hit_radius", HIT_RADIUS)),
         observation=OLD_OBSERVATIONS.get(observation, observation),
         reward=options.get("reward", "paper"),
-        hit_radius=options.get("hit_radius", HIT_RADIUS),
         strikes=options.get("strikes", 100),
         t_stay=options.get("t_stay", T_STAY),
     )
@@ -90,29 +88,27 @@ def load_policy(run_folder: str | Path) -> Policy:
 
 
 def train(
-    rollout: CompiledRollout,
-    zone: Zone | None = None,
+    rollout: CompiledRollout | StrikeTask,
+    zone: Zone | GoalRegion | None = None,
     method: str = "sac",
     *,
     episodes: int = 500,
+    plan: TrainingPlan | None = None,
     seed: int = 0,
     progress: bool = True,
     settings: Mapping[str, Any] | None = None,
-    **others: Any,
 ) -> Policy:
     """Train a policy that strikes at any target of a zone (Algorithm 1), in memory: without a run folder.
 
     Args:
-        rollout: Simulator of the model and controller.
-        zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`; None: the paper's disc, in space a ball.
+        rollout: Simulator of the model and controller, of which a `StrikeTask` is made; or a `StrikeTask`.
+        zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`, or region of goals, see `StrikeTask`.
         method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
-        episodes: Number of episodes.
+        episodes: Number of episodes of 100 strikes, the first tenth of which are random.
+        plan: Length of the training instead of `episodes`.
         seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
-        others: Further arguments: of `whiptool.rl.settings.TrainingPlan`, such as `trials` (strikes per episode,
-            all in one batch), `random_episodes` (default: a tenth of all) and `hindsight`; and of
-            `whiptool.rl.task.StrikeTask`, such as `hit_radius` and `arrival`.
 
     Returns:
         The policy that hit most held-out goals, or the last policy if the training was too short to evaluate any:
@@ -122,17 +118,17 @@ def train(
         InputError: PyTorch is not installed, there is no such learner, or a number is out of range.
         Diverged: A loss is not finite.
     """
-    expect(Rollout, rollout=rollout)
+    expect(Rollout, StrikeTask, rollout=rollout)
     optional("torch", "training")
     expect(str, method=method)
     method = method_name(method)
     seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
-    length = {name: others.pop(name) for name in ("trials", "random_episodes", "hindsight") if name in others}
-    if length.get("random_episodes") is None:
-        length["random_episodes"] = episodes // 10
-    plan = TrainingPlan(episodes, **length)
-    training = _training(method, settings or {}, StrikeTask(rollout, zone, **others), plan, seed)
-    with one_torch_thread(), Progress(total=episodes, unit=" episodes", desc=method, disable=not progress) as bar:
+    plan = plan or TrainingPlan(episodes, random_episodes=episodes // 10)
+    if isinstance(rollout, StrikeTask) and zone is not None:
+        raise InputError("zone", str(zone), "None: a StrikeTask has one")
+    task = rollout if isinstance(rollout, StrikeTask) else StrikeTask(rollout, zone)
+    training = _training(method, settings or {}, task, plan, seed)
+    with one_torch_thread(), Progress(total=plan.episodes, unit=" episodes", desc=method, disable=not progress) as bar:
 
         def on_episode(episode: TrainingEpisode) -> None:
             bar.update()
