@@ -1,4 +1,4 @@
-"""whiptool: model whips, and search for strikes. The public names; each is imported when first used."""
+"""whiptool: models of whips, and searches for strikes. Its public names are imported when first used."""
 
 from __future__ import annotations
 

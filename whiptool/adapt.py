@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.adapt`: see `whiptool.commands.adapt`."""
+"""Entry point of `python -m whiptool.adapt`; see `whiptool.commands.adapt`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.compare`: see `whiptool.commands.compare`."""
+"""Entry point of `python -m whiptool.compare`; see `whiptool.commands.compare`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.doctor`: see `whiptool.commands.doctor`."""
+"""Entry point of `python -m whiptool.doctor`; see `whiptool.commands.doctor`."""
 
 import sys
 

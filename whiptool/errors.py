@@ -1,4 +1,4 @@
-"""Errors that a user can act on: what was given, what is allowed, and the fix, in one line."""
+"""Errors that a user can correct: the given value, the allowed values and the fix, in one line."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Other packages: the extras that install optional ones, and what installed ones add by entry points.
+"""Other packages: optional packages, which extras install, and additions of installed packages by entry points.
 
-What is missing is refused with the command that installs it.
+A missing package is reported with the command that installs it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Files from outside: read where they are regular files of a plausible size, every damage to them one line.
+"""Reading of files from outside: only regular files of plausible size; damage is reported in one line.
 
-Nothing is unpickled. A pipe or a device is not a file: opening one may wait for ever, or read without end.
+Nothing is unpickled. Pipes and devices are refused, because opening or reading them may never end.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The id of the Gymnasium environment, known to Gymnasium as soon as both are imported, in either order.
+"""Registration of the Gymnasium environment as soon as both packages are imported, in either order.
 
-Gymnasium 1.0 and later look for no entry points of packages: an id is known when the package that registers it has
-been imported. Nothing is imported for it here, so that importing whiptool costs nothing.
+Gymnasium 1.0 and later do not read entry points of packages: an id exists once the package that registers it has been
+imported. Gymnasium is not imported here.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.human`, and the names of `papers.human` that notebooks import."""
+"""Entry point of `python -m whiptool.human`, and the names of `papers.human` that notebooks import."""
 
 import sys
 

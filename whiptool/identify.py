@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.identify`: see `whiptool.commands.identify`."""
+"""Entry point of `python -m whiptool.identify`; see `whiptool.commands.identify`."""
 
 import sys
 

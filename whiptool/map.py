@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.map`: see `whiptool.commands.map`."""
+"""Entry point of `python -m whiptool.map`; see `whiptool.commands.map`."""
 
 import sys
 

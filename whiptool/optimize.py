@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.optimize`: see `whiptool.commands.optimize`."""
+"""Entry point of `python -m whiptool.optimize`; see `whiptool.commands.optimize`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.reproduce`, and modules of `papers.lemon2024` for notebooks."""
+"""Entry point of `python -m whiptool.reproduce`, and modules of `papers.lemon2024` for notebooks."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.simulate`: see `whiptool.commands.simulate`."""
+"""Entry point of `python -m whiptool.simulate`; see `whiptool.commands.simulate`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.train`: see `whiptool.commands.train`."""
+"""Entry point of `python -m whiptool.train`; see `whiptool.commands.train`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.view`: see `whiptool.commands.view`."""
+"""Entry point of `python -m whiptool.view`; see `whiptool.commands.view`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Adaptation: learning an unknown whip, strike by strike: strike, film, identify again, plan again."""
+"""Adaptation to an unknown whip: strike, film, identify the whip, and plan the next strike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Ask and tell: plan a strike, learn from its recording; every step is kept, so that a killed run goes on."""
+"""Planning of strikes and identification from their recordings; every step is stored, so that a killed run can be
+resumed.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strike, film, identify again, replan, until it hits: an adapter plans and learns, a port strikes and films."""
+"""The loop of strike, filming, identification and planning until a hit: an adapter plans, a port strikes and films."""
 
 from __future__ import annotations
 

@@ -1,14 +1,14 @@
-"""What a whip of a material may be, from handbooks and data sheets: how wide a prior is, and what twins are drawn from.
+"""Ranges of the properties of whips by material, from handbooks and data sheets, for priors and for simulated twins.
 
-The table was written from the sources below, before and without any prior. `density` and `modulus` are effective:
-mass per length over `pi d^2 / 4`, and bending stiffness EI over `pi d^4 / 64`. The fibres of a rope and the strands of
-a plait slip when it bends, so that the modulus is far below that of the fibre. `relaxation` is bending damping over
+The table was written from the sources below before any prior was computed. `density` and `modulus` are effective: mass
+per length over `pi d^2 / 4`, and bending stiffness EI over `pi d^4 / 64`. The fibres of a rope and the strands of a
+plait slip when it bends, so that the modulus is far below that of the fibre. `relaxation` is bending damping over
 bending stiffness: the loss factor over the angular frequency of bending, some 6 to 30 rad/s in a strike.
 
 Sources:
-    Lengths: what arms strike with: 0.6 to 1 m (Chi et al. 2022, Iterative Residual Policy), 1 m (a rope on a UR5e),
-        0.86 m (Wang et al. 2024, Table 2), 1.6 m (people, Krotov et al. 2022); no shorter than an arm of 0.65 m needs
-        for targets at 1.25 m.
+    Lengths of whips that arms strike with: 0.6 to 1 m (Chi et al. 2022, Iterative Residual Policy), 1 m (a rope on a
+        UR5e), 0.86 m (Wang et al. 2024, Table 2), 1.6 m (people, Krotov et al. 2022); no shorter than an arm of 0.65 m
+        needs for targets at 1.25 m.
     Cotton: fibres 1520 to 1550 kg/m^3 (Morton and Hearle, Physical Properties of Textile Fibres, 2008), which fill 0.4
         to 0.55 of a soft rope; three-strand rope of natural fibre 730 to 930 (Cordage Institute CI 1308). A rope of
         12.7 mm in dynamic manipulation was fitted with 700 kg/m^3 and 0.2 MPa ("Point It, Strike It", 2026). With the
@@ -24,13 +24,13 @@ Sources:
     Silicone: 1100 to 1200 kg/m^3; 1.6 to 5.5 MPa, Shore A 40 to 70 by Gent's relation (Trans. Inst. Rubber Ind. 34,
         1958; makers give 2.1 to 4 MPa for tubing of Shore A 50 to 78); loss factor 0.05 to 0.2.
     Steel chain: short links of wire d, DIN 766: 0.07, 0.16 and 0.32 kg/m at 2, 3 and 4 mm, so 20,400 to 25,500 kg/m^3
-        of the wire's section. A joint turns freely except for the friction of link on link, mu T d / 2 (mu 0.15 to 0.3,
-        tension T 0.5 to 2 N); the modulus is a number too small to be felt.
+        of the wire's section. A joint rotates freely except for the friction between links, mu T d / 2 (mu 0.15 to 0.3,
+        tension T 0.5 to 2 N); the modulus is negligibly small.
     Polypropylene and manila: ropes of three strands, 2.68, 4.17 and 6.99 kg per 100 m of polypropylene and 4.32, 6.10
-        and 11.2 of manila at 7.94, 9.53 and 12.7 mm (makers' tables). No bending length of theirs was found: moduli,
-        relaxation and friction are nylon's and, as both are stiffer to the hand, up to three times as much.
-    Friction moments of the others: 5 to 20 % of EI at a curvature of 5 /m, the hysteresis of bent ropes; of silicone
-        hardly any.
+        and 11.2 of manila at 7.94, 9.53 and 12.7 mm (makers' tables). Their bending lengths were not found: moduli,
+        relaxation and friction are those of nylon and, as both ropes feel stiffer, up to three times as large.
+    Friction moments of the others: 5 to 20 % of EI at a curvature of 5 /m, the hysteresis of bent ropes; almost none
+        for silicone.
     Air: drag per length `rho C_d d / 2` across; C_d = 1.0 to 1.3 for cylinders and ropes at Reynolds numbers of 10^3 to
         10^5 (Hoerner, Fluid-Dynamic Drag, 1965); a chain is 1 to 3.6 wires wide, 2.3 on average.
 """

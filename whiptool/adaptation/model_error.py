@@ -1,9 +1,9 @@
-"""How far a whip's tip may pass from where its model has it: Student's t, its scale learned from residuals.
+"""Distance between the true and the predicted path of the tip: Student's t, with a scale estimated from residuals.
 
-A whip that no model holds (a bead, a soft joint, an odd taper) is fitted best by some other whip, and passes a target
-elsewhere than that one. How far differs from whip to whip by more than a factor of ten. So the variance of this error
-is unknown, too: with a scaled inverse chi-squared prior it stays of that form, and the error itself follows Student's
-t (Gelman et al., Bayesian Data Analysis, 3rd edition, Sect. 2.6 and 3.2).
+The model cannot represent every whip (a bead, a soft joint, an unusual taper), so that the tip of the true whip passes
+a target at another distance than that of the best-fitting whip. This error differs between whips by more than a factor
+of ten. Its variance is therefore unknown, too: with a scaled inverse chi-squared prior the posterior has the same form,
+and the error itself follows Student's t (Gelman et al., Bayesian Data Analysis, 3rd edition, Sect. 2.6 and 3.2).
 """
 
 from __future__ import annotations

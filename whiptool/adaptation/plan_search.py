@@ -1,4 +1,4 @@
-"""Planning a strike: what is required of it, and how strikes are scored over whips sampled from the belief."""
+"""Planning a strike: its requirements, its score over whips sampled from the belief, and the cross-entropy search."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Plan the strike with the largest probability of a hit, over whips sampled from the belief.
 
-Candidates of an arm in the plane are random strikes, improved along derivatives and brought within the motors. In space
-a robot's limits and directions leave a thin part of the box of strikes, and derivatives find it: candidates are random
-strikes that keep the limits, those whose tips pass the goal best on the mean of the belief, refined there along exact
-derivatives as a strike map's are (`whiptool.strike_map.striker`).
+Candidates for a planar arm are random strikes that are refined along derivatives and within the motors' limits. In
+space, limits and required directions leave a small feasible part of the bounds: candidates are random strikes that keep
+the limits and whose tips pass the goal best with the mean of the belief, refined along exact derivatives like those of
+a strike map (`whiptool.strike_map.striker`).
 """
 
 from __future__ import annotations

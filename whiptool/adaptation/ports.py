@@ -1,7 +1,7 @@
-"""What strikes and films: a simulated whip whose tip is seen at a camera's rate, a rig, or a lab's own robot.
+"""Ports, which strike and film: a simulated whip whose tip is measured at a camera's rate, a rig, or a user's robot.
 
-To a lab's robot strikes go out as joint trajectories, and recordings come back as files. The adaptation waits by
-ending: begun again with its run folder, it reads what the lab has put there.
+For a user's robot, strikes are written as joint trajectories, and recordings are read from files. The adaptation ends
+after it has written a trajectory; when it is resumed, it reads the recording from the run folder.
 """
 
 from __future__ import annotations

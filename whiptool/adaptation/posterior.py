@@ -1,4 +1,4 @@
-"""Update a belief from recordings: the most probable whip, its covariance, and which recordings are not used."""
+"""Update of a belief from recordings: maximum a posteriori, covariance, and the reasons why recordings are not used."""
 
 from __future__ import annotations
 

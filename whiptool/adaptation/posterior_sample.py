@@ -1,8 +1,8 @@
-"""A weighted sample of the posterior of a whip's numbers, where the normal distribution of a belief is not enough.
+"""Weighted samples of the posterior of a whip's parameters, for uses in which the normal distribution is not accurate.
 
-A belief is normal around the most probable whip, from derivatives there. Each number's interval is about right so;
-the region of all numbers together is too small, because the posterior bends: numbers that trade off do so along curves,
-and what cannot be negative stops at zero. `benchmarks/posterior.py` measures both.
+A belief is a normal distribution linearised at the most probable whip. The intervals of single parameters are then
+about right, but their joint region is too small, because correlated parameters lie along curves and some parameters
+cannot be negative. `benchmarks/posterior.py` measures both.
 """
 
 from __future__ import annotations

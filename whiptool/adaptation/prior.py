@@ -1,4 +1,4 @@
-"""The distribution of a whip's numbers: mean and covariance; before the first strike it is the prior."""
+"""The belief about a whip's parameters, mean and covariance; before the first strike it is the prior."""
 
 from __future__ import annotations
 

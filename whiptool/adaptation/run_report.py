@@ -1,4 +1,4 @@
-"""Describe an adaptation: lines for the terminal after each strike, and the sections of its report."""
+"""Texts on an adaptation: lines for the terminal after each strike, and the sections of its report."""
 
 from __future__ import annotations
 

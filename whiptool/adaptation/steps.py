@@ -1,8 +1,8 @@
-"""What an adaptation did: each strike with its plan, what was seen of it, how it is judged and what it taught.
+"""Steps of an adaptation: each strike with its plan, its outcome, the estimated miss distance and the belief after it.
 
-The probability that a strike hit is that of the whip's posterior and the camera's frames, weighed together. The tip's
-path is that of a whip drawn from the posterior, plus a discrepancy that no whip explains. Where the frames contradict
-the whip, the frames decide, within their noise; see `whiptool.identification.film_judgement`.
+The probability that a strike hit combines the posterior of the whip and the camera's frames. The path of the tip is
+that of a whip drawn from the posterior plus a discrepancy, which is large if the frames contradict the whip; see
+`whiptool.identification.film_judgement`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Simulated whips that are unknown to whoever strikes with them, drawn by seed.
+"""Simulated whips with random parameters that are unknown to the planner.
 
-Their numbers are drawn from a stock (`whiptool.adaptation.materials`), their structure by family: how far it departs
-from the model that is fitted.
+The parameters are drawn from a stock (`whiptool.adaptation.materials`); the family determines how far the structure
+deviates from the model that is fitted.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Command lines: options, a run, what is printed. `python -m whiptool.NAME` and `whiptool NAME` end here."""
+"""Command lines: options, runs and printed results. `python -m whiptool.NAME` and `whiptool NAME` call them."""

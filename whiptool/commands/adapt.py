@@ -1,6 +1,6 @@
-"""Learn an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`.
+"""Identify an unknown whip, strike by strike: `python -m whiptool.adapt --target X Y --port twin --camera twin`.
 
-`python -m whiptool.adapt next` goes on with the run of a lab's own robot, strike by strike.
+`python -m whiptool.adapt next` continues the run of a user's robot by one strike.
 """
 
 from __future__ import annotations

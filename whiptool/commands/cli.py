@@ -1,4 +1,4 @@
-"""What the command lines share: parsing, and errors as one line."""
+"""Functions that all command lines share: parsing, run folders, and errors in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What this machine has, and what to do about what is missing: `python -m whiptool.doctor`."""
+"""Check of the installation and the machine, with fixes for missing parts: `python -m whiptool.doctor`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`python -m whiptool.rig.dynamixel`: see which servos are there, and set them up."""
+"""Find the servos on a bus, and set them up: `python -m whiptool.rig.dynamixel`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`python -m whiptool.rig.emulator`: emulated servos on a pseudo-terminal, for any program that speaks Protocol 2.0."""
+"""Emulated servos on a pseudo-terminal, for any client of Protocol 2.0: `python -m whiptool.rig.emulator`."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""What `--help` prints: the options used most, in groups, on one screen; `--help-all` prints all, with all they say.
+"""Help texts: `--help` prints the most used options on one screen, `--help-all` all options with their full
+descriptions.
 
-Options that have no effect with the others on the command line are left out of both, and named at the end.
+Options without effect, given the others on the command line, are left out of both and listed at the end.
 """
 
 from __future__ import annotations

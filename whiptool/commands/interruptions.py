@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM of a command: the first has it save what there is, a second ends it at once."""
+"""Ctrl-C and SIGTERM during a command: the first signal makes it save its state, a second ends it at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a strike uses of its limits, for programs and for people."""
+"""Usage of the limits by a strike, as a table for JSON and as lines of text."""
 
 from __future__ import annotations
 

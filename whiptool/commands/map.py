@@ -1,4 +1,4 @@
-"""Build a map of strikes, and strike from it: `python -m whiptool.map build`, `python -m whiptool.map strike`."""
+"""Build a strike map, and look up strikes in it: `python -m whiptool.map build`, `python -m whiptool.map strike`."""
 
 from __future__ import annotations
 

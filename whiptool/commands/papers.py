@@ -1,4 +1,4 @@
-"""The way to the folder `papers` of the repository, which an installed wheel does not have."""
+"""Import of modules from the folder `papers` of the repository, which an installed wheel does not have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The end of a command that made a strike: its result is saved and printed, then its pictures are drawn."""
+"""End of a command that made a strike: save and print the result, then draw its pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of `train` for the commands that play strikes: what their policies strike with, and at what."""
+"""Use of runs of `train` in commands that play strikes: their policies, strikes and targets."""
 
 from __future__ import annotations
 

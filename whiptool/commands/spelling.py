@@ -1,6 +1,6 @@
-"""Spellings of a command line that mean the same.
+"""Alternative spellings on the command line.
 
-`-o` is `--out`, values may have commas between them, and words to choose from may be in capital letters.
+`-o` is `--out`, values may be separated by commas, and choices may be in capital letters.
 """
 
 from __future__ import annotations

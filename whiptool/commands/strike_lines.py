@@ -1,4 +1,4 @@
-"""The outcome of one strike, for people as lines and for JSON as tables."""
+"""The outcome of one strike, as lines of text and as tables for JSON."""
 
 from __future__ import annotations
 

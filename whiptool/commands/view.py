@@ -1,4 +1,4 @@
-"""Look at a run: `python -m whiptool.view RUN`."""
+"""Show a run: `python -m whiptool.view RUN`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials to hit, method by method: the units of work, how they are kept, and what they say."""
+"""Comparison of methods by their trials to the first hit: units of work, their storage, tables and figures."""
 
 from whiptool.comparison.learner_unit import LearnerUnit
 from whiptool.comparison.plan import Comparison

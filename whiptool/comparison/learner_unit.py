@@ -1,4 +1,4 @@
-"""The work unit of a learner: trained once, with checkpoints, then tried at every target."""
+"""The work unit of a learner, which is trained once with checkpoints and then strikes at every target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which methods, observations and seeds are compared, cut into units; and a comparison in memory, for a notebook."""
+"""A comparison of methods, observations and seeds as units of work; and a comparison in memory, for notebooks."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The work unit of a search: from scratch, or from a library of past strikes, at each target of a part of them.
+"""The work unit of a search at each of some targets, from scratch or from a library of past strikes.
 
-With a library, a search begins at the strike whose tip passed nearest to the target. This is hindsight in its plainest
-form (see `whiptool.rl.hindsight`): every strike is an answer to all targets along its path.
+With a library, a search begins at the strike whose tip passed nearest to the target. This is the simplest form of
+hindsight (see `whiptool.rl.hindsight`): every strike hits all targets along its path.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
-"""Trials to the first hit of one way to strike, over seeds and targets: their intervals, series and tables.
+"""Trials to the first hit of a method over seeds and targets: series, confidence intervals and tables.
 
-Each seed strikes at the same targets. A mean over S seeds and T targets errs because other seeds would have given other
-means, and because other targets would have been easier or harder:
+Each seed strikes at the same targets. The mean over S seeds and T targets has two sources of error, the choice of the
+seeds and that of the targets:
 
     variance of the mean = (variance between seeds' means) / S + (variance between targets beyond that of chance) / T
 
-Each part is estimated by its mean square, so that it has Student's t with its own degrees of freedom, S - 1 and T - 1,
-and the half-widths of the parts add as squares. Whatever the parts' ratio, such an interval covers at least as often as
-it says, and exactly where one part is all (Banerjee 1960, Sankhya 22, 357): with three seeds between 95.0 and 97.7 %
+Each part is estimated by its mean square, so that it has Student's t with S - 1 or T - 1 degrees of freedom, and the
+half-widths of the parts add in quadrature. The coverage of such an interval is at least the nominal one for any ratio
+of the parts, and exact if one part is zero (Banerjee 1960, Sankhya 22, 357): with three seeds between 95.0 and 97.7 %
 of the time. Two methods have independent seeds (Welch's degrees of freedom) and the same targets (paired).
 
 Means are taken on a logarithmic scale, on which seeds scatter more evenly; `benchmarks/interval_coverage.py` measures
-what the intervals cover.
+the coverage.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What is struck with and at, the same for all methods that are compared, and how much that asks for.
+"""Model, controller and targets, which are the same for all compared methods, and the difficulty of the targets.
 
-Targets are in a disc, or anywhere fast. Where one and the same strike hits nearly all targets, a method can hit them
-without looking at them.
+Targets lie in a disc, or where the tip can be fast. If a single strike hits nearly all targets, a method can hit them
+without using their positions.
 """
 
 from __future__ import annotations

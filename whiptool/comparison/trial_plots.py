@@ -1,4 +1,4 @@
-"""Figures of a comparison of methods (Figs. 5-7), drawn into axes that are given, as in `whiptool.viz.plots`."""
+"""Figures of a comparison of methods (Figs. 5-7), drawn into given axes as in `whiptool.viz.plots`."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Units of work, known by a hash of their kind and all their fields, and the folder in which their results are kept.
+"""Units of work, identified by a hash of class and fields, and the folder that stores their results.
 
-Units run on this machine's cores or on a Ray cluster; what a unit gives does not depend on where it was worked. Each
-result is a small file, so that a killed run loses no more than those it was at. A worker process that dies (killed, out
-of memory) takes nothing with it but its unit, which is tried again.
+Units run on this machine's cores or on a Ray cluster; the result does not depend on the machine. Each result is a small
+file, so that a killed run only loses unfinished units. If a worker process dies (killed, out of memory), its unit is
+run again.
 """
 
 from __future__ import annotations

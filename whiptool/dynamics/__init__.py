@@ -1,4 +1,4 @@
-"""Dynamics of the planar chain in CasADi: equations of motion, the closed loop and its integrator, posture, modes."""
+"""Equations of motion in CasADi, in the plane and in space: closed loop and integrator, posture, modes."""
 
 from __future__ import annotations
 

@@ -2,11 +2,11 @@
 
 Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 7: axes stay parallel to the world's, moments are taken about
 each link's own joint, and accelerations are those of material points, so that a link's only velocity term is
-centripetal. A link moves behind one or more hinges at one point; these are eliminated together, last to first, and so
-the velocity terms between them are counted once.
+centripetal. A link is attached by one or more hinges at one point; these are eliminated together, last to first, so
+that the velocity terms between them are counted once.
 
-What is structurally zero stays the number 0 and generates no term; so does what is 1. Angles of successive parallel
-hinges are summed before sine and cosine, so that a chain of parallel axes generates a planar chain's terms alone.
+Structural zeros and ones stay numbers and generate no terms. Angles of successive parallel hinges are summed before
+sine and cosine, so that a chain of parallel axes only generates the terms of a planar chain.
 """
 
 from __future__ import annotations

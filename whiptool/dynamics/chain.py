@@ -1,7 +1,7 @@
 """The planar serial chain in CasADi: kinematics, articulated-body dynamics, energies.
 
-Parameters are symbols or numbers alike; what is given as the number 0 generates no term. Link i hangs from joint i;
-its absolute angle is `theta_i = q_0 + ... + q_i`, zero straight down, positive toward +x; y is up.
+Parameters are symbols or numbers; parameters that are the number 0 generate no terms. Link i hangs from joint i; its
+absolute angle is `theta_i = q_0 + ... + q_i`, zero straight down, positive toward +x; y is up.
 """
 
 from __future__ import annotations

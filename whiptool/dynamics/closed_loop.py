@@ -1,4 +1,4 @@
-"""Rotations of symbols: by a rotation vector, and how far one is from another."""
+"""The closed loop of strike, controller, arm and whip as CasADi functions."""
 
 from __future__ import annotations
 

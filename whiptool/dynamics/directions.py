@@ -1,4 +1,4 @@
-"""A profile's nodes as a function of its numbers, and their derivatives, by CasADi."""
+"""Derivatives of the parameter vector by named parameters, also of a whip's profile, by CasADi."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a strike starts: the arm at q_i, the whip at rest below the hand."""
+"""The state at the start of a strike: the arm at q_i, the whip at rest below the hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records of symbols, and which of their numbers stand in columns of the compiled code."""
+"""Records of symbols, and the choice of their entries that the compiled code stores in columns."""
 
 from __future__ import annotations
 

@@ -1,21 +1,22 @@
-"""Whips of rods: a node is a unit vector, which bends alike in all directions and does not twist.
+"""Whips of rods: a node is a unit vector, with equal bending in all directions and without twist.
 
-Rod i points along `d_i` from one node to the next and carries a point mass at its end. A joint's spring turns it by
+Rod i points along `d_i` from one node to the next and carries a point mass at its end. A joint's spring exerts the
+torque
 
     -(k + 2 c w) w'(u) d_{i-1} x d_i,    u = 1 - d_{i-1} . d_i,    w(u) = u + u^2 / 6 + 2 u^3 / 45,
 
-and rod i - 1 by the opposite. `w` is half the square of the bend's angle theta, expanded at the straight whip to the
-third order in u: the energy k w + c w^2 is that of an angular spring, k theta^2 / 2 + c theta^4 / 4, to a relative
-theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110. There is neither sine nor cosine.
+on it, and the opposite torque on rod i - 1. `w` is half the square of the bend's angle theta, expanded at the straight
+whip to the third order in u: the energy k w + c w^2 is that of an angular spring, k theta^2 / 2 + c theta^4 / 4, to a
+relative theta^6; the term in k is 0.7 % below at 75 degrees and 5 % at 110. There is neither sine nor cosine.
 
-A damper brakes the turning W_i - W_{i-1} of a rod past the one before. Rods do not twist against each other, so that
-(W_i - W_{i-1}) . (d_i + d_{i-1}) = 0, and spin about their own axes without inertia, all together as the dampers have
-it: the whip's whole spin sigma is that for which they take the least power. The joint before the first rod is a ball
-joint, and a joint that folds lets twist slip. A joint's torque is linear in sigma, which is known at the tip, and in
-the torque that it gets along its rod, where this has no inertia: docs/derivations.md, "Damping of rods".
+A damper acts on the rotation W_i - W_{i-1} of a rod relative to the previous rod. Rods do not twist against each other,
+so that (W_i - W_{i-1}) . (d_i + d_{i-1}) = 0, and spin about their axes without inertia, all together: the spin sigma
+of the whip minimises the power of the dampers. The joint before the first rod is a ball joint, and a joint that folds
+lets twist slip. A joint's torque is linear in sigma, which is known at the tip, and in the torque that it gets along
+its rod, where this has no inertia: docs/derivations.md, "Damping of rods".
 
-A rod's joint gives way in its two directions across, so that its pass is that of `articulated`, and the arm feels it as
-it feels hinges. The integrator's damping acts between neighbours: on the difference of their accelerations.
+A rod's joint has two free directions, so that the algorithm is that of `articulated`, and the load on the arm has the
+same form as with hinges. The integrator's damping acts on the difference of the accelerations of neighbours.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A serial arm of revolute and prismatic joints in CasADi: the torques due to its bodies, and its hand.
 
 Featherstone, Rigid Body Dynamics Algorithms (2008), ch. 5 and 6: inertia by composite bodies, forces by recursive
-Newton-Euler. Motions and forces are spatial vectors about the base's origin, in the world's axes, so that bodies add up
-without being moved. What is structurally zero stays the number 0 and generates no term.
+Newton-Euler. Motions and forces are spatial vectors about the base's origin, in the world's axes, so that bodies are
+added without transformation. Structural zeros stay the number 0 and generate no terms.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which columns of an array hold what: one object for Python and for the compiled code."""
+"""Columns of the arrays of the compiled code, and the structure that decides which terms it has."""
 
 from __future__ import annotations
 

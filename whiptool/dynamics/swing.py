@@ -1,4 +1,4 @@
-"""A chain on a base whose motion is given, or on a fixed one: a system without a controller."""
+"""A chain on a fixed base or on a base with given motion: a system without a controller."""
 
 from __future__ import annotations
 

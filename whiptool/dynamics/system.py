@@ -1,10 +1,9 @@
-"""A whip behind what drives it: functions of one link, of the drive, and the integrator's step composed of them.
+"""A whip on its drive (arm or moving base): functions of one link and of the drive, and the integrator's step.
 
 A compiled engine loops over links with the functions of `System.functions`, so that the generated code does not grow
-with the number of links. `System.step` composes the same expressions into one function, for the interpreter and for
-whoever wants to look at them.
+with the number of links. `System.step` composes the same expressions into one function, for the interpreter.
 
-The plane is the case of parallel axes: what is zero there, or never asked for, has no column in the compiled code.
+A planar system is the case of parallel axes; quantities that are zero or not used have no column in the compiled code.
 """
 
 from __future__ import annotations

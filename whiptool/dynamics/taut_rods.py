@@ -1,14 +1,14 @@
-"""Rods in an explicit step: each pulls along itself alone.
+"""Rods in explicit steps, which transmit forces only along themselves.
 
-Without what an implicit integrator adds to its joints, a rod has no inertia across but that of the mass m at its end.
-What it carries at its joint is then a mass M along its direction d and a force, and one number goes from rod to rod:
+Without the terms of an implicit integrator, the only inertia of a rod is the mass m at its end. The load on its joint
+is then a mass M along its direction d and a force, with the recursion
 
     M = m / (1 - s^2 kappa),    s = d . d',    kappa = M' / (m + M'),
 
-d', M' those of the rod after it. With e the acceleration of the rod's end and a that of its joint, e - a is the
-direction's acceleration times the length, and the force along d follows from d . (e - a) = -l |d d / dt|^2. The joint's
-torque B and the reaction of the next, B', push across: a force n = (B - B') x d / l. The pass is that of `rods`, with
-gain 0, in a fifth of its operations.
+with d', M' of the next rod. With e the acceleration of the rod's end and a that of its joint, e - a is the direction's
+acceleration times the length, and the force along d follows from d . (e - a) = -l |d d / dt|^2. The joint's torque B
+and the reaction of the next joint, B', give a force across the rod: n = (B - B') x d / l. The result is that of `rods`
+with gain 0, with a fifth of the operations.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What a strike is to do: targets and their hit rule, regions of targets, rules of arrival, criteria."""
+"""Goals of strikes: targets and their hit rule, regions of targets, rules of arrival, criteria."""

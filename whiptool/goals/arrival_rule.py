@@ -1,4 +1,4 @@
-"""How the tip has to arrive at the targets of a zone: along one direction, at angles of a range, at what speed."""
+"""Required arrival of the tip at the targets of a zone: direction, range of angles, and speed."""
 
 from __future__ import annotations
 

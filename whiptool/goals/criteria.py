@@ -1,4 +1,4 @@
-"""What a strike is judged by besides the hit: miss, effort, largest torque, speed through the target, robustness."""
+"""Criteria by which hits are ranked: miss, effort, largest torque, speed at the target, robustness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What strikes are asked for besides a point: a direction in which the tip arrives, and a least speed."""
+"""Goals of several strikes: positions and, if required, arrival directions and least speeds; the hit rule."""
 
 from __future__ import annotations
 

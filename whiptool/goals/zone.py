@@ -1,4 +1,4 @@
-"""Where targets are drawn: a disc (Fig. 5), in space a ball, or the cells of a grid that the tip can reach."""
+"""Zones of targets: a disc (Fig. 5), in space a ball, a sector, or the cells of a grid that the tip can reach."""
 
 from __future__ import annotations
 

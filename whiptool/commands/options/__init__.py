@@ -1,1 +1,1 @@
-"""Groups of options, of which every command is composed: it has those groups whose options it uses, and no others."""
+"""Groups of options; a command is composed of the groups that it uses."""

@@ -1,4 +1,4 @@
-"""Options of the controller: its law, and what a real motor adds."""
+"""Options of the controller: control law, feedforward, torque limit and control period."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of what a strike is judged by besides the hit."""
+"""Options of the criteria by which hits are ranked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of what a strike has to keep: limits of joints or motors, and distances."""
+"""Options of the limits of strikes: joints or motors, clearance and floor."""
 
 from __future__ import annotations
 

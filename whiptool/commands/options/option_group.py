@@ -1,4 +1,6 @@
-"""What all options have in common: they check themselves, and say what of them belongs to a run."""
+"""Base of all groups of options: checks, conditions under which options have an effect, and options stored with a
+run.
+"""
 
 from __future__ import annotations
 

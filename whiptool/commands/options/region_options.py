@@ -1,4 +1,4 @@
-"""Options of the region of goals that a strike map answers."""
+"""Options of the region of goals of a strike map."""
 
 from __future__ import annotations
 

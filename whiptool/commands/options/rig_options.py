@@ -1,4 +1,4 @@
-"""Options of everything that strikes with an arm: the real one or its twin, and how the control loop runs."""
+"""Options of commands that strike with an arm, real or simulated: port, camera and control loop."""
 
 from __future__ import annotations
 

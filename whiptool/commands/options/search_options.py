@@ -1,4 +1,4 @@
-"""Options of how much is tried: methods and bounds of a search, lengths of a training."""
+"""Options of searches and trainings: methods, bounds, numbers of trials and episodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of the simulator: which one, and how finely it steps."""
+"""Options of the simulator and its integration steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of what describes strikes: the joints, or the hand."""
+"""Options of the coordinates of strikes: joints or hand."""
 
 from __future__ import annotations
 

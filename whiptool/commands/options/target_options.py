@@ -1,4 +1,4 @@
-"""Options of what is struck at, and with what: target, zone of targets, model."""
+"""Options of target, zone of targets and model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a whip that is like the model's, but longer, of other nodes, tapered, or of another material."""
+"""Options that change the model's whip: length, number of nodes, taper or material."""
 
 from __future__ import annotations
 
