@@ -105,7 +105,7 @@ POINTS = "\n".join(
 USED = """
 import numpy as np
 import whiptool as wt
-from whiptool.impedance.controller_files import controller_from_table
+from whiptool.impedance.controller import controller_from_table
 from whiptool.optimizers import find_method
 
 from whiptool.adaptation import default_prior

@@ -17,7 +17,7 @@ from robot_files import URDF
 from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.goals.zone import Region
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.impedance.controller_files import read_controller, write_controller
+from whiptool.impedance.controller import read_controller, write_controller
 from whiptool.models import preset
 from whiptool.models.files import read_model, read_robot, write_model
 from whiptool.models.robot_files import ArmChoice

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from whiptool.gymnasium_id import register_with_gymnasium
-from whiptool.lazy_names import doors_aside, imported_when_used
+from whiptool.lazy_names import doors_aside, imported_when_used, register_with_gymnasium
 
 _HOMES = {
     "__version__": "version",
@@ -60,7 +59,7 @@ _HOMES = {
     "train": "rl.trained",
     "compare": "comparison.plan",
     "WhipEnv": "rl.environment",
-    "citations": "references",
+    "citations": "runs",
 }
 __all__ = list(_HOMES)
 
@@ -93,10 +92,10 @@ if TYPE_CHECKING:
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import METHODS, search
     from whiptool.recording import StrikeRecording, read_recording
-    from whiptool.references import citations
     from whiptool.rl.environment import WhipEnv
     from whiptool.rl.trained import load_policy, train
     from whiptool.rollout import CompiledRollout, ReferenceRollout
+    from whiptool.runs import citations
     from whiptool.strike_map.map_files import load_map
     from whiptool.version import __version__
     from whiptool.viz.animation import animate

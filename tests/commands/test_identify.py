@@ -17,7 +17,7 @@ from whiptool.errors import InputError
 from whiptool.identification.inputs import common_controller, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 from whiptool.models import preset, read_model, write_model
 from whiptool.models.kinematics import joint_points
 from whiptool.models.strike import Strike, default_bounds

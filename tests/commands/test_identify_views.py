@@ -15,7 +15,7 @@ from space_films import LATE, LEFT, RIGHT, ROBOT, STRIKES, WHIP, filmed_by_two
 
 from whiptool.commands import identify
 from whiptool.impedance import Controller, PositionControl
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 from whiptool.models import write_model
 from whiptool.models.strike import Strike
 from whiptool.recording.camera import write_cameras

@@ -20,7 +20,7 @@ from pendulum_swing import pendulum, swing
 from swings import Whip
 
 from whiptool.impedance import Controller
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 from whiptool.models import ArmLink, Model, preset, write_model
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.kinematics import joint_points

@@ -12,7 +12,7 @@ from spatial_arms import ARMS, random_model
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, constant_preset, impedance_cost
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.controller_files import read_controller, write_controller
+from whiptool.impedance.controller import read_controller, write_controller
 from whiptool.models import Model, Strike, WhipParameters, in_space, preset
 from whiptool.models.kinematics import arm_frames
 from whiptool.rollout import ReferenceRollout

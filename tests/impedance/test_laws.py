@@ -25,7 +25,7 @@ from whiptool.impedance import (
     oiac_preset,
 )
 from whiptool.impedance.arm import Arm
-from whiptool.impedance.controller_files import controller_from_table, controller_to_table
+from whiptool.impedance.controller import controller_from_table, controller_to_table
 from whiptool.models import PRESETS, preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout

@@ -8,7 +8,7 @@ from recordings import T, full, places, times
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
-from whiptool.impedance.controller_files import controller_from_table, controller_to_table
+from whiptool.impedance.controller import controller_from_table, controller_to_table
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording

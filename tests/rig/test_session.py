@@ -12,7 +12,7 @@ import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rig.loop_options import LoopOptions

@@ -18,7 +18,7 @@ from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.target import Target
 from whiptool.goals.zone import Disc
-from whiptool.gymnasium_id import ID
+from whiptool.lazy_names import ID
 from whiptool.objective import Objective
 from whiptool.rl.task import OBSERVATIONS
 

@@ -179,22 +179,6 @@ def test_without_any_place_to_write_the_interpreter_is_left(folder: Path, monkey
     assert "cannot compile" in caplog.text
 
 
-def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, caplog):
-    from whiptool.rollout import engine
-
-    monkeypatch.setenv("CXX", "no-such-compiler")
-    compiler.find_compiler.cache_clear()
-    engine.find_engine.cache_clear()
-    with caplog.at_level(logging.WARNING, logger="whiptool"):
-        rollout = CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=2e-3)
-        CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=1e-3)
-    monkeypatch.delenv("CXX")
-    compiler.find_compiler.cache_clear()
-    engine.find_engine.cache_clear()
-    assert rollout.engine == "interpreter"
-    assert len(caplog.records) == 1
-
-
 def test_processes_that_start_at_once_share_the_cache(tmp_path):
     """Four first starts on an empty cache: all agree, one library is left, nothing half-written."""
     program = (

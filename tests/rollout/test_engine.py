@@ -14,7 +14,6 @@ from slopes import compare
 from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.models import preset
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.rollout import CompiledRollout
 from whiptool.rollout import compiler as compiler_module
@@ -36,7 +35,6 @@ def test_interpreter_and_compiled_code_agree(model, controller):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-9)
 
 
-LEMON = preset("lemon2024")
 RNG = np.random.default_rng(21)
 STRIKES_ENGINE = default_bounds(LEMON.arm).sample(RNG, 200)
 TARGETS = TARGET + RNG.uniform(-0.3, 0.3, (200, 2))
@@ -324,3 +322,17 @@ def test_structures_share_their_parameters():
     free = Structure.of(LEMON, Controller(), free=["whip.dry_friction[3]", "whip.friction_velocity", "q_si"])
     assert free.optional == ("dry_friction",)
     assert free.columns("whip.m") == slice(5 + 10 + 12, 5 + 10 + 24)
+
+
+def test_without_a_compiler_the_interpreter_runs_and_says_so_once(monkeypatch, caplog):
+    monkeypatch.setenv("CXX", "no-such-compiler")
+    compiler_module.find_compiler.cache_clear()
+    engine_module.find_engine.cache_clear()
+    with caplog.at_level(logging.WARNING, logger="whiptool"):
+        rollout = CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=2e-3)
+        CompiledRollout(LEMON, CONTROLLERS["constant"], timestep=1e-3)
+    monkeypatch.delenv("CXX")
+    compiler_module.find_compiler.cache_clear()
+    engine_module.find_engine.cache_clear()
+    assert rollout.engine == "interpreter"
+    assert len(caplog.records) == 1

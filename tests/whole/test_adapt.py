@@ -24,7 +24,7 @@ from whiptool.commands import adapt
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 from whiptool.limits.motor_limits import XM430
 from whiptool.models.kinematics import joint_points
 from whiptool.models.presets import preset

@@ -22,7 +22,7 @@ from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
 from whiptool.identification.bare_arm import read_bare_arm
-from whiptool.impedance.controller_files import read_controller
+from whiptool.impedance.controller import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.recording.camera import read_cameras
 from whiptool.recording.readers.angles import read_angles

@@ -14,7 +14,7 @@ import whiptool as wt
 from whiptool import identification
 from whiptool.adaptation import Belief
 from whiptool.errors import InputError
-from whiptool.impedance.controller_files import controller_to_table
+from whiptool.impedance.controller import controller_to_table
 
 MODEL, CONTROLLER = wt.preset("lemon2024"), wt.Controller(wt.ConstantImpedance())
 STRIKE = wt.Strike((-1.3, 0.5), (1.6, 1.2), 0.5)

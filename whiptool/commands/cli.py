@@ -311,7 +311,7 @@ def configuration(
         model, controller: Model and controller that the options describe; None: they are stored elsewhere.
         parts: Further resolved parts, as plain TOML data.
     """
-    from whiptool.impedance.controller_files import controller_to_table
+    from whiptool.impedance.controller import controller_to_table
     from whiptool.models.files import model_to_table
 
     config = {"command": command, "options": as_plain(options.kept()), **parts}
@@ -411,7 +411,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
     """Return whether a run's stored model or controller is the present one; older versions wrote fewer keys."""
-    from whiptool.impedance.controller_files import controller_from_table, controller_to_table
+    from whiptool.impedance.controller import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 
     try:

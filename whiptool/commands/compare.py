@@ -24,7 +24,7 @@ from whiptool.commands.options.simulator_options import StepOptions
 from whiptool.commands.options.target_options import ModelOptions, ZoneOptions
 from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
 from whiptool.errors import InputError
-from whiptool.references import CITATIONS
+from whiptool.runs import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 

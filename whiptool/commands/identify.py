@@ -14,7 +14,7 @@ from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, R
 from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
 from whiptool.progress import note
-from whiptool.references import CITATIONS
+from whiptool.runs import CITATIONS
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -308,7 +308,7 @@ class FitRun:
 
     def _summary(self, plant: Plant, path: Path) -> dict[str, Any]:
         from whiptool.identification.summary import fit_table
-        from whiptool.impedance.controller_files import controller_to_table
+        from whiptool.impedance.controller import controller_to_table
 
         plane = None
         if self.plane is not None:

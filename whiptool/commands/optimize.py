@@ -327,7 +327,7 @@ class SearchRun:
         return warning
 
     def _summary(self, result) -> dict:
-        from whiptool.impedance.controller_files import controller_to_table
+        from whiptool.impedance.controller import controller_to_table
 
         outcome = result.outcome
         return {

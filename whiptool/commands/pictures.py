@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from whiptool.commands import cli
 from whiptool.progress import note
-from whiptool.references import CITATIONS
+from whiptool.runs import CITATIONS
 
 if TYPE_CHECKING:
     from whiptool.goals.target import Target

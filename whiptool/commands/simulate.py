@@ -150,7 +150,7 @@ def _check_same(options: SimulateOptions, model) -> None:
         InputError: A file that they name, or what a preset says, has changed since.
     """
     from whiptool.commands.policy_runs import folder_of
-    from whiptool.impedance.controller_files import controller_to_table
+    from whiptool.impedance.controller import controller_to_table
     from whiptool.models.files import model_to_table
     from whiptool.runs import CONFIG, read_config
 
@@ -292,7 +292,7 @@ def _write(
     options: SimulateOptions, strike: StrikeRun, controller: Controller | None, summary: dict, lines: list[str]
 ) -> None:
     """Make the run folder, and write, tell and draw the strike."""
-    from whiptool.impedance.controller_files import controller_to_table
+    from whiptool.impedance.controller import controller_to_table
     from whiptool.runs import code_version
 
     if controller is not None:

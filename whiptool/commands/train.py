@@ -28,8 +28,8 @@ from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
 from whiptool.progress import Progress, note
-from whiptool.references import CITATIONS
 from whiptool.rl.settings import SETTINGS, settings_for
+from whiptool.runs import CITATIONS
 from whiptool.words import counted
 
 if TYPE_CHECKING:

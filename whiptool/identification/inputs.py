@@ -18,7 +18,7 @@ from whiptool.identification.placement import NEUTRAL
 from whiptool.identification.plant import Plant
 from whiptool.identification.variables import Prior, variable
 from whiptool.impedance import Controller
-from whiptool.impedance.controller_files import controller_from_table, controller_to_table
+from whiptool.impedance.controller import controller_from_table, controller_to_table
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile, even_profile, lumped_from

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -14,9 +14,6 @@ from whiptool.errors import InputError, expect
 from whiptool.extras import Registry
 from whiptool.models.numbers import NoArray, array_of, number
 from whiptool.words import as_named
-
-if TYPE_CHECKING:
-    import casadi as ca
 
 
 @runtime_checkable
@@ -43,16 +40,16 @@ class Law(Protocol):
         ...
 
     def sizes(self, n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()` for an arm of n joints."""
-        ...
+        """Names and lengths of `parameters()` for an arm of n joints; here one number each, whatever the arm."""
+        return dict.fromkeys(self.parameters(), 1)
 
     def parameters(self) -> dict[str, np.ndarray]:
-        """Return the law's parameters by name, each flattened, matrices row by row."""
-        ...
+        """Return the law's parameters by name, each flattened, matrices row by row, as `expression` takes them."""
+        return {f.name: np.ravel(getattr(self, f.name)) for f in fields(self)}
 
-    def changed(self, numbers: Mapping[str, np.ndarray]) -> Law:
-        """Return the same law with other values of its `parameters`."""
-        ...
+    def changed(self, numbers: Mapping[str, np.ndarray]) -> Self:
+        """Return the same law with other values of its `parameters`; here of laws with one number each."""
+        return type(self)(**{name: float(x[0]) for name, x in numbers.items()})
 
 
 LAWS: Registry[type[Law]] = Registry("laws", type, what="controller.law")
@@ -92,7 +89,7 @@ def _check_acts_against(name: str, matrix: Matrix | float) -> None:
 
 @register
 @dataclass(frozen=True)
-class ConstantImpedance(NoArray, instead="its K or B"):
+class ConstantImpedance(NoArray, Law, instead="its K or B"):
     """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
 
     `ConstantImpedance(100, 10)` gives every joint of any arm the same stiffness and damping.
@@ -149,10 +146,6 @@ class ConstantImpedance(NoArray, instead="its K or B"):
             object.__setattr__(law, name, _gain(name, np.reshape(numbers[name], np.shape(getattr(self, name)))))
         return law
 
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Return `K` and `B` by name, flattened row by row, (1,) for a single number, for `expression`."""
-        return {"K": np.ravel(self.K), "B": np.ravel(self.B)}
-
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
         """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
@@ -204,7 +197,7 @@ def constant_preset(name: str) -> ConstantImpedance:
 
 @register
 @dataclass(frozen=True)
-class OIAC(NoArray, instead="its parameters()"):
+class OIAC(NoArray, Law, instead="its parameters()"):
     """Online impedance adaptation control: stiffness and damping that grow with the tracking error.
 
     `eps = e + beta de` (Eq. 8), `F = eps / gamma`, `K = F e^T`, `B = F de^T` (Eq. 9), `gamma = a / (1 + C |eps|^2)`
@@ -237,19 +230,6 @@ class OIAC(NoArray, instead="its parameters()"):
         return F * e[..., None, :], F * de[..., None, :]
 
     @staticmethod
-    def sizes(n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()`, the same for any arm."""
-        return {"a": 1, "beta": 1, "C": 1}
-
-    def changed(self, numbers: Mapping[str, np.ndarray]) -> OIAC:
-        """Return the same law with other values of its `parameters`."""
-        return OIAC(**{name: float(x[0]) for name, x in numbers.items()})
-
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Return the law's parameters by name, (1,) each, for `expression`."""
-        return {"a": np.array([self.a]), "beta": np.array([self.beta]), "C": np.array([self.C])}
-
-    @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
         """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
         epsilon = e + p["beta"] * de  # Eq. 8
@@ -276,7 +256,7 @@ def oiac_preset(name: str) -> OIAC:
 
 @register
 @dataclass(frozen=True)
-class PositionControl:
+class PositionControl(Law):
     """Position control: joints follow the reference (Eq. 1) exactly, like those of stiff industrial robots.
 
     The motion is prescribed, and there are no tracking errors. The torques are those that this motion needs under the
@@ -290,19 +270,6 @@ class PositionControl:
         """Zeros for errors `e` and `de` of shape (..., n): each (..., n, n)."""
         zeros = np.zeros((*np.shape(e), np.shape(e)[-1]))
         return zeros, zeros.copy()
-
-    @staticmethod
-    def sizes(n: int) -> dict[str, int]:
-        """Return an empty dict: the law has no parameters."""
-        return {}
-
-    def parameters(self) -> dict[str, np.ndarray]:
-        """Return an empty dict: the law has no parameters."""
-        return {}
-
-    def changed(self, numbers: Mapping[str, np.ndarray]) -> PositionControl:
-        """Return the same law: it has no parameters to change."""
-        return self
 
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:

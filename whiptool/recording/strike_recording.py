@@ -61,7 +61,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             view: that of the view.
         strike: The commanded strike, a `Strike` or its vector, (2 a + 1,), which is converted to one.
         controller: Controller of the arm: a `Controller`, which is kept as its table, or that table as
-            `whiptool.impedance.controller_files.controller_to_table` writes it.
+            `whiptool.impedance.controller.controller_to_table` writes it.
         joints_t: Times of the joint log [s], (S,), strictly increasing.
         joints_q: Measured joints of the arm [rad], (S, a).
         target: Position of the target [m].
@@ -503,8 +503,10 @@ def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
 def _plain_table(value: object) -> dict:
     """A controller as a table of plain data, as JSON keeps it."""
     if not isinstance(value, dict):
-        from whiptool.impedance.controller import Controller  # CasADi is imported where used
-        from whiptool.impedance.controller_files import controller_to_table
+        from whiptool.impedance.controller import (
+            Controller,  # CasADi is imported where used
+            controller_to_table,
+        )
 
         value = controller_to_table(value) if isinstance(value, Controller) else value
     if not isinstance(value, dict) or not isinstance(value.get("law"), str):

@@ -188,7 +188,7 @@ class Rig:
 
     def _recorded(self, run: Run, folder: Path | None, track: StrikeRecording | None = None) -> StrikeRecording:
         """The recording of a strike, written at once: without a track the joints alone."""
-        from whiptool.impedance.controller_files import controller_to_table
+        from whiptool.impedance.controller import controller_to_table
 
         recording = build_recording(
             run.cycles,

@@ -13,7 +13,7 @@ from whiptool.extras import optional
 from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import Zone
-from whiptool.impedance.controller_files import controller_from_table
+from whiptool.impedance.controller import controller_from_table
 from whiptool.models import numbers
 from whiptool.models.files import model_from_table
 from whiptool.models.strike import T_STAY

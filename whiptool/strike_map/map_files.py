@@ -17,7 +17,7 @@ from whiptool.given_files import read_arrays
 from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone, usual_region
 from whiptool.goals.target import HIT_RADIUS
 from whiptool.goals.zone import RADIUS
-from whiptool.impedance.controller_files import controller_from_table
+from whiptool.impedance.controller import controller_from_table
 from whiptool.limits.all_limits import named_limits
 from whiptool.models import Model
 from whiptool.models.files import model_from_table

@@ -14,7 +14,7 @@ from whiptool.commands.options.target_options import ModelOptions
 from whiptool.commands.rig import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl, constant_preset, default_controller
-from whiptool.impedance.controller_files import write_controller
+from whiptool.impedance.controller import write_controller
 from whiptool.models.files import write_model
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.models.presets import PRESETS, preset

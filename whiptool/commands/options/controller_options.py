@@ -80,7 +80,7 @@ class LawOptions(OptionGroup):
                 file.
         """
         from whiptool.impedance import Controller
-        from whiptool.impedance.controller_files import read_controller
+        from whiptool.impedance.controller import read_controller
 
         if not self.in_file:
             return Controller(law=self._named_law())
