@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -13,6 +14,7 @@ from whiptool.dynamics.closed_loop import closed_loop
 from whiptool.dynamics.posture import start_posture
 from whiptool.dynamics.structure import Structure
 from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
 from whiptool.models.kinematics import joint_points
 from whiptool.models.numbers import whole
 from whiptool.models.parameters import ArmLink, ArmParameters, Model
@@ -80,8 +82,6 @@ def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.n
 
 def _in_space(model: Model, q0: np.ndarray, v0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """M, C and K of an arm and whip in space."""
-    from whiptool.impedance.controller import Controller
-
     controller = Controller()  # any: only arm and whip are used
     structure = Structure.of(model, controller)
     loop, n, a = closed_loop(structure), model.n, model.arm.n
@@ -214,6 +214,7 @@ class Modes:
     eigenvalues: np.ndarray
 
 
+_EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
 _RUNGE_KUTTA = 2.0  # largest eigenvalue times step that is taken
 
 
@@ -239,6 +240,20 @@ def explicit_timestep(model: Model) -> float:
     whip = replace(whip, joints="hinge", rest_angle_x=0.0, b=tuple(damping.tolist()))
     alone = Model(whip, ArmParameters((ArmLink(mass=1.0, length=1.0),)), gravity=model.gravity)
     return float(_RUNGE_KUTTA / max(locked, np.abs(hanging_modes(alone).eigenvalues).max()))
+
+
+def stepped(
+    model: Model, controller: Controller, *, free: Sequence[str] = (), timestep: float | None = None
+) -> Structure:
+    """Return the structure of a model and controller with the cheaper integration method.
+
+    Args:
+        model, controller, free: As in `Structure.of`.
+        timestep: Length of equal steps [s]; None: adaptive steps.
+    """
+    longest = _EXPLICIT if timestep is None else timestep
+    explicit = controller.prescribed and longest <= explicit_timestep(model)
+    return Structure.of(model, controller, free=free, explicit=explicit)
 
 
 def hanging_modes(

@@ -9,6 +9,7 @@ import numpy as np
 
 from whiptool.dynamics.closed_loop import closed_loop
 from whiptool.dynamics.structure import Structure
+from whiptool.impedance.controller import Controller
 from whiptool.models.kinematics import arm_frames, hanging_angles
 from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import SpatialArm
@@ -56,8 +57,6 @@ def start_posture(model: Model, q_i: np.ndarray) -> np.ndarray:
 
 def _settle(model: Model, q: np.ndarray) -> None:
     """Moves the whip's joints to where weight and springs balance, in place."""
-    from whiptool.impedance.controller import Controller
-
     a = model.arm.n
     controller = Controller()  # any: only the whip's potential energy is used
     structure = Structure.of(model, controller)

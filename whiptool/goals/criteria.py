@@ -103,19 +103,15 @@ class Miss(Criterion):
     name, words, unit = "miss", "miss distance", "m"
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the miss distance of each strike [m], (B,)."""
         return struck.near.distance
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the smooth measures of each strike, (B, k)."""
         return struck.near.distance[:, None] ** 2
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return (2 * struck.near.distance[:, None] * struck.slopes.distance)[:, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure that corresponds to a value of the criterion."""
         return value**2
 
     def _scale(self, hit_radius: float) -> float:
@@ -131,21 +127,17 @@ class Effort(Criterion):
     name, words, unit, of_torques = "effort", "effort", "N² m² s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the integral of the squared torques of all joints of each strike [N^2 m^2 s], (B,)."""
         if struck.near.effort is None:
             raise InputError("simulator", struck.rollout.engine, "one that knows the torques at every instant")
         return struck.near.effort.sum(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the smooth measures of each strike, (B, k)."""
         return np.log1p(self.values(struck))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return struck.slopes.effort.sum(axis=1, keepdims=True) / (1 + self.values(struck))[:, None, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure that corresponds to a value of the criterion."""
         return math.log1p(value)
 
 
@@ -155,15 +147,12 @@ class PeakTorque(Criterion):
     name, words, unit, of_torques = "peak-torque", "largest torque", "N m", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the largest torque of any joint in each strike [N m], (B,)."""
         return struck.near.max_torque.max(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the smooth measures of each strike, (B, k)."""
         return struck.near.max_torque
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return struck.slopes.max_torque
 
 
@@ -173,26 +162,19 @@ class Speed(Criterion):
     name, words, unit, largest = "speed", "tip speed through the target", "m/s", True
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the tip's speed at the closest approach of each strike [m/s], (B,).
-
-        If the goal has a direction, it is the speed along it.
-        """
         return struck.goals.arrival_speed(struck.near.velocity)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the smooth measures of each strike, (B, k)."""
         return -self.values(struck)[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         return -struck.goals.arrival_speed_slope(struck.near.velocity, struck.slopes.velocity)[:, None]
 
     def measure_of(self, value: float) -> float:
-        """Return the measure that corresponds to a value of the criterion."""
         return -value
 
 
-class Robustness(Criterion):
+class Robustness(Miss):
     """The root mean square of the miss distance [m] under noise in the strike's coordinates; its measure is the mean
     square.
 
@@ -214,26 +196,16 @@ class Robustness(Criterion):
             raise InputError("noise", tuple(noise), "standard deviations of 0 or more, and not all 0")
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the root mean square miss distance under noise of each strike [m], (B,)."""
         return np.sqrt(self.measures(struck)[:, 0])
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the smooth measures of each strike, (B, k)."""
         around = self._around(struck)
         distance = np.where(around.near.known, around.near.distance, np.inf)
         return self._mean(distance**2, len(struck.strikes))[:, None]
 
     def measure_slopes(self, struck: StrikesAtGoal) -> np.ndarray:
-        """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
         around = self._around(struck)
         return self._mean(2 * around.near.distance[:, None] * around.slopes.distance, len(struck.strikes))[:, None]
-
-    def measure_of(self, value: float) -> float:
-        """Return the measure that corresponds to a value of the criterion."""
-        return value**2
-
-    def _scale(self, hit_radius: float) -> float:
-        return hit_radius
 
     @property
     def reach(self) -> np.ndarray:

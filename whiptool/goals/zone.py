@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -22,33 +22,33 @@ from whiptool.whole_files import write_npz
 RADIUS = 0.1  # [m], Sect. 3.1.1
 
 
-class Zone(Protocol):
+class Zone(ABC):
     """A region of the plane or of space, of d = 2 or 3 dimensions."""
 
     @property
+    @abstractmethod
     def dimension(self) -> int:
         """Dimension d of the zone: 2 in the plane, 3 in space."""
-        ...
 
     @property
+    @abstractmethod
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner of the zone's bounding box [m], (d,) each."""
-        ...
 
     @property
+    @abstractmethod
     def size(self) -> float:
         """Area of the zone [m^2], in space its volume [m^3]."""
-        ...
 
+    @abstractmethod
     def place(self, uniform: np.ndarray) -> np.ndarray:
         """Return points of the zone (B, d) [m] for uniform random numbers (B, d + 1) in [0, 1); the points are uniform
         over it.
         """
-        ...
 
+    @abstractmethod
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Whether points (..., d) [m] lie in the zone, (...); False for NaN."""
-        ...
 
 
 def check_fits(zone: Zone, model: Model, hit_radius: float) -> float:
@@ -82,7 +82,7 @@ def directions(uniform: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Disc(NoArray, instead="its centre or radius"):
+class Disc(NoArray, Zone, instead="its centre or radius"):
     """A disc of targets, as in the paper; in space, a ball.
 
     Args:
@@ -108,32 +108,27 @@ class Disc(NoArray, instead="its centre or radius"):
 
     @property
     def dimension(self) -> int:
-        """2 for a disc, 3 for a ball."""
         return len(self.centre)
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the bounding square or cube [m], (d,) each."""
         return np.array(self.centre) - self.radius, np.array(self.centre) + self.radius
 
     @property
     def size(self) -> float:
-        """Area of the disc [m^2], or volume of the ball [m^3]."""
         return math.pi * self.radius**2 if self.dimension == 2 else 4 / 3 * math.pi * self.radius**3
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Return points of the zone (B, d) [m], see `Zone.place`."""
         d = self.dimension
         r = self.radius * (np.sqrt if d == 2 else np.cbrt)(uniform[:, d - 1])
         return np.array(self.centre) + r[:, None] * directions(uniform[:, : d - 1])
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in the zone."""
         return np.linalg.norm(points - np.array(self.centre), axis=-1) <= self.radius
 
 
 @dataclass(frozen=True)
-class ReachableDisc:
+class ReachableDisc(Zone):
     """The part of a disc or ball that lies within reach of the shoulder.
 
     Args:
@@ -161,18 +156,15 @@ class ReachableDisc:
 
     @property
     def dimension(self) -> int:
-        """2 for a disc, 3 for a ball."""
         return self.disc.dimension
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of a rectangle or block around the zone [m], (d,) each."""
         lower, upper = self.disc.box
         return np.maximum(lower, -self.reach), np.minimum(upper, self.reach)
 
     @property
     def size(self) -> float:
-        """Area of the zone [m^2], in space its volume [m^3]."""
         return float(self._sizes[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
@@ -190,7 +182,6 @@ class ReachableDisc:
         return centre + r[:, None] * (along[:, None] * self._inward + around @ _across(self._inward))
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in the disc or ball and within reach."""
         return self.disc.contains(points) & (np.linalg.norm(points, axis=-1) <= self.reach)
 
     @property
@@ -260,7 +251,7 @@ _MOST_CELLS = 1e8  # of the block around a region
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class Region(Zone):
     """A zone that consists of cells of a grid.
 
     Args:
@@ -273,26 +264,21 @@ class Region:
 
     @property
     def dimension(self) -> int:
-        """2 for squares, 3 for cubes."""
         return self.corners.shape[1]
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the bounding rectangle or block [m], (d,) each."""
         return self.corners.min(axis=0), self.corners.max(axis=0) + self.cell
 
     @property
     def size(self) -> float:
-        """Area of the zone [m^2], in space its volume [m^3]."""
         return len(self.corners) * self.cell**self.dimension
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Return points of the region (B, d) [m], see `Zone.place`."""
         which = np.minimum((uniform[:, 0] * len(self.corners)).astype(int), len(self.corners) - 1)
         return self.corners[which] + self.cell * uniform[:, 1 : self.dimension + 1]
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in one of the cells."""
         lower = self.box[0]
         taken = np.round((self.corners - lower) / self.cell).astype(int)
         grid = np.zeros(taken.max(axis=0) + 3, bool)  # an empty row all around
@@ -381,7 +367,7 @@ def reachable_region(
 
 
 @dataclass(frozen=True)
-class Sector:
+class Sector(Zone):
     """A part of a spherical shell around the base, limited in distance, height and azimuth.
 
     Args:
@@ -412,12 +398,10 @@ class Sector:
 
     @property
     def dimension(self) -> int:
-        """3: the zone is in space."""
         return 3
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of the bounding block [m], (3,) each."""
         flat = 0.0 if self.low <= 0 <= self.high else min(abs(self.low), abs(self.high))
         widest = math.sqrt(self.far**2 - flat**2)
         nearest = math.sqrt(max(0.0, self.near**2 - max(self.low**2, self.high**2)))
@@ -428,13 +412,9 @@ class Sector:
 
     @property
     def size(self) -> float:
-        """Volume of the sector [m^3]."""
         return float(self._volumes[1][-1])
 
     def place(self, uniform: np.ndarray) -> np.ndarray:
-        """Return points of the sector (B, 3) [m], see `Zone.place`; first their height is drawn, then radius and
-        azimuth.
-        """
         z = np.interp(uniform[:, 0] * self.size, self._volumes[1], self._volumes[0])
         inner, outer = self._rims(z)
         across = np.sqrt(inner + uniform[:, 1] * (outer - inner))
@@ -442,7 +422,6 @@ class Sector:
         return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """Whether points lie in the sector."""
         distance, z = np.linalg.norm(points, axis=-1), points[..., 2]
         ahead = np.abs(np.arctan2(points[..., 1], points[..., 0])) <= self.aside
         return ahead & (distance >= self.near) & (distance <= self.far) & (z >= self.low) & (z <= self.high)

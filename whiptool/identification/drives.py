@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from whiptool.dynamics.modes import stepped
 from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_posture
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.swing import SwingStructure
@@ -31,7 +32,7 @@ from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.resolution import displacements, stepped
+from whiptool.rollout.resolution import displacements
 from whiptool.words import counted
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are not at the end of a link: the shoulder, the swing's base

@@ -118,7 +118,6 @@ class ConstantImpedance(NoArray, Law, instead="its K or B"):
         _check_acts_against("B", self.B)
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K and B for tracking errors `e` [rad] and `de` [rad/s] of shape (..., n): each (..., n, n)."""
         K, B = (x if x.ndim else x * np.eye(np.shape(e)[-1]) for x in self._arrays)
         if np.ndim(e) == 1:  # what a rollout asks for at every stage of every step
             return K, B
@@ -133,7 +132,6 @@ class ConstantImpedance(NoArray, Law, instead="its K or B"):
         return arrays
 
     def sizes(self, n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()` for an arm of n joints."""
         return {name: n * n if isinstance(x, tuple) else 1 for name, x in (("K", self.K), ("B", self.B))}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> ConstantImpedance:
@@ -148,7 +146,6 @@ class ConstantImpedance(NoArray, Law, instead="its K or B"):
 
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
-        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
         n = e.numel()
         gains = (p["K"], p["B"])
         K, B = (x * ca.SX.eye(n) if x.numel() == 1 else ca.reshape(x, n, n).T for x in gains)  # row by row
@@ -223,7 +220,6 @@ class OIAC(NoArray, Law, instead="its parameters()"):
         object.__setattr__(self, "C", number("C", self.C, low=0))
 
     def gains(self, e: np.ndarray, de: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K [N m/rad] and B [N m s/rad] for errors `e` [rad], `de` [rad/s] of shape (..., n): each (..., n, n)."""
         epsilon = e + self.beta * de  # Eq. 8
         gamma = self.a / (1 + self.C * np.vecdot(epsilon, epsilon))  # Eq. 10
         F = (epsilon / gamma[..., None])[..., :, None]  # Eq. 9
@@ -231,7 +227,6 @@ class OIAC(NoArray, Law, instead="its parameters()"):
 
     @staticmethod
     def expression(p: dict[str, ca.SX], e: ca.SX, de: ca.SX) -> ca.SX:
-        """Torque (n, 1) as a CasADi expression of symbolic `parameters()` and errors."""
         epsilon = e + p["beta"] * de  # Eq. 8
         return epsilon * ((ca.sumsqr(e) + ca.sumsqr(de)) * (1 + p["C"] * ca.sumsqr(epsilon)) / p["a"])  # Eqs. 2, 9, 10
 

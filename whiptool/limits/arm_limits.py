@@ -1,4 +1,4 @@
-"""How fast torques change, as robots judge it: from one millisecond to the next."""
+"""What an arm's own joints can do: how far a strike is beyond their limits."""
 
 from __future__ import annotations
 
@@ -102,7 +102,6 @@ class ArmLimits(Limits):
 
     @property
     def smooth(self) -> tuple[CommandLimits, ...]:
-        """Constraints that a search can keep without simulating a strike."""
         return (self.command,)
 
     @property

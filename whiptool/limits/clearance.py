@@ -1,4 +1,4 @@
-"""A whip that hangs above the floor before a strike, as a smooth function of it: what a search can keep."""
+"""What an arm and its whip must not touch: the arm itself, the floor, and the whip the arm."""
 
 from __future__ import annotations
 
@@ -178,7 +178,6 @@ class Clearance(Limits):
 
     @property
     def of_candidates(self) -> bool:
-        """Whether the whole trajectory has to be checked for strikes that would be hits or the best: yes."""
         return True
 
     @staticmethod
@@ -188,7 +187,6 @@ class Clearance(Limits):
 
     @property
     def words(self) -> str:
-        """Description of the limits."""
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
         floor = "" if self.floor is None else f" and the floor at {self.floor:g} m"
         return f"the distance{kept} from arm and whip to the arm{floor}"

@@ -1,4 +1,4 @@
-"""What an arm may be commanded: how fast, and with which acceleration and jerk, its joints follow Eq. 1."""
+"""Limits that a strike keeps: what all kinds of them have, and how fast joints may be commanded."""
 
 from __future__ import annotations
 

@@ -59,7 +59,6 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
 
     @property
     def words(self) -> str:
-        """Description of the limits."""
         return f"the {self.name}'s speed-torque line"
 
     @property

@@ -1,4 +1,4 @@
-"""Distances of line segments in space, many at once."""
+"""Capsules: rods with round ends, as which the bodies of an arm are taken where they may touch something."""
 
 from __future__ import annotations
 

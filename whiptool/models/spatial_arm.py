@@ -1,4 +1,4 @@
-"""Names of an arm's joints, and what stands for them in the names of a strike's numbers."""
+"""Arms in space: serial chains of revolute and prismatic joints, as data."""
 
 from __future__ import annotations
 

@@ -31,6 +31,13 @@ LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
 T_STAY = 0.3  # [s] that a strike is watched after the movement ended; not printed in the paper
 
 
+def eased(t: float | np.ndarray, D: float) -> tuple[Any, Any, Any]:
+    """Return the fraction of a minimum-jerk path (Eq. 1) at times t [s], and its first two time derivatives."""
+    s = min(max(t / D, 0.0), 1.0) if isinstance(t, float) else np.clip(np.asarray(t, float) / D, 0.0, 1.0)
+    share = s**3 * (10 - 15 * s + 6 * s**2)
+    return share, 30 * s**2 * (1 - s) ** 2 / D, 60 * s * (1 - s) * (1 - 2 * s) / D**2
+
+
 def strike_names(arm: AnyArm) -> tuple[str, ...]:
     """Return the names of a strike's coordinates, for shoulder and elbow `q_si, q_ei, q_sf, q_ef, D` (Algorithm 1).
 
@@ -117,15 +124,9 @@ class Strike(Vector):
 
         Before time 0 the position is `q_i`, after D it is `q_f`.
         """
-        if isinstance(t, float):
-            s = min(max(t / self.D, 0.0), 1.0)
-        else:
-            s = np.clip(np.asarray(t, float) / self.D, 0.0, 1.0)[..., None]
+        s, ds, dds = (x if isinstance(t, float) else x[..., None] for x in eased(t, self.D))
         q_i, span = self._ends
-        position = q_i + span * (s**3 * (10 - 15 * s + 6 * s**2))  # Eq. 1
-        velocity = span * (30 * s**2 * (1 - s) ** 2 / self.D)
-        acceleration = span * (60 * s * (1 - s) * (1 - 2 * s) / self.D**2)
-        return position, velocity, acceleration
+        return q_i + span * s, span * ds, span * dds
 
 
 @dataclass(frozen=True)
@@ -174,13 +175,6 @@ class StrikeBounds(ArrayLike):
         assert isinstance(rng, np.random.Generator)
         lower, upper = self.box
         return rng.uniform(lower, upper, (whole("size", size, low=0), len(lower)))
-
-
-def eased(t: np.ndarray, D: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the fraction of a minimum-jerk path (Eq. 1) at times t [s], and its first two time derivatives."""
-    s = np.clip(t / D, 0.0, 1.0)
-    share = s**3 * (10 - 15 * s + 6 * s**2)
-    return share, 30 * s**2 * (1 - s) ** 2 / D, 60 * s * (1 - s) * (1 - 2 * s) / D**2
 
 
 _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")

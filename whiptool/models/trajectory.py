@@ -1,4 +1,4 @@
-"""The closest approach of a path to a place: of straight segments, or of a smooth curve; and places as given."""
+"""Trajectories of strikes, and the closest approach of their tips to a place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a URDF file is assumed, or has no part in the arm, in lines for people."""
+"""Arms from URDF files: Pinocchio reads them."""
 
 from __future__ import annotations
 

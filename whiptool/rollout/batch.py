@@ -1,4 +1,4 @@
-"""How a strike's duration is cut into steps, and when a rollout is given up; the same for every rollout."""
+"""Batches of strikes: how durations are cut into steps, what engines are given, and what they give back."""
 
 from __future__ import annotations
 

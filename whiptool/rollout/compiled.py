@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from whiptool.dynamics.directions import parameter_directions
+from whiptool.dynamics.modes import stepped
 from whiptool.dynamics.posture import start_derivative, start_posture
 from whiptool.dynamics.structure import Columns, Structure, outcome_columns, row_columns
 from whiptool.errors import InputError, expect
@@ -31,7 +32,7 @@ from whiptool.rollout.interface import (
     joined,
     target_points,
 )
-from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve, stepped
+from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
@@ -117,7 +118,6 @@ class CompiledRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """Coordinates of the strikes: joint space or hand space."""
         return self.controller.strike_space(self.model.arm)
 
     def _engine(self, *, forward: bool) -> Engine:
@@ -385,7 +385,6 @@ class CompiledRollout(Rollout):
                 yield ChainPath(np.arange(len(path)) * interval, path.reshape(shape), slope.reshape(*shape, m))
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Return the whole trajectory of a strike, at every observation step."""
         return next(self.trajectories(self.one_vector(strike), t_stay=t_stay))
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:

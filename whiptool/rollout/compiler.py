@@ -1,7 +1,7 @@
-"""The cache of compiled libraries: a folder that is private, and files whose names hold the hash of their content.
+"""Compiles generated code with the system's compiler, and keeps the libraries in a private folder.
 
 A library is machine code that this process runs, and one that was cut ends the process when it is loaded. So nothing is
-loaded that another user could have written, or whose content does not match its name.
+loaded that another user could have written, or whose content does not match its name, which holds its hash.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The driver's loop around CasADi's interpreter: for machines without a compiler."""
+"""Which engine simulates strikes: SIMD C++, scalar C++, or CasADi's interpreter, the best that works here."""
 
 from __future__ import annotations
 

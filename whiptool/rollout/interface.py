@@ -1,4 +1,4 @@
-"""Exact derivatives of what a closest approach tells."""
+"""What every rollout can do, and what follows from the states of a strike."""
 
 from __future__ import annotations
 

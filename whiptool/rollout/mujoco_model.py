@@ -1,4 +1,4 @@
-"""What a model stands in, in MuJoCo: light, floor, board, target, materials and cameras."""
+"""The model in MuJoCo, built through MjSpec: of a planar model, MuJoCo's x is our x and its z our y."""
 
 from __future__ import annotations
 

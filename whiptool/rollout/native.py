@@ -1,4 +1,4 @@
-"""Compiled loops over a batch, in parts, on all cores."""
+"""The compiled engine: the driver in C++ around the code that CasADi generates, threads over parts of a batch."""
 
 from __future__ import annotations
 

@@ -102,7 +102,6 @@ class ReferenceRollout(Rollout):
 
     @property
     def space(self) -> StrikeSpace:
-        """Coordinates of the strikes: joint space or hand space."""
         return self.controller.strike_space(self.model.arm)
 
     def trajectory(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:

@@ -9,14 +9,12 @@ have bounded errors, so that two rollouts which are both wrong do not agree as t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from whiptool.dynamics.modes import explicit_timestep
-from whiptool.dynamics.structure import Columns, Structure
-from whiptool.impedance.controller import Controller
+from whiptool.dynamics.structure import Columns
 from whiptool.models.parameters import Model
 
 TOLERANCE = 1e-4  # [m]
@@ -24,7 +22,6 @@ RATIO = 10.0  # of successive tolerances
 COARSEST = 0.7  # the first tolerance of a step's error, in units of that of the distance
 RUNGS = 7  # tolerances that are tried at most
 OF_A_STEP = COARSEST / RATIO * TOLERANCE  # error of a step [m] at which the distances of most strikes are that true
-_EXPLICIT = 5e-4  # [s]; where Runge and Kutta's method is stable at it, its steps are the cheaper ones
 CERTAINTY = 3.0  # the estimate is so many times the finer rollout's error, if errors are proportional to tolerances
 
 
@@ -69,20 +66,6 @@ def resolve(
         error[left], taken[left] = _estimate(coarse[left], out[left], columns), finer
     error[~(error <= tolerance)] = np.inf
     return Resolved(out, error, taken)
-
-
-def stepped(
-    model: Model, controller: Controller, *, free: Sequence[str] = (), timestep: float | None = None
-) -> Structure:
-    """Return the structure of a model and controller with the cheaper integration method.
-
-    Args:
-        model, controller, free: As in `Structure.of`.
-        timestep: Length of equal steps [s]; None: adaptive steps.
-    """
-    longest = _EXPLICIT if timestep is None else timestep
-    explicit = controller.prescribed and longest <= explicit_timestep(model)
-    return Structure.of(model, controller, free=free, explicit=explicit)
 
 
 def displacements(model: Model, n: int) -> np.ndarray:
