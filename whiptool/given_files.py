@@ -86,12 +86,8 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
         raise InputError(name, str(path), f"valid {kind}, which is text ({error})") from None
 
 
-def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
-    """Return the content of a JSON file.
-
-    Args:
-        path: The file.
-        kind: Expected type of the content.
+def read_json(path: Path | str) -> dict[str, Any]:
+    """Return the content of a JSON file, which is a table.
 
     Raises:
         InputError: The file cannot be read, is not JSON, or has another content.
@@ -102,8 +98,8 @@ def read_json(path: Path | str, kind: type[Any] = dict) -> Any:
         if isinstance(error, InputError):
             raise
         raise InputError("file", str(path), f"valid JSON ({str(error)[:120]})") from None
-    if not isinstance(content, kind):
-        raise InputError(str(path), type(content).__name__, f"JSON that holds a {kind.__name__}")
+    if not isinstance(content, dict):
+        raise InputError(str(path), type(content).__name__, "JSON that holds a dict")
     return content
 
 

@@ -73,7 +73,7 @@ class PlanUnit(Unit):
 
         loop = LoopOptions(rate=RATE, delay=LATENCY, t_stay=self.scene.t_stay)
         near = rollout.approach(tried, target, t_stay=self.scene.t_stay)
-        within = XM430.violation_of_peaks(near, margin=MARGIN) <= 0
+        within = XM430.keeping_free(MARGIN).violation_of_peaks(near) <= 0
         for i in np.argsort(near.distance):
             if not within[i]:
                 continue

@@ -37,6 +37,13 @@ LARGE = [pytest.param(a, N, marks=pytest.mark.slow) for a, N in ((6, 10), (4, 25
 SIZES = [(1, 1), (1, 6), (2, 3), (3, 5), (3, 12), (5, 4), *LARGE]
 
 
+def mass_matrix(loop, at: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """The joint-space mass matrix (n, n) [kg m^2], as the Hessian of the kinetic energy by the speeds."""
+    q, v = ca.SX.sym("q", loop.n), ca.SX.sym("v", loop.n)
+    T, _ = loop.energies(q, v, loop.p)
+    return ca.Function("mass_matrix", [q, loop.p], [ca.hessian(T, v)[0]], {"cse": True})(at, p).full()
+
+
 def worst(ours: np.ndarray, its: np.ndarray) -> float:
     """Largest difference, relative to the largest entry."""
     return float(np.abs(ours - its).max() / np.abs(its).max())
@@ -96,7 +103,7 @@ def test_energies_and_mass_matrix_are_pinocchios(a: int, N: int):
         M = np.triu(M) + np.triu(M, 1).T
         assert pytest.approx(v @ M @ v / 2, rel=1e-12) == T
         assert pytest.approx(pin.computePotentialEnergy(its, data, q) + springs, rel=1e-12, abs=1e-12) == V
-        assert worst(loop.mass_matrix(q, p).full(), M) < 1e-12
+        assert worst(mass_matrix(loop, q, p), M) < 1e-12
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -112,7 +119,7 @@ def test_inverse_dynamics_undoes_forward_dynamics(seed: int):
     found = inverse(q, v, a, p).full()[:, 0]
     assert np.abs(found - np.r_[tau, np.zeros(10)]).max() < 1e-9
     linear = linearise(model, q, v)
-    np.testing.assert_allclose(linear.M, loop.mass_matrix(q, p).full(), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(linear.M, mass_matrix(loop, q, p), rtol=1e-9, atol=1e-12)
     h = 1e-6
     for matrix, k in ((linear.K, 0), (linear.C, 1)):
         for j in range(n):

@@ -66,7 +66,7 @@ def test_a_strike_is_judged_by_its_worst_instant_and_joint():
     v = np.array([[0.0, 0.0], [5.0, -5.0], [0.0, 2.0]])
     tau = np.array([[1.0, 0.0], [0.5, 1.5], [0.0, -1.8]])
     assert MOTOR.violation(trajectory(v, tau)) == pytest.approx(0.9 - 1)  # braking at -1.8 N m
-    assert MOTOR.violation(trajectory(v, tau), margin=0.2) == pytest.approx(0.9 - 0.8)
+    assert MOTOR.keeping_free(0.2).violation(trajectory(v, tau)) == pytest.approx(0.9 / 0.8 - 1)
     assert MOTOR.violation(trajectory(v, tau * [1, -1])) == pytest.approx(0.5 + 0.75 - 1)
     assert MOTOR.violation(trajectory(v, tau, diverged=True)) == np.inf
 
@@ -82,7 +82,7 @@ def test_peaks_add_largest_speed_and_torque():
         diverged=np.array([False, False, True, False]),
     )
     np.testing.assert_allclose(MOTOR.violation_of_peaks(near), [0.6 - 1, 1.3 - 1, np.inf, np.inf])
-    np.testing.assert_allclose(MOTOR.violation_of_peaks(near, margin=0.3)[:2], [0.6 - 0.7, 1.3 - 0.7])
+    np.testing.assert_allclose(MOTOR.keeping_free(0.3).violation_of_peaks(near)[:2], [0.6 / 0.7 - 1, 1.3 / 0.7 - 1])
 
 
 def test_peaks_are_never_below_the_strike_itself():

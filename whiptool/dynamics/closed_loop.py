@@ -411,13 +411,6 @@ class ClosedLoop(System):
             frame = end
         return ca.Function("energies", [q, v, self.p], [T, V], {"cse": True})
 
-    @cached_property
-    def mass_matrix(self) -> ca.Function:
-        """Function `mass_matrix(q, p)`: joint-space mass matrix (n, n) [kg m^2] with rotor inertias."""
-        q, v = ca.SX.sym("q", self.n), ca.SX.sym("v", self.n)
-        T, _ = self.energies(q, v, self.p)
-        return ca.Function("mass_matrix", [q, self.p], [ca.hessian(T, v)[0]], {"cse": True})
-
 
 @lru_cache(maxsize=32)
 def closed_loop(structure: Structure) -> ClosedLoop:

@@ -311,16 +311,12 @@ class Region(Zone):
 
 
 def random_paths(
-    rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float, progress: bool = False
+    rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float
 ) -> Iterator[np.ndarray]:
     """Yield the tip paths of random strikes, up to 4096 at a time: (b, S, d) [m], NaN after a strike's end."""
-    from whiptool.progress import Progress
-
-    with Progress(total=count, unit=" strikes", disable=not progress, leave=False) as bar:
-        for first in range(0, count, 4096):
-            strikes = bounds.sample(rng, min(4096, count - first))
-            yield rollout.tip_path(strikes, t_stay=T_STAY, rate=rate)[1]
-            bar.update(len(strikes))
+    for first in range(0, count, 4096):
+        strikes = bounds.sample(rng, min(4096, count - first))
+        yield rollout.tip_path(strikes, t_stay=T_STAY, rate=rate)[1]
 
 
 def reachable_region(
@@ -332,7 +328,6 @@ def reachable_region(
     cell: float = 0.02,
     rate: float = 200.0,
     seed: int = 0,
-    progress: bool = False,
 ) -> Region:
     """Return the region of all cells, wholly within reach, that tips of random strikes pass with at least a given
     speed.
@@ -347,13 +342,12 @@ def reachable_region(
         cell: Width of the cells [m].
         rate: Sampling rate of the paths [1/s].
         seed: Seed of the random strikes.
-        progress: Show a progress bar.
     """
     reach = rollout.model.reach + cell
     n = 2 * math.ceil(reach / cell)
     seen = np.zeros((n,) * rollout.model.dimension, bool)
     rng = np.random.default_rng(seed)
-    for paths in random_paths(rollout, bounds, count, rng, rate=rate, progress=progress):
+    for paths in random_paths(rollout, bounds, count, rng, rate=rate):
         steps = np.diff(paths, axis=1)
         fast = np.linalg.norm(steps, axis=-1) * rate >= speed  # False for NaN
         starts, steps = paths[:, :-1][fast], steps[fast]

@@ -135,19 +135,14 @@ class ArmLimits(Limits):
         beyond = np.maximum(low - q, q - high) / half  # -inf where there is no end
         return np.stack([np.maximum(1 + beyond, 0), np.abs(v) / velocity, np.abs(tau) / torque], axis=-2)
 
-    def violation(self, trajectory: Trajectory, *, margin: float = 0.0) -> float:
-        """Return the largest relative excess of a trajectory over a limit; at most 0 within all limits.
-
-        Args:
-            trajectory: Positions, speeds and torques of the arm at every instant.
-            margin: Fraction of every limit that must remain unused.
-        """
+    def violation(self, trajectory: Trajectory) -> float:
+        """Return the largest relative excess of a trajectory over a limit; at most 0 within all limits."""
         if trajectory.diverged:
             return math.inf
         worst = max(self._usage_of(trajectory).max(), self._rate_usage_of(trajectory)[1].max())
-        return float(worst) - (1.0 - margin)
+        return float(worst) - 1.0
 
-    def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
+    def violation_of_peaks(self, near: Approach) -> np.ndarray:
         """Return the excess over the limits from the peak values of each joint, which suffice since each limit concerns
         one quantity.
 
@@ -160,7 +155,7 @@ class ArmLimits(Limits):
             unlimited = not np.isfinite([joint.position for joint in self.joints]).any()
             positions = np.full((*v.shape[:-1], 2, v.shape[-1]), 0.0 if unlimited else np.nan)
         at_both = (positions, *(np.stack([x, x], axis=-2) for x in (v, tau)))  # the lowest and the highest, (B, 2, a)
-        worst = self.usage(*at_both).max(axis=(-3, -2, -1)) - (1.0 - margin)
+        worst = self.usage(*at_both).max(axis=(-3, -2, -1)) - 1.0
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:

@@ -82,20 +82,16 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
         driving = np.maximum(v * np.sign(tau), 0.0) / self.no_load_speed
         return np.maximum(np.abs(tau) / self.stall_torque + driving, np.abs(v) / self.no_load_speed)
 
-    def violation(self, trajectory: Trajectory, *, margin: float = 0.0) -> float:
+    def violation(self, trajectory: Trajectory) -> float:
         """Return the excess of the worst instant of a trajectory over the line, relative to it; at most 0 within the
         limits.
-
-        Args:
-            trajectory: Speeds and torques of the arm at every instant.
-            margin: Fraction of the limits that must remain unused.
         """
         if trajectory.diverged:
             return math.inf
         a = trajectory.tau.shape[1]
-        return float(self.usage(trajectory.v[:, :a], trajectory.tau).max()) - (1.0 - margin)
+        return float(self.usage(trajectory.v[:, :a], trajectory.tau).max()) - 1.0
 
-    def violation_of_peaks(self, near: Approach, *, margin: float = 0.0) -> np.ndarray:
+    def violation_of_peaks(self, near: Approach) -> np.ndarray:
         """Return the excess computed from the largest speed and the largest torque, which may occur at different
         instants.
 
@@ -105,7 +101,7 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
             One number per strike: shape () for an Outcome, (B,) for an Approach.
         """
         v, tau = np.asarray(near.max_joint_speed), np.asarray(near.max_torque)
-        worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - (1.0 - margin)
+        worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - 1.0
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:

@@ -206,18 +206,19 @@ class Rollout(ABC):
         raise self._without_derivatives()
 
     def arrival_gradient(
-        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
+        self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY
     ) -> tuple[Approach, np.ndarray, np.ndarray]:
-        """Return the closest approaches, and the exact derivatives of the tip's position and velocity there.
+        """Return the closest approaches, and the exact derivatives of the tip's position and velocity there by the
+        strikes' coordinates.
 
         Returns:
-            The approaches, and the derivatives of position [m per unit of the parameter] and of the velocity [m/s per
+            The approaches, and the derivatives of position [m per unit of the coordinate] and of the velocity [m/s per
             unit], (B, d, m) each.
 
         Raises:
             InputError: This simulator has no derivatives.
         """
-        near, slopes = self.slopes(strikes, target, t_stay=t_stay, names=names)
+        near, slopes = self.slopes(strikes, target, t_stay=t_stay)
         return near, slopes.tip, slopes.velocity
 
     def _without_derivatives(self) -> InputError:

@@ -11,7 +11,6 @@ from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.models.joint_trajectory import JointTrajectory
-from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.strike import check_turns
 from whiptool.models.trajectory import Trajectory
@@ -19,11 +18,11 @@ from whiptool.rollout.batch import FASTEST
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout, control_callback
 
-BANDWIDTH = 30.0  # [Hz], of the servos
+BANDWIDTH = 30.0  # [Hz], natural frequency of the servos
 ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo Menagerie has it for the UR5e
 
 
-def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: float = BANDWIDTH) -> Trajectory:
+def replay_trajectory(model: Model, trajectory: JointTrajectory) -> Trajectory:
     """Return the motion of arm and whip while position servos follow a joint trajectory, at every step of MuJoCo.
 
     Each joint has a servo with MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start
@@ -35,16 +34,15 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory, *, bandwidth: f
     Args:
         model: Model of arm and whip.
         trajectory: Trajectory of the arm's joints, in their order.
-        bandwidth: Natural frequency of the servos [Hz].
 
     Raises:
-        InputError: The trajectory has other joints, or a number is out of range.
+        InputError: The trajectory has other joints.
     """
     if trajectory.joints not in (model.arm.joints, model.arm.names):
         rule = f"those of the arm of {model.name}: {', '.join(model.arm.names)}"
         raise InputError("joints of the trajectory", trajectory.joints, rule)
     check_turns("trajectory", trajectory.q, model.arm)
-    omega = 2 * math.pi * number("bandwidth", bandwidth, low=0, strict=True)
+    omega = 2 * math.pi * BANDWIDTH
     rollout, path = ReferenceRollout(model, Controller(PositionControl())), _smooth(trajectory)
     data, mj, a = rollout.hang(trajectory.q[0]), rollout.mj, model.arm.n
     _fit_servos(mj, data, omega, a)
