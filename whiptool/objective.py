@@ -20,8 +20,7 @@ from whiptool.limits.clearance import Clearance
 from whiptool.models.numbers import ArrayLike, NoArray, array_of, number, whole
 from whiptool.models.strike import T_STAY, AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.rollout.batch import time_grid
-from whiptool.rollout.interface import Rollout
+from whiptool.rollout.interface import Rollout, time_grid
 from whiptool.words import counted
 
 UNREACHABLE = "posture"  # what refuses a strike of the hand that no joints can make

@@ -9,7 +9,7 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
-from whiptool.rollout.interface import States, complete_trajectory
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.mujoco_model import build_spec
 
 

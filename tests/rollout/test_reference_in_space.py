@@ -17,7 +17,7 @@ from whiptool.models import Model, Strike, in_space, preset
 from whiptool.models.kinematics import chain_motion, joint_points, rotation_about
 from whiptool.models.strike import default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
-from whiptool.rollout.interface import States, complete_trajectory
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.mujoco_model import build_spec, export_xml
 from whiptool.rollout.reference import replay
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,15 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
 from whiptool.models.robot_files import ArmChoice, check_mjcf
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, joint_name, without_inertia
+from whiptool.models.spatial_arm import (
+    Body,
+    JointLimits,
+    SpatialArm,
+    SpatialLink,
+    joint_name,
+    welded,
+    without_inertia,
+)
 
 _STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionloss", "armature")  # of tendons
 
@@ -228,28 +236,6 @@ def _moves(body: Any, spec: Any) -> bool:
     return False
 
 
-@dataclass(frozen=True)
-class _Body:
-    """Mass [kg], centre of mass (3,) [m] and inertia about that (3, 3) [kg m^2], in the world."""
-
-    mass: float
-    com: np.ndarray
-    inertia: np.ndarray
-
-
-def _together(bodies: list[_Body]) -> _Body:
-    """Bodies fixed to each other, as one."""
-    mass = sum(body.mass for body in bodies)
-    if not mass:
-        return _Body(0.0, np.zeros(3), np.zeros((3, 3)))
-    com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / mass
-    inertia = np.zeros((3, 3))
-    for body in bodies:
-        d = body.com - com
-        inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
-    return _Body(mass, com, inertia)
-
-
 class _Robot:
     """A compiled model with all joints where the choice has them, the movers at 0."""
 
@@ -358,7 +344,7 @@ class _Robot:
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
-            link = self._link(i, _together(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            link = self._link(i, welded(groups[i]), axes.T @ (at - origin), axes.T @ turned)
             links.append(replace(link, capsules=tuple(capsules[i])))
             origin, axes = at, turned
         if self.tip in self.bodies:
@@ -389,15 +375,15 @@ class _Robot:
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
 
-    def _groups(self) -> dict[int, list[_Body]]:
+    def _groups(self) -> dict[int, list[Body]]:
         """Bodies that each mover carries, except those that the next one moves."""
-        groups: dict[int, list[_Body]] = {i: [] for i in self.movers}
+        groups: dict[int, list[Body]] = {i: [] for i in self.movers}
         for body in range(1, self.model.nbody):
             mover = self._mover_of(body)
             if mover != _BASE and self.bodies[body] not in self.weightless:
                 R = self.data.ximat[body].reshape(3, 3)
                 inertia = (R * self.model.body_inertia[body]) @ R.T
-                groups[mover].append(_Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
+                groups[mover].append(Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
         return groups
 
     def _mover_of(self, body: int) -> int:
@@ -426,15 +412,14 @@ class _Robot:
                 found[mover].append(Capsule.along(R, p, half, float(size[0]), flat=flat))
         return found
 
-    def _link(self, joint: int, body: _Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
+    def _link(self, joint: int, body: Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
         model, v = self.model, self.model.jnt_dofadr[joint]
         axes = self._axes(joint)
-        I = axes.T @ body.inertia @ axes
         com: np.ndarray = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
         return SpatialLink(
             mass=body.mass,
             com=tuple(com.tolist()),
-            inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
+            inertia=Body(body.mass, com, axes.T @ body.inertia @ axes).moments,
             axis=tuple((axes.T @ self.data.xaxis[joint]).tolist()),
             position=tuple(position.tolist()),
             rotation=tuple(map(tuple, rotation.tolist())),

@@ -13,7 +13,7 @@ from whiptool.models.capsules import Capsule, Point
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import metres, number, numbers
 from whiptool.models.parameters import AnyArm
-from whiptool.models.spatial_arm import SpatialArm, SpatialLink
+from whiptool.models.spatial_arm import Body, SpatialArm, welded
 from whiptool.models.strike import refuse_far
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
@@ -127,24 +127,13 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
     axes, at = np.array(arm.hand_rotation), np.array(arm.hand_position)
     along = -axes[:, 2]
     inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))
-    last = _welded(arm.links[-1], mass, at + along * length / 2, inertia)
-    x, y, z = (at + along * length).tolist()
+    last, (x, y, z) = arm.links[-1], (at + along * length).tolist()
+    both = welded(
+        [Body(last.mass, np.array(last.com), last.inertia_matrix), Body(mass, at + along * length / 2, inertia)]
+    )
+    if both.mass:
+        last = dataclasses.replace(last, mass=both.mass, com=tuple(both.com.tolist()), inertia=both.moments)
     if any(link.capsules for link in arm.links):
         stick = Capsule(tuple(at.tolist()), (x, y, z), radius)
         last = dataclasses.replace(last, capsules=(*last.capsules, stick))
     return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z))
-
-
-def _welded(link: SpatialLink, mass: float, com: np.ndarray, inertia: np.ndarray) -> SpatialLink:
-    """A link with one more body fixed to it: its mass [kg], centre of mass (3,) [m] and inertia about that (3, 3)."""
-    total = link.mass + mass
-    if total == 0:
-        return link
-    centre = (link.mass * np.array(link.com) + mass * com) / total
-    moments = np.zeros((3, 3))
-    for part, at, own in ((link.mass, np.array(link.com), link.inertia_matrix), (mass, com, inertia)):
-        d = at - centre
-        moments += own + part * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
-    x, y, z = centre.tolist()
-    upper = moments[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
-    return dataclasses.replace(link, mass=total, com=(x, y, z), inertia=tuple(upper.tolist()))

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -194,6 +194,32 @@ class SpatialLink:
     def inertia_matrix(self) -> np.ndarray:
         """Inertia about the centre of mass, in the link's axes [kg m^2], (3, 3)."""
         return _symmetric(self.inertia)
+
+
+class Body(NamedTuple):
+    """Mass [kg], centre of mass (3,) [m] and inertia about that (3, 3) [kg m^2], in axes of any frame."""
+
+    mass: float
+    com: np.ndarray
+    inertia: np.ndarray
+
+    @property
+    def moments(self) -> tuple[float, ...]:
+        """The six numbers of its inertia, as in `SpatialLink`."""
+        return tuple(self.inertia[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist())
+
+
+def welded(bodies: Sequence[Body]) -> Body:
+    """Return bodies that are fixed to each other, in the same axes, as one."""
+    mass = sum(body.mass for body in bodies)
+    if not mass:
+        return Body(0.0, np.zeros(3), np.zeros((3, 3)))
+    com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        d = body.com - com
+        inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
+    return Body(mass, com, inertia)
 
 
 def _symmetric(moments: tuple[float, ...]) -> np.ndarray:

@@ -15,7 +15,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
 from whiptool.models.robot_files import ArmChoice, quiet, read_urdf_text
-from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, joint_name, without_inertia
+from whiptool.models.spatial_arm import Body, JointLimits, SpatialArm, SpatialLink, joint_name, welded, without_inertia
 from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
@@ -91,10 +91,10 @@ def _keeps_off(joint: ET.Element) -> bool:
     return low < high and (low > _number(limit, "lower") or high < _number(limit, "upper"))
 
 
-def _number(element: ET.Element | None, name: str) -> float:
-    """A number of an element: 0 where it is not given, NaN where it is not a number."""
+def _number(element: ET.Element | None, name: str, absent: str = "0") -> float:
+    """A number of an element: `absent` where it is not given, NaN where it is not a number."""
     try:
-        return 0.0 if element is None else float(element.get(name, "0"))
+        return float(absent if element is None else element.get(name, absent))
     except ValueError:
         return math.nan
 
@@ -219,17 +219,10 @@ def _check_moving(joint: ET.Element) -> None:
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     if joint.get("type") == "continuous":
         return
-    ends = [_of_text("0" if limit is None else limit.get(end, "0")) for end in ("lower", "upper")]
+    ends = [_number(limit, end) for end in ("lower", "upper")]
     if not ends[0] < ends[1]:
         rule = 'a <limit> whose lower is below its upper, or type="continuous"'
         raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
-
-
-def _of_text(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return float("nan")
 
 
 def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
@@ -288,7 +281,7 @@ def _position_limits(joint: ET.Element) -> tuple[float, float]:
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
         return -math.inf, math.inf
-    low, high = (_of_text(limit.get(end, "0")) for end in ("lower", "upper"))
+    low, high = (_number(limit, end) for end in ("lower", "upper"))
     return (low, high) if low < high else (-math.inf, math.inf)
 
 
@@ -302,15 +295,16 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
         mimic, name = joint.find("mimic"), joint.get("name", "")
         if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)
-            locked[name] = _of_text(mimic.get("multiplier", "1")) * value + _of_text(mimic.get("offset", "0"))
+            locked[name] = _number(mimic, "multiplier", "1") * value + _number(mimic, "offset")
     return locked
 
 
 def _rotor(robot: ET.Element, name: str) -> float:
     """Inertia of a joint's rotor as the joint feels it, of Drake's extension [kg m^2 or kg]."""
     joint = next(joint for joint in robot.findall("joint") if joint.get("name") == name)
-    said = {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x.get("value", "") for x in joint}
-    return _of_text(said.get("rotor_inertia", "0")) * _of_text(said.get("gear_ratio", "1")) ** 2
+    usual = {"rotor_inertia": ET.Element("", value="0"), "gear_ratio": ET.Element("", value="1")}
+    said = usual | {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x for x in joint}
+    return _number(said["rotor_inertia"], "value", "nan") * _number(said["gear_ratio"], "value", "nan") ** 2
 
 
 def _links_of(model: Any) -> list[set[str]]:
@@ -355,11 +349,11 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
         velocity=_limit(model.upperVelocityLimit[v]),
         torque=_limit(model.upperEffortLimit[v]),
     )
-    I = body.inertia if body.mass else np.zeros((3, 3))
+    own = Body(body.mass, body.lever, body.inertia) if body.mass else welded([])
     return SpatialLink(
-        mass=float(body.mass),
-        com=tuple(body.lever.tolist()) if body.mass else (0.0, 0.0, 0.0),
-        inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()),
+        mass=float(own.mass),
+        com=tuple(own.com.tolist()),
+        inertia=own.moments,
         axis=tuple((slide if prismatic else turn).tolist()),
         position=tuple(place.translation.tolist()),
         rotation=_rows(place.rotation),

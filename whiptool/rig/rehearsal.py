@@ -20,8 +20,8 @@ from whiptool.rig.emulator.physics import Physics
 from whiptool.rig.emulator.twin_options import TwinOptions
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Guards
-from whiptool.rollout.batch import FASTEST
-from whiptool.rollout.interface import States, complete_trajectory
+from whiptool.rollout.completed import States, complete_trajectory
+from whiptool.rollout.interface import FASTEST
 
 # A torque that alternates every period has 4, a smooth one nearly 0; quantised velocities alone make up to about 0.3
 CHATTER = 0.6

@@ -30,7 +30,8 @@ from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
 from whiptool.rig.stop_signals import StopSignals
 from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.rollout.interface import Points, Rollout, States, Strikes, complete_trajectory, joined, target_points
+from whiptool.rollout.completed import States, complete_trajectory
+from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
 from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 

@@ -19,18 +19,22 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, JointSpace
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.progress import Progress
-from whiptool.rollout.batch import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP, Batch, Engine, time_grid
+from whiptool.rollout.batch import Batch, Engine
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
+    COARSEST,
+    FINEST,
+    LARGEST_STEP,
     SLOPES,
+    SMALLEST_STEP,
     ApproachSlopes,
     Points,
     Rollout,
-    States,
     Strikes,
-    complete_trajectory,
     joined,
     target_points,
+    time_grid,
 )
 from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve
 

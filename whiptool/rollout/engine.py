@@ -15,7 +15,8 @@ from whiptool.dynamics.swing import SwingStructure, swing
 from whiptool.dynamics.system import System
 from whiptool.errors import InputError
 from whiptool.models.trajectory import ClosestApproach, closest_on_segments
-from whiptool.rollout.batch import FASTEST, Batch, Engine, Rolled, empty_results
+from whiptool.rollout.batch import Batch, Engine, Rolled, empty_results
+from whiptool.rollout.interface import FASTEST
 from whiptool.rollout.native import NativeEngine
 
 _AT_ONCE = 64  # strikes whose steps are kept in memory

@@ -1,22 +1,57 @@
-"""What every rollout can do, and what follows from the states of a strike."""
+"""What every rollout of strikes does, be it compiled, the reference, or a rig, and how it steps."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.impedance.controller import Controller
-from whiptool.models.hand_space import HandPath, HandSpace, StrikeSpace
-from whiptool.models.kinematics import chain_motion
+from whiptool.models.hand_space import StrikeSpace
 from whiptool.models.parameters import Model
-from whiptool.models.strike import T_STAY, AnyStrike, JointSpace, StrikePath, checked_vectors
+from whiptool.models.strike import T_STAY, AnyStrike, JointSpace, checked_vectors
 from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
+
+SMALLEST_STEP, LARGEST_STEP = 1e-6, 0.01  # [s]; strikes need no smaller steps, and are not resolved by larger ones
+FINEST, COARSEST = 1e-9, 0.1  # [m], tolerances of a distance's error by integration
+MOST_STEPS = 2e6
+FASTEST = 1e4  # [rad/s], norm of all joint speeds; faster counts as diverged
+
+
+def time_grid(
+    duration: np.ndarray, *, timestep: float, control_period: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Return the time steps of B strikes that last `duration` seconds, (B,).
+
+    With a continuous controller all steps of a strike are equal and at most `timestep` [s]. With a control period, each
+    period is divided into equal steps, and the last step of the strike may be shorter.
+
+    Raises:
+        InputError: The number of steps is too large.
+
+    Returns:
+        Length of the steps and of the last step [s], (B,) each; number of steps, (B,); number of steps per control
+        period.
+    """
+    longest = float(np.max(duration, initial=0.0))
+    if longest / timestep > MOST_STEPS:
+        raise InputError(
+            "timestep", timestep, f"at most {MOST_STEPS:.0e} steps a strike", f"this strike lasts {longest:g} s"
+        )
+    if control_period is None:
+        steps = np.ceil(duration / timestep - 1e-9).astype(np.int64)
+        h = duration / steps
+        return h, h, steps, 1
+    hold = math.ceil(control_period / timestep - 1e-9)
+    h = np.full(len(duration), control_period / hold)
+    steps = np.ceil(duration / h - 1e-9).astype(np.int64)
+    return h, duration - (steps - 1) * h, steps, hold
+
 
 SLOPES = ("tip", "velocity", "effort", "max_torque")  # of which an outcome's columns hold derivatives by name
 
@@ -38,47 +73,6 @@ class ApproachSlopes:
     velocity: np.ndarray
     effort: np.ndarray
     max_torque: np.ndarray
-
-
-class States(NamedTuple):
-    """States of a strike at T instants, see `Trajectory`; `tip` is the tip's path and velocity, None: not known."""
-
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    tau: np.ndarray
-    diverged: bool = False
-    tip: tuple[np.ndarray, np.ndarray] | None = None
-
-
-def complete_trajectory(model: Model, controller: Controller, strike: StrikePath, states: States) -> Trajectory:
-    """Return the trajectory of given states, with references, gains and, unless given, the tip's path.
-
-    For control in hand space the gains are those in joint space, `J^T K J` and `J^T B J`.
-    """
-    t, q, v, tau, diverged, tip = states
-    a = model.arm.n
-    q_d, v_d, _ = strike.reference(t)
-    space = controller.strike_space(model.arm)
-    if isinstance(strike, HandPath) and isinstance(space, HandSpace) and not controller.prescribed:
-        K, B = _hand_gains(controller, strike, space, t, q[:, :a], v[:, :a])
-    else:
-        K, B = controller.law.gains(q_d - q[:, :a], v_d - v[:, :a])
-    if tip is None:
-        points, velocities = chain_motion(model, q, v)
-        tip = points[:, -1], velocities[:, -1]
-    return Trajectory(t, q, v, q_d, v_d, tau, K, B, *tip, diverged=diverged, names=model.coordinate_names)
-
-
-def _hand_gains(
-    controller: Controller, path: HandPath, space: HandSpace, t: np.ndarray, q: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Stiffness and damping (T, a, a) that an arm's joints (T, a) feel of a law of the hand's errors."""
-    hand = space.kinematics.motion(q)
-    J = space.kinematics.rows @ hand.jacobian
-    K, B = controller.law.gains(*path.errors(t, hand, np.einsum("tmj,tj->tm", J, v)))
-    back = np.swapaxes(J, 1, 2)
-    return back @ K @ J, back @ B @ J
 
 
 Strikes: TypeAlias = AnyStrike | Sequence[AnyStrike] | np.ndarray

@@ -17,8 +17,9 @@ import numpy as np
 from whiptool.dynamics.integrator import GAMMA, W_A, W_B, W_GAMMA, W_SECOND, W_STIFF
 from whiptool.dynamics.structure import outcome_columns, row_columns
 from whiptool.dynamics.system import System, along
-from whiptool.rollout.batch import FASTEST, Batch, Rolled, empty_results
+from whiptool.rollout.batch import Batch, Rolled, empty_results
 from whiptool.rollout.compiler import load_library
+from whiptool.rollout.interface import FASTEST
 
 _GROUPS = 8  # groups of lanes in one part at most
 

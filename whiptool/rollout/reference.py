@@ -28,8 +28,8 @@ from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike
 from whiptool.models.trajectory import Trajectory
-from whiptool.rollout.batch import FASTEST, LARGEST_STEP, SMALLEST_STEP, time_grid
-from whiptool.rollout.interface import Rollout, States, complete_trajectory
+from whiptool.rollout.completed import States, complete_trajectory
+from whiptool.rollout.interface import FASTEST, LARGEST_STEP, SMALLEST_STEP, Rollout, time_grid
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec
 

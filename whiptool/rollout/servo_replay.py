@@ -14,7 +14,7 @@ from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import check_turns
 from whiptool.models.trajectory import Trajectory
-from whiptool.rollout.batch import FASTEST
+from whiptool.rollout.interface import FASTEST
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout, control_callback
 

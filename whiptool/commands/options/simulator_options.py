@@ -36,7 +36,7 @@ class StepOptions(OptionGroup):
     def check(self) -> None:
         """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.numbers import number
-        from whiptool.rollout.batch import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
+        from whiptool.rollout.interface import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
 
         super().check()
         if self.timestep is not None:
