@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import io
 import json
 import math
+import os
 import re
 import stat
+import subprocess
+import sys
 import tomllib
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 import numpy as np
 from numpy.lib import format as npy
@@ -25,6 +29,8 @@ from whiptool.errors import InputError, WhiptoolError
 
 LARGEST = 2**31  # [bytes] of a file, and of what an NPZ file holds; video, which is streamed, may be larger
 LARGEST_TEXT = 2**26  # [bytes] of a file that is read as text
+PARSER_TIME, PARSER_MEMORY = 30, 4 << 30  # of a separate process: processor time [s], and address space [bytes]
+_REFUSED, _FAILED = 3, 4  # its exit status after an InputError, and after any other error
 _SIZES = npy.read_array_header_1_0, npy.read_array_header_2_0  # readers of an array's shape and type, by version
 
 
@@ -182,6 +188,66 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
         raise InputError(
             str(path), "a damaged or different file", f"a whole {kind} file", f"its parser says {reason}"
         ) from None
+
+
+def parsed_apart(path: Path, kind: str, parse: Callable[[str], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Parse a file in a separate process with bounds on time and memory, and return its arrays by name.
+
+    Parsers in C crash or never end on damaged bytes: of a few hundred randomly damaged files each, SciPy's reader of
+    MAT files and ezc3d end in some segmentation faults and some loops.
+
+    Args:
+        path: The file.
+        kind: Kind of file, for messages.
+        parse: Function of a module that returns arrays of numbers and texts for the path of a file.
+
+    Raises:
+        InputError: The file is damaged, has content that is not allowed, or takes too long or too much memory.
+    """
+    imports = f"from {__name__} import write_parsed; from {parse.__module__} import {parse.__name__} as parse"
+    code = f"import sys; sys.path[:] = {sys.path!r}; {imports}; write_parsed(parse)"
+    command = [sys.executable, "-c", code, str(path)]
+    threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each would take of the address space
+    try:
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            stdin=subprocess.DEVNULL,
+            timeout=4 * PARSER_TIME,
+            env={**os.environ, **threads},
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(str(path), "a file that its parser does not get through", f"a whole {kind} file") from None
+    said = done.stderr.decode("utf-8", "replace").strip().splitlines()
+    if done.returncode == _REFUSED and said:
+        raise InputError(*json.loads(said[-1])).within(f"{path}: ")
+    if done.returncode:
+        crashed = "crashes" if done.returncode < 0 else (said or ["nothing"])[-1][:160]
+        raise InputError(str(path), "a damaged or different file", f"a whole {kind} file", f"its parser says {crashed}")
+    with parsing(path, kind), np.load(io.BytesIO(done.stdout), allow_pickle=False) as data:
+        return {name: data[name] for name in data.files}
+
+
+def write_parsed(parse: Callable[[str], Mapping[str, np.ndarray]]) -> NoReturn:
+    """In the separate process: parse the file in the arguments, and write its arrays to stdout as NPZ."""
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_CPU, (PARSER_TIME, PARSER_TIME))
+    resource.setrlimit(resource.RLIMIT_AS, (PARSER_MEMORY, PARSER_MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    buffer = io.BytesIO()
+    try:
+        np.savez(buffer, allow_pickle=False, **parse(sys.argv[1]))
+    except InputError as error:
+        given = error.given if isinstance(error.given, (int, float, str, type(None))) else str(error.given)
+        print(json.dumps([error.name, given, error.allowed, error.fix]), file=sys.stderr)
+        sys.exit(_REFUSED)
+    except Exception as error:  # whatever a parser throws at damaged bytes
+        print(f"{type(error).__name__}: {error}".replace("\n", " "), file=sys.stderr)
+        sys.exit(_FAILED)
+    sys.stdout.buffer.write(buffer.getvalue())
+    sys.stdout.flush()
+    os._exit(0)  # what a parser left behind may crash on the way out
 
 
 def sha256(paths: Path | Iterable[Path]) -> str:

@@ -33,9 +33,9 @@ from papers.lemon2024.twin_strikes import (
 from whiptool import CompiledRollout, Plant, Strike, StrikeRecording, Trajectory, fit, similarity
 from whiptool.comparison import TargetScene
 from whiptool.errors import WhiptoolError
-from whiptool.identification.classes import Parameter
 from whiptool.identification.fit import FitOptions, RecordingFit, predict
 from whiptool.identification.similarity import Similarity
+from whiptool.identification.uncertainty import Parameter
 from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over

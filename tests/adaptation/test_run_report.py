@@ -19,10 +19,10 @@ from whiptool.adaptation.run_report import PANELS, SHOWN, _Number, lines, sectio
 from whiptool.adaptation.steps import Seen, Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.goals.target import Target
-from whiptool.identification.film_judgement import Judgement
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
+from whiptool.recording.filmed_approach import Judgement
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.viz.report import Picture, Section, Table, Text, to_html

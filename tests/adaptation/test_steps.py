@@ -12,11 +12,11 @@ from whiptool.adaptation.prior import Belief, default_prior
 from whiptool.adaptation.steps import _PACES, _SIZES, Seen, Step, Steps, judge, judge_seen, percent
 from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
-from whiptool.identification.film_judgement import Frames, Judgement, weigh
 from whiptool.impedance import Controller, oiac_preset
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import closest_on_segments
+from whiptool.recording.filmed_approach import Frames, Judgement, weigh
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 

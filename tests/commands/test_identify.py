@@ -365,7 +365,7 @@ def test_swings_in_different_planes_are_refused():
 def test_a_handle_that_is_not_tracked_is_refused_before_tracking(capsys, tmp_path, monkeypatch):
     """Images show the tip alone; a film need not even be readable to know that."""
     (tmp_path / "film.mkv").write_bytes(b"not looked at")
-    monkeypatch.setattr("whiptool.identification.gather.tracked", None)
+    monkeypatch.setattr("whiptool.identification.inputs.tracked", None)
     assert identify.main([str(tmp_path / "film.mkv"), "--drive", "handle", "--out", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err
     assert re.search(r"drive handle: .*the tip alone is tracked.*drive passive", said)
@@ -534,7 +534,7 @@ def test_videos_without_what_the_tracker_needs_are_refused(films, capsys, tmp_pa
 
 
 def test_a_recorded_camera_gives_the_frames_that_were_filmed(films):
-    from whiptool.vision.recorded import RecordedCamera
+    from whiptool.vision.film_files import RecordedCamera
     from whiptool.vision.source import FrameSource, frames_of
 
     video = open_video(films[0] / "film0.mkv")

@@ -14,7 +14,7 @@ from whiptool.commands import identify
 from whiptool.commands.identify import full_names
 from whiptool.errors import InputError
 from whiptool.identification import problem, solver
-from whiptool.identification.bare_arm import read_bare_arm, write_bare_arm
+from whiptool.identification.plant import read_bare_arm, write_bare_arm
 from whiptool.models.parameters import ArmLink
 
 TWO = pendulum((ArmLink(0.2, 0.2), ArmLink(0.1, 0.2, 0.09, 3e-4, 1e-4)), (1e-3, 0.0), 0.2, (0.0, 2e-3), 9.8)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from whiptool.identification.bare_arm import BareArm
-from whiptool.identification.plant import Plant
+from whiptool.identification.plant import BareArm, Plant
 from whiptool.identification.predict import Predictor
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.recording.strike_recording import StrikeRecording

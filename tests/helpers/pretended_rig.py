@@ -20,7 +20,7 @@ class Pretend:
         return self
 
     def judged(self, target):
-        from whiptool.identification.film_judgement import Judgement, Nearest
+        from whiptool.recording.filmed_approach import Judgement, Nearest
 
         return Judgement(0.5 / self.calls, 0.004, 1.0, Nearest(0.7, (1.0, 0.5), (3.0, 4.0)))
 

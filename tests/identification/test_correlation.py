@@ -177,4 +177,4 @@ def test_a_prior_counts_beside_errors_that_correlate(weight):
     whole = level * np.kron(np.eye(2), np.kron(frames, [[1, cross], [cross, 1]]))
     expected = gain @ (J.T @ whole @ J / variance**2 + prior.T @ prior) @ gain
     assert U.correlated
-    np.testing.assert_allclose(U.sandwich, expected, rtol=0.02)
+    np.testing.assert_allclose(U.stated, expected, rtol=0.02)

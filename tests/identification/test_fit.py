@@ -14,9 +14,9 @@ from scipy.stats import binom
 from whiptool.dynamics.directions import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.identification.fit import FitOptions, choose_nodes, fit
+from whiptool.identification.fit import FitOptions, best_nodes, fit
 from whiptool.identification.plant import Plant
-from whiptool.identification.sampling import Readings
+from whiptool.identification.readings import Samples
 from whiptool.identification.solver import Block, Ending, Loss, solve
 from whiptool.identification.variables import Prior
 from whiptool.impedance import OIAC, Controller
@@ -73,13 +73,13 @@ def test_readings_of_a_path():
     grid, at = np.arange(0, 1.001, 1e-3), np.array([-0.02, 0.1234, 0.777])
     path = np.stack([grid**3, np.sin(9 * grid)], axis=1)[:, None, :]  # one marker
     which, options = np.zeros(3, int), {"start": 0.0, "interval": 1e-3, "count": len(grid)}
-    sharp = Readings(at, exposure=0.0, **options)
+    sharp = Samples(at, exposure=0.0, **options)
     later = np.maximum(at, 0)
     np.testing.assert_allclose(sharp.value(path, which), np.stack([later**3, np.sin(9 * later)], axis=1), atol=1e-12)
     rates = np.stack([3 * later**2, 9 * np.cos(9 * later)], axis=1) * (at > 0)[:, None]
     np.testing.assert_allclose(sharp.velocity(path, which), rates, atol=1e-8)
     e = 0.02
-    blurred = Readings(at, exposure=e, **options).value(path, which)[1:]
+    blurred = Samples(at, exposure=e, **options).value(path, which)[1:]
     mean = [((t + e / 2) ** 4 - (t - e / 2) ** 4) / (4 * e) for t in at[1:]]
     np.testing.assert_allclose(blurred[:, 0], mean, atol=1e-12)
 
@@ -310,8 +310,9 @@ def test_the_number_of_nodes_is_chosen_by_what_was_held_out():
     """A whip of 12 nodes, filmed with 1 mm of noise, is not taken for one of 5; its total length stays."""
     rng = np.random.default_rng(9)
     films = [film(LEMON, v, rng, sigma=1e-3) for v in STRIKES[:4]]
-    N, fits = choose_nodes(films[:3], Plant(LEMON, CONTROLLER), FREE, [5, 12], held_out=films[3:])
-    assert N == 12
+    plant = Plant(LEMON, CONTROLLER)
+    fits = {N: fit(films[:3], plant.with_nodes(N), FREE, held_out=films[3:]) for N in (5, 12)}
+    assert best_nodes(fits) == 12
     assert fits[5].plant.model.whip.length == pytest.approx(LEMON.whip.length)
     assert fits[5].held_out[0].chi > 1.5 * fits[12].held_out[0].chi
 

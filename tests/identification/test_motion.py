@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.interpolate import make_lsq_spline
+from scipy.signal import lsim
+from space_films import ROBOT, STRIKES
 
 from whiptool.errors import InputError
+from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.motion import (
     HANDLE_JERK,
     JOINT_JERK,
@@ -14,13 +17,52 @@ from whiptool.identification.motion import (
     SHORTEST,
     HandleMotion,
     JointMotion,
+    LaggedReference,
     SmoothSpline,
     SpatialJointMotion,
     StillMotion,
+    _lagging,
+    check_covers,
     cross_validated,
 )
+from whiptool.identification.plant import Plant
+from whiptool.identification.predict import Predictor
+from whiptool.impedance import Controller
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.models.presets import preset
+from whiptool.models.strike import Strike
+from whiptool.recording.strike_recording import StrikeRecording
+
+T = np.arange(-0.1, 1.2, 0.008)
+Q = np.stack([np.clip(T, 0, 0.6) * 1.5, -np.clip(T, 0, 0.6)], axis=1)
+
+
+def log(which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return T[which], Q[which]
+
+
+@pytest.mark.parametrize(
+    ("which", "said"),
+    [
+        ((T < 0.3) | (T > 0.5), r"a hole of 0\.20\d s from 0\.\d+ s, in which a joint moved by 0\.3"),
+        (T > 0.2, r"a start at 0\.20\d s, with the arm moving; readings from 0\.000 s"),
+        (T < 0.4, r"an end at 0\.39\d s; readings to 1\.000 s"),
+        (T < 0.85, r"an end at 0\.84\d s; readings to 1\.000 s"),
+    ],
+)
+def test_what_would_have_to_be_guessed_is_refused(which, said):
+    with pytest.raises(InputError, match=f"^s.csv: joints: got .*{said}"):
+        check_covers("s.csv: joints", *log(which), 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    "which",
+    [T < 2, T > -0.05, T < 1.0, (T < 0.7) | (T > 0.95), np.arange(len(T)) % 4 == 0, np.arange(len(T)) % 30 != 5],
+)
+def test_a_log_that_tells_the_motion_passes(which):
+    """Also with a hole while the arm stands, a sample lost here and there, or samples that are rare."""
+    check_covers("s.csv: joints", *log(which), 0.0, 1.0)
+
 
 ARM = ArmParameters(tuple(ArmLink(mass=0.3, length=x) for x in (0.4, 0.3, 0.2)))
 I = np.linspace(0.0, 1.0, 201)
@@ -272,3 +314,59 @@ def test_the_error_that_is_minimised_is_that_of_samples_left_out():
     chosen = cross_validated(t, q, np.full(1, 3e-2), jerk=JOINT_JERK, at_rest=False)
     assert left_out[3 / 30] < left_out[1 / 30]
     assert chosen > 1.4 / 30
+
+
+@pytest.mark.parametrize("lag", [1e-4, 0.02, 0.3])
+def test_what_lags_is_what_a_filter_leaves(lag):
+    """And its rates are those of differences, before and after the reference's end."""
+    t, D = np.linspace(0, 1.2, 120_001), 0.6
+    reference = Strike((0.0,), (1.0,), D).reference(t)[0][:, 0]
+    found = _lagging(t, D, lag)
+    filtered = lsim(([1.0], [lag, 1.0]), reference, t)[1]
+    np.testing.assert_allclose(found[0], filtered, atol=2e-8)
+    smooth = np.abs(t - D) > 2e-5
+    for i in (0, 1):
+        rate = np.gradient(found[i], t)
+        np.testing.assert_allclose(found[i + 1][smooth], rate[smooth], atol=2e-4 * np.abs(found[i + 1]).max())
+
+
+def test_the_hand_moves_with_the_lag_as_differences_say():
+    motion = LaggedReference(STRIKES[0], ROBOT.arm, np.linspace(0, 0.9, 901))
+    for lag in (0.03, -0.03):
+        moved = motion.at(np.array([lag]))
+        up, down = motion.at(np.array([lag + 1e-6])), motion.at(np.array([lag - 1e-6]))
+        for name in ("inputs", "place"):
+            slope = (getattr(up, name) - getattr(down, name)) / 2e-6
+            found = getattr(moved, f"d_{name}")[0]
+            np.testing.assert_allclose(found, slope, atol=1e-5 * np.abs(slope).max())
+    np.testing.assert_allclose(motion.at(np.array([0.03])).inputs, motion.at(np.array([-0.03])).inputs)
+
+
+def test_a_whip_and_its_robots_lag_come_back_from_the_command_alone():
+    """No log of the joints: 1 mm at the tip, 120 frames a second, a lag of 35 ms; the command alone would not do."""
+    plant, rng = Plant(ROBOT, Controller()), np.random.default_rng(0)
+    t = np.arange(0, 1.1, 1 / 120)
+    empty = [StrikeRecording(t, np.zeros((len(t), 1, 3)), ("tip",), strike=s) for s in STRIKES]
+    simulated = Predictor(empty, plant, drive="robot", shared=["whip.k"])
+    paths = simulated(plant, {}, [np.array([0.035])] * 2, derivatives=False)
+    films = [
+        StrikeRecording(t, p.value.reshape(-1, 1, 3) + 1e-3 * rng.standard_normal((len(t), 1, 3)), ("tip",), strike=s)
+        for p, s in zip(paths, STRIKES, strict=True)
+    ]
+    found = fit(films, plant.changed({"whip.k": 0.06, "whip.b": 0.005}), ["k", "b"], options=FitOptions(drive="robot"))
+    for name, true in {"whip.k": 0.05, "whip.b": 0.004}.items():
+        low, high = found[name].interval
+        assert low <= true <= high
+        assert high - low < 0.3 * true
+    lags = [r.own["lag[0]"] for r in found.recordings]
+    np.testing.assert_allclose(lags, 0.035, atol=1e-3)
+    assert found.misfit == pytest.approx(1, abs=0.1)
+
+
+def test_a_robot_in_space_has_a_command():
+    t = np.arange(0, 1, 0.02)
+    nothing = StrikeRecording(t, np.zeros((len(t), 1, 3)), ("tip",))
+    with pytest.raises(InputError, match="one with its strike's command"):
+        Predictor([nothing], Plant(ROBOT, Controller()), drive="robot", shared=["whip.k"])
+    with pytest.raises(InputError, match="for a model in the plane"):
+        Predictor([nothing], Plant(preset("lemon2024"), Controller()), drive="robot", shared=["whip.k"])

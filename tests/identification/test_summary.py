@@ -12,14 +12,12 @@ from pendulum_swing import angles_of, pendulum
 from scipy.stats import t as student
 
 from whiptool.identification import summary
-from whiptool.identification.classes import Parameter
 from whiptool.identification.correlation import Autoregression
-from whiptool.identification.parameter_units import unit_of
 from whiptool.identification.results import Fit, FittedStart, RecordingFit, root_mean_square
 from whiptool.identification.similarity import similarity
 from whiptool.identification.solver import Ending, Solution
-from whiptool.identification.uncertainty import Uncertainty
-from whiptool.identification.variables import Variable, variable
+from whiptool.identification.uncertainty import Parameter, Uncertainty
+from whiptool.identification.variables import Variable, unit_of, variable
 from whiptool.models.parameters import ArmLink
 from whiptool.recording.camera import Camera
 from whiptool.recording.strike_recording import StrikeRecording
@@ -49,7 +47,7 @@ def seen(variables: list[Variable], z: list[float], rows: list[list[float]], uni
         condition_number=math.inf,
         residual_variance=1.21,
         freedom=12.0,
-        sandwich=covariance,
+        stated=covariance,
         whiteness=math.nan,
         errors=INDEPENDENT,
     )

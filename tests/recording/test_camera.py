@@ -15,9 +15,9 @@ from whiptool.recording.camera import (
     looking_at,
     pinhole,
     read_cameras,
+    to_plane,
     write_cameras,
 )
-from whiptool.recording.homography import to_plane
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")
 RNG = np.random.default_rng(3)

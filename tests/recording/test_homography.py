@@ -8,12 +8,12 @@ from recordings import H, to_pixels
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import to_plane
 from whiptool.recording.homography import (
     checked_homography,
     homography_from_points,
     homography_from_scale,
     metres_per_pixel,
-    to_plane,
 )
 
 INTRINSIC = np.array([[600.0, 0, 320.0], [0, 620.0, 240.0], [0, 0, 1.0]])

@@ -539,7 +539,7 @@ class Nobody(io.StringIO):
 )
 def test_what_is_not_there_is_refused_before_a_question(place, camera, said, port, tmp_path, monkeypatch, capsys):
     sdk = SimpleNamespace(context=lambda: SimpleNamespace(query_devices=list), camera_info=None)
-    monkeypatch.setattr("whiptool.vision.realsense.realsense", lambda: sdk)
+    monkeypatch.setattr("whiptool.vision.source.realsense", lambda: sdk)
     monkeypatch.setattr(sys, "stdin", Nobody())
     words = ["strike", "--port", place or port, "--camera", camera, *STRUCK]
     assert command.main([*words, "--out", str(tmp_path / "run")]) == 2

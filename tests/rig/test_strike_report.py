@@ -12,9 +12,9 @@ import pytest
 from fallen_tip import cycles, struck
 
 from whiptool.goals.target import Target
-from whiptool.identification.film_judgement import Frames, Judgement, judge_frames
 from whiptool.limits.motor_limits import XM430
 from whiptool.models import preset
+from whiptool.recording.filmed_approach import Frames, Judgement, judge_frames
 from whiptool.rig import session
 from whiptool.rig.control_loop import Run
 from whiptool.rig.cyclelog import Phase

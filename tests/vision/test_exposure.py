@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from space_films import LEFT, by_opencv
 
-from whiptool.recording.camera import before_plane, camera_preset
-from whiptool.vision.exposure import expose, measurement_sigma
+from whiptool.recording.camera import BASELINE, SUBPIXEL, before_plane, camera_preset
+from whiptool.vision.exposure import (
+    expose,
+    measurement_sigma,
+    stereo_depth,
+)
 
 TURN = Rotation.from_rotvec((0.15, -0.25, 0.1)).as_matrix()
 PLAIN = camera_preset("d435-color")  # 3.5 m before the plane, looking straight at it
@@ -82,3 +89,43 @@ def test_errors_have_a_floor_and_a_share_of_the_blur():
         blur = 20.0 * settings.exposure * metre
         assert measurement_sigma(settings, 0.0) * metre == pytest.approx(0.04)
         assert measurement_sigma(settings, 20.0) * metre == pytest.approx(np.sqrt(0.04**2 + (0.004 * blur) ** 2))
+
+
+FOCAL = LEFT.focal_lengths[0]
+
+
+def seen_by_a_pair(depth: float, count: int = 40_000) -> np.ndarray:
+    """Depths [m] of a point before two cameras 50 mm apart, whose pixels err by 0.08 together, from their disparity."""
+    left = dataclasses.replace(LEFT, distortion=())
+    right = dataclasses.replace(left, position=left.position + 0.05 * left.rotation[0])
+    place = left.position + left.rotation.T @ np.array([0.1, -0.2, 1.0]) * depth
+    u = [by_opencv(camera, place[None])[0, 0] for camera in (left, right)]
+    assert u[0] > u[1]
+    errors = np.random.default_rng(0).normal(0, 0.08 / np.sqrt(2), (2, count))
+    return FOCAL * 0.05 / ((u[0] + errors[0]) - (u[1] + errors[1]))
+
+
+@pytest.mark.parametrize("depth", [0.8, 1.6, 3.2])
+def test_the_error_is_that_of_a_pair_of_cameras(depth):
+    measured = seen_by_a_pair(depth)
+    assert LEFT.depth_error(depth) == pytest.approx(measured.std(), rel=0.02)
+    assert LEFT.depth_error(depth) == pytest.approx(depth**2 * 0.08 / (430.0 * 0.05))
+    simulated = stereo_depth(LEFT, np.full(40_000, depth), np.random.default_rng(1))
+    np.testing.assert_allclose(
+        np.quantile(simulated, [0.02, 0.5, 0.98]), np.quantile(measured, [0.02, 0.5, 0.98]), rtol=2e-3
+    )
+
+
+def test_the_error_shrinks_with_a_longer_baseline_and_finer_disparity():
+    usual = LEFT.depth_error(2.0)
+    assert (BASELINE, SUBPIXEL) == (0.05, 0.08)
+    assert LEFT.depth_error(2.0, baseline=0.1) == pytest.approx(usual / 2)
+    assert LEFT.depth_error(2.0, subpixel=0.02) == pytest.approx(usual / 4)
+
+
+def test_what_is_too_far_or_was_not_there_has_no_depth():
+    """At 300 m the disparity is less than its error."""
+    found = stereo_depth(LEFT, np.array([np.nan, *np.full(200, 300.0)]), np.random.default_rng(0))
+    assert np.isnan(found[0])
+    assert 0.1 < np.mean(found[1:] == 0) < 0.4
+    assert (found[1:] >= 0).all()

@@ -12,8 +12,7 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike, default_bounds
-from whiptool.recording.camera import CAMERAS, before_plane, camera_preset
-from whiptool.recording.homography import to_plane
+from whiptool.recording.camera import CAMERAS, before_plane, camera_preset, to_plane
 from whiptool.rollout import CompiledRollout
 from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame, FrameSource, frames_of

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.recording.camera import Camera, looking_at
-from whiptool.vision.boards import CharucoBoard, Corners
+from whiptool.vision.calibration import CharucoBoard, Corners
 from whiptool.vision.space_calibration import Lens, Pose, agree, calibrate_cameras, calibrate_lens
 
 cv2 = pytest.importorskip("cv2", reason="needs the extra `vision`")

@@ -14,7 +14,6 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.strike import Strike
-from whiptool.recording.depth_noise import depth_error
 from whiptool.rollout import CompiledRollout
 from whiptool.vision.tracking import track_view
 
@@ -80,7 +79,7 @@ def test_the_tip_is_followed_while_it_nears_and_moves_away(camera, path):
     assert true.min() >= depth.min() - 1e-12
     assert true.max() <= depth.max() + 1e-12
     measured = dataclasses.replace(recording, depth=virtual.depths(np.random.default_rng(1)))
-    off = (measured.depth[:, 0] - true) / depth_error(true, camera.focal_lengths[0])
+    off = (measured.depth[:, 0] - true) / camera.depth_error(true)
     assert np.isfinite(measured.depth).mean() > 0.9
     assert np.nanstd(off) == pytest.approx(1.0, abs=0.35)
     assert recording.view.name == camera.name

@@ -13,14 +13,16 @@ from whiptool.errors import InputError
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.models.strike import default_bounds
-from whiptool.recording.camera import CAMERAS, before_plane, camera_preset
-from whiptool.recording.homography import to_plane
-from whiptool.recording.lens import undistort
+from whiptool.recording.camera import CAMERAS, before_plane, camera_preset, to_plane, undistort
 from whiptool.rollout import CompiledRollout
-from whiptool.vision.boards import Checkerboard, find_checkerboard
-from whiptool.vision.calibration import PlaneCalibration, calibrate_board, calibrate_points
-from whiptool.vision.marker_motion import MotionFilter
-from whiptool.vision.marker_tracker import SURE, MarkerTracker
+from whiptool.vision.calibration import (
+    Checkerboard,
+    PlaneCalibration,
+    calibrate_board,
+    calibrate_points,
+    find_checkerboard,
+)
+from whiptool.vision.marker_tracker import SURE, MarkerTracker, MotionFilter
 from whiptool.vision.markers import TIP_MARKERS, Marker
 from whiptool.vision.source import Frame, frames_of
 from whiptool.vision.tracking import median_image, track

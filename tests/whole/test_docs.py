@@ -185,7 +185,7 @@ def test_every_key_of_a_sidecar_is_documented():
 
 
 def test_every_key_of_a_pendulum_and_its_swings_is_documented():
-    from whiptool.identification.bare_arm import EACH, SHARED
+    from whiptool.identification.plant import EACH, SHARED
     from whiptool.models.parameters import ArmParameters
     from whiptool.recording.readers.angles import SIDECAR
 

@@ -21,7 +21,7 @@ from papers.finished_comparison import read_run
 from whiptool.comparison.search_unit import StrikeLibrary
 from whiptool.errors import InputError
 from whiptool.goals.zone import Region
-from whiptool.identification.bare_arm import read_bare_arm
+from whiptool.identification.plant import read_bare_arm
 from whiptool.impedance.controller import read_controller
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.recording.camera import read_cameras

@@ -46,7 +46,7 @@ def test_a_camera_that_was_moved_by_a_hand_is_told(bench):
 
     from scipy.spatial.transform import Rotation
 
-    from whiptool.vision.track_agreement import disagreements
+    from whiptool.vision.multi_view import disagreements
 
     left, right = cameras.seen(bench.paths[0], cameras.STRIKES[0], np.random.default_rng(0))
     assert disagreements([left, right]) == []

@@ -23,13 +23,13 @@ from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target
 from whiptool.identification.beginnings import check_beginnings
-from whiptool.identification.film_judgement import Judgement
 from whiptool.identification.inputs import check_controllers
 from whiptool.identification.predict import Predictor
 from whiptool.limits.all_limits import Given
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.recording.filmed_approach import Judgement
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 

@@ -212,10 +212,10 @@ class RobotPort:
 
         Raises:
             InputError: A file cannot be read, or the files are not of one strike, see
-                `whiptool.vision.strike_in_space.strike_in_space`.
+                `whiptool.vision.multi_view.strike_in_space`.
         """
-        from whiptool.identification.gather import opened, tracked
-        from whiptool.vision.strike_in_space import strike_in_space
+        from whiptool.identification.inputs import opened, tracked
+        from whiptool.vision.multi_view import strike_in_space
 
         found = [opened(str(file), cameras=cameras) for file in files]
         views = [tracked(one, name=file.name)[0] for one, file in zip(found, files, strict=True)]

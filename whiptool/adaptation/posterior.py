@@ -14,9 +14,9 @@ from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, FitOptions, fit
-from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.identification.readings import PLACED
 from whiptool.recording.filmed_approach import nearest_frame
 from whiptool.recording.labels import check_labels
 from whiptool.recording.strike_recording import StrikeRecording

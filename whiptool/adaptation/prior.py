@@ -16,9 +16,9 @@ from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError, expect
 from whiptool.given_files import read_toml
 from whiptool.identification.inputs import profile_of
-from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Plant, units
-from whiptool.identification.variables import Prior, Variable, variable
+from whiptool.identification.plant import Plant
+from whiptool.identification.readings import NEUTRAL
+from whiptool.identification.variables import Prior, Variable, units, variable
 from whiptool.impedance import Controller
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
@@ -115,7 +115,7 @@ class Belief:
     def variables(self) -> list[Variable]:
         """The solver's variable of each parameter: its scale and bounds."""
         known = {**self.plant.values(), **NEUTRAL}
-        unit_of = units(self.plant, self.names)
+        unit_of = units(self.plant.model.arm, self.plant.controller, self.names)
         return [variable(name, known[name], unit=unit_of[name]) for name in self.names]
 
     def values(self, z: np.ndarray | None = None) -> dict[str, float]:

@@ -18,7 +18,7 @@ from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
 from whiptool.goals.goals import CLAIMED
 from whiptool.goals.target import Target
-from whiptool.identification.parameter_units import with_unit
+from whiptool.identification.variables import with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.filmed_approach import approach_seen
 from whiptool.rollout.compiled import CompiledRollout

@@ -2,7 +2,7 @@
 
 The probability that a strike hit combines the posterior of the whip and the camera's frames. The path of the tip is
 that of a whip drawn from the posterior plus a discrepancy, which is large if the frames contradict the whip; see
-`whiptool.identification.film_judgement`.
+`whiptool.recording.filmed_approach`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.identification.film_judgement import RATE, Judgement, frames_of, judge_frames, weigh
 from whiptool.models.strike import Strike
-from whiptool.recording.filmed_approach import approach_seen
+from whiptool.recording.filmed_approach import RATE, Judgement, approach_seen, frames_of, judge_frames, weigh
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 

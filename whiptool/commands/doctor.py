@@ -80,7 +80,7 @@ def _extra(extra: str, names: Iterable[str]) -> Finding:
 def _camera() -> list[Finding]:
     """Whether what is installed for the RealSense camera loads: its wheel does not hold the USB library."""
     from whiptool.errors import InputError
-    from whiptool.vision.realsense import realsense
+    from whiptool.vision.source import realsense
 
     if _version("pyrealsense2") is None:
         return []

@@ -41,8 +41,8 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
             one.
     """
     from whiptool.dynamics.directions import LUMPED
-    from whiptool.identification.bare_arm import BareArm
     from whiptool.identification.inputs import full_name, names_of
+    from whiptool.identification.plant import BareArm
 
     found, known = [], plant.values()
     for name in names:
@@ -63,8 +63,7 @@ class FitRun:
     """One identification: everything is checked before anything is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
-        from whiptool.identification.gather import each_episode
-        from whiptool.identification.inputs import read_prior, split
+        from whiptool.identification.inputs import each_episode, read_prior, split
         from whiptool.identification.plant import Plant
         from whiptool.identification.problem import HUBER, FitOptions
         from whiptool.runs import code_version
@@ -122,8 +121,7 @@ class FitRun:
 
     def _gather(self, names: list[str], held_out: list[str]) -> Controller | None:
         """Read or track all recordings, and find their plane; the controller that they hold."""
-        from whiptool.identification.gather import may_be_filmed, opened, tracked
-        from whiptool.identification.inputs import common_controller, read_marker
+        from whiptool.identification.inputs import common_controller, may_be_filmed, opened, read_marker, tracked
         from whiptool.recording.strike_plane import check_one_plane, fit_plane
 
         tip = read_marker(self.options.tip)
@@ -165,7 +163,7 @@ class FitRun:
 
     def _cameras(self, names: list[str]) -> Path | None:
         """The file of the cameras, if it was given and a recording is in pixels or a film."""
-        from whiptool.identification.gather import in_pixels, may_be_filmed
+        from whiptool.identification.inputs import in_pixels, may_be_filmed
 
         if self.options.cameras is None:
             return None
@@ -177,8 +175,8 @@ class FitRun:
     def _check_fit(self) -> None:
         """Refuse what the fit would refuse, before it begins."""
         from whiptool.identification.beginnings import check_beginnings
-        from whiptool.identification.placement import NEUTRAL
         from whiptool.identification.predict import Predictor
+        from whiptool.identification.readings import NEUTRAL
         from whiptool.identification.variables import variables_of
 
         nodes = self.options.nodes
@@ -276,7 +274,7 @@ class FitRun:
 
     def report(self, folder: RunFolder) -> int:
         """Write the fit and print it, then draw the report."""
-        from whiptool.identification.bare_arm import write_bare_arm
+        from whiptool.identification.plant import write_bare_arm
         from whiptool.models.files import write_model
 
         plant, path = self.found.plant, folder.path
@@ -405,7 +403,7 @@ def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:
     Raises:
         InputError: Two of them do not agree about where the markers were.
     """
-    from whiptool.vision.track_agreement import disagreements, moved
+    from whiptool.vision.multi_view import disagreements, moved
 
     if not (found := disagreements(recordings)):
         return

@@ -15,9 +15,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.placement import PLACED
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.identification.readings import PLACED
 from whiptool.models.parameters import AnyArm
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 

@@ -86,6 +86,11 @@ class Autoregression:
             known.append(float(self.coefficients @ known[: -p - 1 : -1]) if p else 0.0)
         return np.array(known[:count])
 
+    def independent(self, freedom: float, grids: Sequence[Grid]) -> float:
+        """Return the degrees of freedom of as many errors as `freedom` says that correlate along grids; at least 1."""
+        correlations = self.correlations(max(grid.frames for grid in grids))
+        return max(freedom / (2 * float(correlations @ correlations) - 1), 1.0)
+
 
 WHITE = Autoregression(np.zeros(0), np.ones(1), 1.0)
 

@@ -20,11 +20,16 @@ from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_pos
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
-from whiptool.identification.bare_arm import BareArm
-from whiptool.identification.lagged_motion import LaggedReference
-from whiptool.identification.log_gaps import check_covers
-from whiptool.identification.motion import BaseMotion, HandleMotion, JointMotion, SpatialJointMotion, StillMotion
-from whiptool.identification.plant import Plant, Quantities
+from whiptool.identification.motion import (
+    BaseMotion,
+    HandleMotion,
+    JointMotion,
+    LaggedReference,
+    SpatialJointMotion,
+    StillMotion,
+    check_covers,
+)
+from whiptool.identification.plant import BareArm, Plant, Quantities
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_trajectory import hand_joints
 from whiptool.models.parameters import Model

@@ -8,17 +8,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from whiptool.errors import InputError, expect
-from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.beginnings import check_beginnings
-from whiptool.identification.classes import classify
 from whiptool.identification.inputs import check_controllers, common_controller, full_name
-from whiptool.identification.placement import NEUTRAL
-from whiptool.identification.plant import Plant, units
+from whiptool.identification.plant import BareArm, Plant
 from whiptool.identification.problem import FitOptions, Problem
+from whiptool.identification.readings import NEUTRAL
 from whiptool.identification.results import Fit, FittedStart, RecordingFit, is_explained, judge_starts
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import DOUBT, ClockFault
-from whiptool.identification.variables import variables_of
+from whiptool.identification.uncertainty import classify
+from whiptool.identification.variables import units, variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
@@ -27,7 +26,7 @@ from whiptool.words import counted
 
 _KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
-__all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "choose_nodes", "fit", "predict"]
+__all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "fit", "predict"]
 
 
 def fit(
@@ -67,7 +66,9 @@ def fit(
     free = [full_name(name, plant) for name in free]
     if options.check and options.drive == "command" and plant.controller is not None:
         check_controllers([*recordings, *held_out], plant.controller, free=free)
-    variables = variables_of({**plant.values(), **NEUTRAL}, free, options.bounds, units(plant, free))
+    variables = variables_of(
+        {**plant.values(), **NEUTRAL}, free, options.bounds, units(plant.model.arm, plant.controller, free)
+    )
     problem = Problem(recordings, plant, free, variables, options)
     remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
     starts = _starts(problem)
@@ -236,32 +237,6 @@ def predict(
         if x.all():
             raise InputError("held-out recording", recording.source, "a recording whose last frames also show the whip")
     return problem.compare(problem.solve(z, fixed=True, known=known), known)
-
-
-def choose_nodes(
-    recordings: Sequence[StrikeRecording],
-    plant: Plant,
-    free: Sequence[str],
-    nodes: Sequence[int],
-    *,
-    held_out: Sequence[StrikeRecording],
-    options: FitOptions | None = None,
-) -> tuple[int, dict[int, Fit]]:
-    """Return the number of nodes that predicts held-out recordings best, and the fits by number of nodes.
-
-    Args:
-        recordings, plant, free, held_out, options: As for `fit`; the plant's whip is divided again for each number.
-        nodes: Numbers of nodes to try.
-
-    Raises:
-        InputError: No recordings are held out, or no numbers of nodes are given.
-    """
-    if not nodes:
-        raise InputError("nodes", list(nodes), "one or more numbers of nodes to try", "such as [8, 12, 16]")
-    if not held_out:
-        raise InputError("held_out", list(held_out), "one or more recordings, whose errors choose the number of nodes")
-    fits = {N: fit(recordings, plant.with_nodes(N), free, held_out=held_out, options=options) for N in nodes}
-    return best_nodes(fits), fits
 
 
 def best_nodes(fits: Mapping[int, Fit]) -> int:

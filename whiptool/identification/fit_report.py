@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.typing import HashableList
 
-from whiptool.identification.parameter_units import with_unit
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.summary import (
@@ -25,6 +24,7 @@ from whiptool.identification.summary import (
     tip_paths,
     warning,
 )
+from whiptool.identification.variables import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text

@@ -12,6 +12,43 @@ from scipy.interpolate import BSpline
 from whiptool.dynamics.swing import BASE, SPATIAL_BASE, hand_motion
 from whiptool.errors import InputError
 from whiptool.models.parameters import AnyArm
+from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.strike import Strike
+
+_HOLE = 0.04  # [s] between samples, and four times the usual; the motion in a longer gap is unknown
+_MOVED = 0.02  # [rad], [m] over a hole, or in so many seconds: less is not a motion
+_SHORT = 0.05  # [s] in which speed is judged
+_AT_REST = 0.1  # [s] that a log may end before the last reading, if the arm stands
+
+
+def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: float) -> None:
+    """Refuse a log of joints or of a hand that does not cover the whole motion.
+
+    Args:
+        name: Name of the log, for messages.
+        t, q: Times (S,) [s] and samples (S, a) [rad or m] of the log.
+        first, last: Times of the first and last reading to predict [s].
+
+    Raises:
+        InputError: The log has a gap while the arm moves, starts late or ends early.
+    """
+    usual = max(_HOLE, 4 * float(np.median(np.diff(t))))
+    gaps, moved = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
+    for i in np.flatnonzero((gaps > usual) & (moved > _MOVED) & (t[1:] > first) & (t[:-1] < last)):
+        given = f"a hole of {gaps[i]:.3g} s from {t[i]:.3f} s, in which a joint moved by {moved[i]:.2g}"
+        raise InputError(name, given, "no hole while the arm moves", "cut the recording before it, or record it again")
+    rule, fix = "a log from rest, to the last reading", "cut the recording to what the log holds, or record it again"
+    if t[0] > first + usual and _moves(q, t <= t[0] + _SHORT):
+        raise InputError(name, f"a start at {t[0]:.3f} s, with the arm moving; readings from {first:.3f} s", rule, fix)
+    early = last - t[-1]
+    if early > _AT_REST or (early > usual and _moves(q, t >= t[-1] - _SHORT)):
+        raise InputError(name, f"an end at {t[-1]:.3f} s; readings to {last:.3f} s", rule, fix)
+
+
+def _moves(q: np.ndarray, which: np.ndarray) -> bool:
+    """Whether a joint moves in a short span, by more than a log's noise."""
+    return bool(np.ptp(q[which], axis=0).max(initial=0.0) > _MOVED)
+
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
@@ -325,3 +362,59 @@ class SpatialJointMotion(MeasuredJoints):
         d_q_i, width = np.kron(B[0, :1].T, np.eye(a)), found.inputs.shape[1]
         d_inputs = np.ascontiguousarray(changes[..., :width])
         return Moved(found.inputs, d_inputs, found.place, changes[..., width:], B[0, 0] @ joints, d_q_i)
+
+
+USUAL, SPREAD = 0.02, 0.05  # [s] a lag a priori, and its standard error: industrial arms lag by 5 to 50 ms
+_LEAST = 1e-5  # [s]
+_STEP = 1e-20  # of a complex number's imaginary part: derivatives without a difference
+_QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t / D
+
+
+class LaggedReference:
+    """Motion of joints that follow a strike's reference with a first-order lag, `lag dq/dt = reference - q`, in closed
+    form.
+
+    Args:
+        strike: The command in joint space.
+        arm: Arm with a joints, in space.
+        instants: Times at which the hand's motion is computed [s], (I,), not below 0.
+
+    Attributes:
+        start, rows, mean: As of a `BaseMotion`; the one coefficient is the lag [s].
+    """
+
+    def __init__(self, strike: Strike, arm: SpatialArm, instants: np.ndarray) -> None:
+        self._strike, self._arm, self._t = strike, arm, instants
+        self.start = np.array([USUAL])
+        self.rows, self.mean = np.array([[1 / SPREAD]]), np.array([USUAL / SPREAD])
+
+    def at(self, c: np.ndarray) -> Moved:
+        """Return the motion for a lag c (1,) [s]; the sign of c is ignored."""
+        sign, lag = (-1.0 if c[0] < 0 else 1.0), max(abs(float(c[0])), _LEAST)
+        share = _lagging(self._t, self._strike.D, lag + 1j * _STEP)  # (3, I)
+        span = np.subtract(self._strike.q_f, self._strike.q_i)
+        joints = share.real[..., None] * span  # (3, I, a)
+        by_lag = sign * share.imag[..., None] / _STEP * span
+        found = hand_motion(self._arm, joints[0] + self._strike.q_i, joints[1], joints[2])
+        moved = np.einsum("ioka,kia->io", found.by_joints, by_lag)[None]  # (1, I, 24)
+        width = found.inputs.shape[1]
+        d_inputs, d_q_i = np.ascontiguousarray(moved[..., :width]), np.zeros((1, self._arm.n))
+        return Moved(found.inputs, d_inputs, found.place, moved[..., width:], np.array(self._strike.q_i), d_q_i)
+
+
+def _lagging(t: np.ndarray, D: float, lag: complex) -> np.ndarray:
+    """Return how far of its way from q_i to q_f a joint is at times t (I,), and its first and second rates, (3, I).
+
+    While the reference is a polynomial, so is what follows it, except a part that fades: the sum of the reference's
+    derivatives times powers of -lag, less its value at the start.
+    """
+    powers = np.arange(len(_QUINTIC))
+    polynomial = np.polynomial.Polynomial(_QUINTIC / D**powers)
+    following = sum(((-lag) ** k * polynomial.deriv(k) for k in powers), np.polynomial.Polynomial([0.0]))
+    rates = [following, following.deriv(), following.deriv(2)]
+    s, over = np.minimum(t, D), np.maximum(t - D, 0.0)
+    fading = np.exp(-s / lag)
+    moving = [rate(s) - rates[0](0.0) * (-1 / lag) ** i * fading for i, rate in enumerate(rates)]
+    left = (moving[0] - 1) * np.exp(-over / lag)  # behind the end of the way
+    after = [1 + left, -left / lag, left / lag**2]
+    return np.where(t <= D, np.stack(moving), np.stack(after))

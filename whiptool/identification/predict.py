@@ -9,12 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.bare_arm import BareArm
 from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive, unknown_markers
-from whiptool.identification.placement import NEUTRAL, NUISANCE, NUISANCE_IN, by_placement, carried, placed
-from whiptool.identification.plant import Plant, slopes
-from whiptool.identification.sampling import Readings
-from whiptool.recording.camera import Camera
+from whiptool.identification.plant import BareArm, Plant, slopes
+from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
@@ -243,7 +240,7 @@ class Predictor:
             lane += count
         return found
 
-    def _lay_out(self, y: np.ndarray, place: np.ndarray | None, read: _Reading) -> np.ndarray:
+    def _lay_out(self, y: np.ndarray, place: np.ndarray | None, read: Reading) -> np.ndarray:
         """Rolled columns (S, columns) as the recording's markers, (S, markers, width)."""
         laid = np.zeros((len(y), len(read.links), read.width))
         by_link = y.reshape(len(y), -1, read.width)
@@ -259,72 +256,6 @@ def _interval(plant: Plant) -> float:
     """Return the time between the samples of a path, a whole fraction of the period that a torque is held for [s]."""
     period = None if plant.controller is None else plant.controller.control_period
     return _INTERVAL if period is None else period / math.ceil(period / _INTERVAL - 1e-9)
-
-
-class _Reading:
-    """How one recording reads a path: which marker when, averaged how long, with what error, and through which camera.
-
-    A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
-    hundredths of a pixel, where a point comes 10 cm nearer during an exposure. Depth is read as its inverse, which is
-    the stereo pair's disparity except for a factor: its errors are normal and as large at all distances, while depths
-    that err to the near side would state smaller errors than those that err to the far side, and draw the fit to them.
-    """
-
-    def __init__(
-        self,
-        names: list[str],
-        links: list[int],
-        t: np.ndarray,
-        values: np.ndarray,
-        sigma: np.ndarray,
-        exposure: float,
-        view: Camera | None = None,
-    ) -> None:
-        seen = np.isfinite(values[..., 0])  # (T, M)
-        frame, self.which = np.nonzero(seen)
-        self.names, self.links, self.exposure, self.view = names, links, exposure, view
-        self.axes = values.shape[2]
-        self.at, self.width = t[seen], self.axes if view is None else 3
-        self._there = np.isfinite(values[seen])  # (K', axes): a point may be seen whose depth was not measured
-        self.measured, self.sigma = values[seen][self._there], sigma[seen][self._there]
-        self._point, axis = np.nonzero(self._there)
-        self.channels = np.stack([frame[self._point], self.which[self._point], axis], axis=1)
-        self._grid: tuple | None = None
-
-    def read(
-        self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
-    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance; and the least way
-        of a place that moves a reading by one (K,)."""
-        rate = given["clock_rate"]
-        key = (given["delay"], rate, start, interval, len(path))
-        if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again
-            at = (self.at - given["delay"]) / rate
-            self._grid = key, Readings(at, exposure=self.exposure, start=start, interval=interval, count=len(path))
-        grid, at = self._grid[1], (self.at - given["delay"]) / rate
-        x = grid.value(path, self.which)  # (K', width)
-        dx = grid.value(dpath, self.which) if len(dpath) else np.zeros((0, *x.shape))
-        one = np.ones(len(self.measured))
-        velocity = grid.velocity(path, self.which)
-        if self.width == 1:
-            return x[self._there], dx[:, self._there], {"delay": -velocity[self._there]}, one
-        late = -carried(velocity, given) / rate
-        by = by_placement(x, given) | {"delay": late, "clock_rate": late * at[:, None]}
-        place, changed = placed(x, given), carried(dx, given)
-        if self.view is None:
-            return place[self._there], changed[:, self._there], {k: d[self._there] for k, d in by.items()}, one
-        value, slopes = _seen(self.view, place)
-        value, slopes, point = value[:, : self.axes][self._there], slopes[:, : self.axes][self._there], self._point
-        nuisance = {name: np.einsum("kj,kj->k", slopes, d[point]) for name, d in by.items()}
-        return value, np.einsum("kj,dkj->dk", slopes, changed[:, point]), nuisance, 1 / np.linalg.norm(slopes, axis=-1)
-
-
-def _seen(view: Camera, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pixels and inverse depths [1/m] of places (K', 3), (K', 3), and their derivatives by these, (K', 3, 3)."""
-    inverse = 1 / view.depth(places)
-    deeper = -(inverse**2)[:, None] * view.rotation[2]
-    pixels, slopes = view.project(places), view.slopes(places)
-    return np.column_stack([pixels, inverse]), np.concatenate([slopes, deeper[:, None]], axis=1)
 
 
 def _as_modelled(recording: StrikeRecording, plant: Plant) -> StrikeRecording:
@@ -344,7 +275,7 @@ def _log(recording: StrikeRecording) -> np.ndarray | None:
     return recording.joints_q if recording.hand_pose is None else recording.hand_pose
 
 
-def _readings(recording: StrikeRecording, drive: Drive) -> _Reading:
+def _readings(recording: StrikeRecording, drive: Drive) -> Reading:
     links = {name: drive.link_of(name) for name in recording.markers}
     known = {name: link for name, link in links.items() if link is not None}
     if not set(known) - {"shoulder", "handle"}:
@@ -358,4 +289,4 @@ def _readings(recording: StrikeRecording, drive: Drive) -> _Reading:
     if recording.depth is not None:
         depth = recording.depth[:, which]
         points, sigma = np.dstack([points, 1 / depth]), np.dstack([sigma, recording.depth_sigma[:, which] / depth**2])
-    return _Reading(list(known), list(known.values()), t, points, sigma, recording.exposure, recording.view)
+    return Reading(list(known), list(known.values()), t, points, sigma, recording.exposure, recording.view)

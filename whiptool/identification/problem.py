@@ -10,9 +10,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.drives import SwingDrive, pieces
-from whiptool.identification.placement import NEUTRAL, NUISANCE
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
+from whiptool.identification.readings import NEUTRAL, NUISANCE
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
@@ -38,7 +38,7 @@ class FitOptions:
             fitted lag); `joints` (measured joints); `hand` (the hand's measured pose, in space); `handle` (a tracked
             handle); `passive` (nothing: the whip hangs from a fixed point after release); `free` (a pendulum's angles).
         per_recording: Nuisance parameters with a separate value for each recording: names in `NUISANCE`, see
-            `whiptool.identification.placement`, and `start`, the initial state (always included for `passive` and
+            `whiptool.identification.readings`, and `start`, the initial state (always included for `passive` and
             `free`).
         bounds: Bounds of free parameters, by name.
         prior: Prior of the shared free parameters.

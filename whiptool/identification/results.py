@@ -11,13 +11,11 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaincinv
 
-from whiptool.identification.classes import MISFIT, Parameter
-from whiptool.identification.inputs import names_of
-from whiptool.identification.parameter_units import with_unit
 from whiptool.identification.plant import Plant
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
-from whiptool.identification.uncertainty import Uncertainty
+from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
+from whiptool.identification.variables import names_of, with_unit
 from whiptool.models.numbers import NoArray
 from whiptool.models.parameters import Model
 from whiptool.recording.camera import Camera

@@ -21,22 +21,9 @@ _FLAT = 5e4  # times the tolerance: by which the cost may fall per mean squared 
 TOLERANCE = 1e-5  # predicted decrease of the cost per mean squared residual: a step of 0.004 standard errors
 
 
-@dataclass(frozen=True)
-class Damping:
-    """Range of Marquardt's damping factor.
-
-    Args:
-        start: Initial value.
-        least: Smallest value, which prevents steps along flat directions.
-        most: Largest value; if no step lowers the cost below it, the solver stops.
-    """
-
-    start: float = 1e-3
-    least: float = 1e-9
-    most: float = 1e12
-
-
-_DAMPING = Damping()
+# Marquardt's damping: its first value, the smallest, which prevents steps along flat directions, and the largest, below
+# which a step has to lower the cost
+_FIRST, _LEAST, _MOST = 1e-3, 1e-9, 1e12
 _LARGEST = 1e50  # of a derivative: beyond, the path has become unpredictable
 
 
@@ -234,7 +221,7 @@ class _Search:
     ) -> None:
         self._evaluate, self._loss, self._tolerance = evaluate, loss, tolerance
         self._lower, self._upper = bounds
-        self.damping: float = _DAMPING.start
+        self.damping: float = _FIRST
         self._growth: float = 2.0
         self._scale: np.ndarray = np.zeros(len(self._lower))
         self._own_scale: list[np.ndarray] = [np.zeros(size) for size in own_sizes]
@@ -257,7 +244,7 @@ class _Search:
         room = self._room(here.z, weighted)
         negligible = self._tolerance * 2 * here.cost / sum(len(b.r) for b in here.blocks)
         first = True
-        while self.damping < _DAMPING.most:
+        while self.damping < _MOST:
             try:
                 step, own_step = _step(weighted, self.damping, self._scale, self._own_scale, *room)
             except np.linalg.LinAlgError:  # singular to machine precision: more damping mends it
@@ -292,7 +279,7 @@ class _Search:
 
     def _relax(self, gain: float) -> None:
         """Lower the damping after a step that gained this share of the predicted decrease (Nielsen 1999)."""
-        self.damping = max(self.damping * max(0.1, 1 - (2 * gain - 1) ** 3), _DAMPING.least)
+        self.damping = max(self.damping * max(0.1, 1 - (2 * gain - 1) ** 3), _LEAST)
         self._growth = 2.0
 
     def _stiffen(self) -> None:

@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.classes import MISFIT, Parameter
-from whiptool.identification.parameter_units import with_unit
 from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit, root_mean_square
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
-from whiptool.identification.uncertainty import Uncertainty
-from whiptool.identification.variables import Variable
+from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
+from whiptool.identification.variables import Variable, with_unit
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import rounded
 

@@ -211,9 +211,7 @@ class _Rest:
         if not len(errors.coefficients):
             return math.sqrt(variance) / root, self._freedom
         scatter = float(spread(grids, rest, slopes, errors)[0, 0]) * max(level, 1.0)
-        correlations = errors.correlations(max(grid.frames for grid in grids))
-        freedom = self._freedom / (2 * float(correlations @ correlations) - 1)
-        return math.sqrt(max(scatter, variance / found.information)), max(freedom, 1.0)
+        return math.sqrt(max(scatter, variance / found.information)), errors.independent(self._freedom, grids)
 
     @property
     def _half(self) -> np.ndarray:

@@ -1,14 +1,95 @@
-"""Free numbers as a solver sees them: logarithms of what is positive, scaled numbers of the rest; bounds and priors."""
+"""Free numbers: names, units, bounds and priors; a solver sees logarithms of what is positive, and scaled numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.parameter_units import unit_of
+from whiptool.impedance.controller import Controller
+from whiptool.models.parameters import AnyArm
+from whiptool.words import rounded
+
+_LINK = {
+    "mass": "kg", "length": "m", "com": "m", "inertia": "kg m^2", "friction": "N m s/rad",
+    "position": "m", "armature": "kg m^2", "hand_position": "m",
+}  # fmt: skip
+_UNITS = {
+    "whip": {
+        "l": "m", "m": "kg", "k": "N m/rad", "b": "N m s/rad", "rest_angle": "rad", "dry_friction": "N m",
+        "friction_velocity": "rad/s", "drag": "N s^2/m^2", "hinge_mass": "kg",
+        "cubic_stiffness": "N m/rad^3", "rest_angle_x": "rad", "node_inertia": "kg m^2",
+    },
+    "arm": _LINK,
+    "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
+    "profile": {
+        "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
+        "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg", "bead_mass": "kg",
+    },
+    "law": {"beta": "s", "K": "N m/rad", "B": "N m s/rad"},
+    "": {
+        "gravity": "m/s^2", "friction_velocity": "rad/s",
+        "torque_limit": "N m", "delay": "s", "clamp": "rad", "rotation": "rad", "shift_x": "m", "shift_y": "m",
+        "rotation_x": "rad", "rotation_y": "rad", "rotation_z": "rad", "shift_z": "m",
+    },
+}  # fmt: skip
+
+
+_OF_SLIDES = {"friction": "N s/m", "armature": "kg", "torque_limit": "N"}
+
+
+def unit_of(name: str, slides: Sequence[bool] = ()) -> str:
+    """Return the unit of a parameter; empty if it has none.
+
+    Args:
+        name: Name of the parameter, such as `whip.k[3]`, `arm.com[0].x`, `profile.length`, `law.K[1]` or `delay`.
+        slides: Which joints of the arm are prismatic, (a,), as the unit of a gain depends on it: for two joints
+            `law.K[1]` is torque of joint 1 per position of joint 2. Empty: all are revolute.
+    """
+    group, dot, quantity = name.partition(".")
+    group, quantity = (group, quantity) if dot else ("", name)
+    symbol, _, rest = quantity.split(".")[0].partition("[")
+    if any(slides) and rest:
+        number = int(rest.rstrip("]"))
+        if group == "law" and symbol in ("K", "B"):
+            row, column = divmod(number, len(slides))
+            return _gain(symbol, force=slides[row], length=slides[column])
+        if group in ("arm", "") and symbol in _OF_SLIDES and slides[number]:
+            return _OF_SLIDES[symbol]
+    return _UNITS.get(group, {}).get(symbol, "")
+
+
+def _gain(symbol: str, *, force: bool, length: bool) -> str:
+    """Return the unit of a stiffness K or damping B: of a force or a torque, per length or angle."""
+    return f"{'N' if force else 'N m'}{' s' if symbol == 'B' else ''}/{'m' if length else 'rad'}"
+
+
+def units(arm: AnyArm, controller: Controller | None, names: Sequence[str]) -> dict[str, str]:
+    """Return the units of parameters by name; those of gains depend on prismatic joints and on control of the hand."""
+    of_law = of_arm = [joint in arm.slides for joint in arm.joints]
+    if controller is not None and controller.hand is not None:
+        of_law = [name[0] in "xyz" for name in controller.strike_space(arm).names if name.endswith("_i")]
+    return {name: unit_of(name, of_law if name.startswith("law.") else of_arm) for name in names}
+
+
+def with_unit(value: float, unit: str, digits: int = 5) -> str:
+    """Return a value with its unit as text, rounded to `digits` significant digits."""
+    return f"{rounded(value, digits)} {unit}".strip()
+
+
+def names_of(name: str, known: Collection[str]) -> list[str]:
+    """Return the full parameter names for an abbreviated name; empty if no name fits.
+
+    A full name such as `whip.k` is unchanged, `k` stands for every name that ends with `.k`, and `com`, if no name ends
+    with it, its elements `link.com[0]`, `link.com[1]`, ...
+    """
+    if name in known:
+        return [name]
+    ends = [full for full in known if full.endswith(f".{name}")]
+    return ends or [full for full in known if f".{full.partition('[')[0]}".endswith(f".{name}")]
+
 
 _FACTOR = 1e3  # a positive number is sought within this factor of its first value
 # usual size of what may be zero or of either sign, in its own unit

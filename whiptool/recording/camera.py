@@ -2,7 +2,7 @@
 
 A pixel's centre has whole coordinates (u to the right, v down), as in OpenCV. The world is that of the models in space:
 x forward, y to the left, z up, in metres, its origin at the shoulder. The strike plane is y = 0 of it: its points
-(x, y) [m], y pointing up, are (x, 0, y) in the world.
+(x, y) [m], y pointing up, are (x, 0, y) in the world. Lenses distort by Brown and Conrady's model, as in OpenCV.
 """
 
 from __future__ import annotations
@@ -18,15 +18,79 @@ import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError
+from whiptool.extras import optional
 from whiptool.given_files import build_from, read_toml
-from whiptool.recording import homography
-from whiptool.recording.lens import COEFFICIENTS, distort, distortion_slopes, undistort
 from whiptool.whole_files import write_whole
 
 KINDS = ("color", "infrared")  # of light
+BASELINE = 0.05  # [m] between a D435's infrared cameras
+SUBPIXEL = 0.08  # [pixels], standard error of its disparity
 TABLE = "cameras"  # of a file of cameras
+COEFFICIENTS = (0, 4, 5, 8)  # how many there are: k1, k2, p1, p2[, k3[, k4, k5, k6]]
 _UNIT = 1e-6  # how far from orthonormal a rotation may be
 _BEFORE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # from the world's axes to the plane's: x, up, to the camera
+
+
+def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
+    """Return normalised image coordinates (..., 2) after a lens's distortion (OpenCV's coefficients)."""
+    if not distortion:
+        return flat
+    x, y = np.moveaxis(flat, -1, 0)
+    _, _, p1, p2, *_ = distortion
+    r2 = x**2 + y**2
+    above, below, _, _ = _radial(r2, distortion)
+    radial = above / below
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
+    v = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return np.stack([u, v], axis=-1)
+
+
+def distortion_slopes(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
+    """Return the derivatives of `distort` by the undistorted coordinates, (..., 2, 2); entry [i, j] is of output i by
+    input j.
+    """
+    if not distortion:
+        return np.broadcast_to(np.eye(2), (*flat.shape, 2))
+    x, y = np.moveaxis(flat, -1, 0)
+    _, _, p1, p2, *_ = distortion
+    above, below, by_above, by_below = _radial(x**2 + y**2, distortion)
+    radial = above / below
+    slope = 2 * (by_above - radial * by_below) / below  # of the radial factor by x, over x
+    across = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    u_x = radial + x**2 * slope + 2 * p1 * y + 6 * p2 * x
+    v_y = radial + y**2 * slope + 6 * p1 * y + 2 * p2 * x
+    return np.stack([np.stack([u_x, across], axis=-1), np.stack([across, v_y], axis=-1)], axis=-2)
+
+
+def _radial(r2: np.ndarray, distortion: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the radial factor's numerator and denominator, and the derivatives of both by r^2."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*distortion, *(0.0,) * (8 - len(distortion)))
+    above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    return above, below, k1 + r2 * (2 * k2 + 3 * r2 * k3), k4 + r2 * (2 * k5 + 3 * r2 * k6)
+
+
+def undistort(
+    pixels: np.ndarray, camera_matrix: np.ndarray | None = None, distortion: Sequence[float] = ()
+) -> np.ndarray:
+    """Return pixels (..., 2) corrected for a lens's distortion."""
+    pixels = np.asarray(pixels, float)
+    if not len(distortion) or camera_matrix is None or not pixels.size:
+        return pixels
+    cv2 = opencv()
+    precise = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+    flat = cv2.undistortImagePoints(
+        pixels.reshape(-1, 1, 2), np.asarray(camera_matrix, float), np.array(distortion, float), None, precise
+    )
+    return flat.reshape(pixels.shape)
+
+
+def opencv() -> Any:
+    """Return the module cv2.
+
+    Raises:
+        InputError: OpenCV is not installed, or does not load.
+    """
+    return optional("cv2", "cameras and images")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +193,26 @@ class Camera:
         z = self.to_camera(points)[..., 2]
         return np.where(z > 0, z, np.nan)
 
+    def depth_error(
+        self, depth: float | np.ndarray, *, baseline: float = BASELINE, subpixel: float = SUBPIXEL
+    ) -> np.ndarray:
+        """Return the standard error of depth [m] that a stereo pair with this camera's focal length measures.
+
+        The pair sees a depth z as a disparity f b / z [pixels], the shift of what it shows between two images from
+        places that are b apart. The disparity errs by the same at all distances: `sigma_z = z^2 sigma_d / (f b)`.
+
+        Source: A. Grunnet-Jepsen, J. N. Sweetser, J. Woodfill, "Tuning depth cameras for best performance" (Intel),
+        https://dev.intelrealsense.com/docs/tuning-depth-cameras-for-best-performance, which calls sigma_d the subpixel.
+        Of a D435 it can be as low as 0.03 on a surface with texture; one of its authors advises 0.08
+        (https://github.com/IntelRealSense/librealsense/issues/3904).
+
+        Args:
+            depth: Depth along the optical axis [m], any shape.
+            baseline: Distance b between the two cameras of the pair [m].
+            subpixel: Standard error sigma_d of the disparity [pixels].
+        """
+        return np.asarray(depth, float) ** 2 * subpixel / (self.focal_lengths[0] * baseline)
+
     def project(self, points: np.ndarray) -> np.ndarray:
         """Return the pixels (..., 2) of points of the world (..., 3) or of the strike plane (..., 2) [m]; NaN behind
         the camera."""
@@ -166,7 +250,7 @@ class Camera:
 
     def to_plane(self, pixels: np.ndarray) -> np.ndarray:
         """Return the points on the strike plane [m], (..., 2), that pixels (..., 2) show."""
-        return homography.to_plane(self.homography, self.undistorted(pixels))
+        return to_plane(self.homography, self.undistorted(pixels))
 
     def facing(self, distance: float) -> np.ndarray:
         """Return the homography of a plane that faces the camera at a distance [m], with its origin on the axis."""
@@ -190,6 +274,16 @@ class Camera:
     def row_delay(self, row: float | np.ndarray) -> np.ndarray:
         """Return the time from the start of the first row's exposure to that of a row [s]."""
         return np.asarray(row, float) * self.readout / self.height
+
+
+def to_plane(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return positions in the plane [m] of pixels, (..., 2) each; NaN for NaN and for pixels beyond the plane's
+    horizon.
+    """
+    h = np.asarray(pixels, float) @ homography[:, :2].T + homography[:, 2]  # (..., 3)
+    front = h[..., 2:] * np.sign(homography[2, 2] or 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(front > 0, h[..., :2] / h[..., 2:], np.nan)
 
 
 def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:

@@ -114,6 +114,32 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
         raise InputError(name, f"a span of {span:g} s in {len(t)} rows", f"at most {longest:g} s", cause)
 
 
+def float_array(name: str, value: object) -> np.ndarray:
+    """Return numbers as a new float array with NaN where missing, or refuse what is not a number, or infinite."""
+    try:
+        array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(name, str(value)[:80], "numbers") from None
+    if np.isinf(array).any():
+        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
+    return array
+
+
+def increasing_times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:
+    """Return two or more finite, strictly increasing times [s], (T,), whose steps and span can be right, or refuse."""
+    t = float_array(name, value)
+    if t.ndim != 1 or len(t) < 2:
+        raise InputError(name, f"shape {t.shape}", "at least two times, shape (T,)")
+    if not np.isfinite(t).all():
+        raise InputError(name, f"NaN at index {int(np.flatnonzero(np.isnan(t))[0])}", "finite times in s")
+    steps = np.diff(t)
+    if not (steps > 0).all():
+        i = int(np.flatnonzero(~(steps > 0))[0])
+        raise InputError(f"{name}[{i + 1}]", float(t[i + 1]), f"later than {name}[{i}] = {float(t[i])!r}")
+    check_pace(name, t, longest=longest)
+    return t
+
+
 def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) -> list[str]:
     """Return a sentence about gaps in times t (T,) [s], if any: steps above `steps` times the median and above `least`
     [s].

@@ -1,4 +1,10 @@
-"""The closest approach of a filmed tip: its frames joined by a smooth path, with or without what no frame shows."""
+"""The closest approach of a filmed tip, and the miss distance with its standard error and the probability of a hit.
+
+`approach_seen` joins the frames by a smooth path, with or without what no frame shows. `weigh` judges: a path of the
+tip is what is expected of it, and a discrepancy: a Gaussian process in time, of unknown size and pace. The frames tell
+it where they are, with their noise; between and beyond them the discrepancy stays as large as they show it to be
+(Kennedy and O'Hagan 2001).
+"""
 
 from __future__ import annotations
 
@@ -7,8 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import logsumexp
 
-from whiptool.models.trajectory import closest_on_curve
+from whiptool.goals.goals import CLAIMED
+from whiptool.goals.target import Target
+from whiptool.models.trajectory import closest_on_curve, closest_on_segments
 from whiptool.recording.strike_recording import StrikeRecording
 
 GAP = 2.5  # usual distances of frames in time, beyond which some are missing
@@ -100,3 +110,159 @@ def nearest_frame(recording: StrikeRecording, target: Sequence[float], *, end: f
     distance = np.where(recording.seen[:, i] & (recording.t <= end), away, np.inf)
     frame = int(distance.argmin())
     return float(recording.t[frame]) if np.isfinite(distance[frame]) else None
+
+
+RATE = 500.0  # [1/s] of a path; between its points the tip is taken to move straight
+_SIZES, _PACES = np.geomspace(0.1, 3.0, 6), np.array([0.05, 0.1, 0.2, 0.4])  # [m], [s], where nothing is expected
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Closest approach to the target on the most probable path of the tip.
+
+    Args:
+        time: Time [s].
+        place: Position (x, y), in space (x, y, z) [m].
+        velocity: Velocity [m/s].
+    """
+
+    time: float
+    place: tuple[float, ...]
+    velocity: tuple[float, ...]
+
+    @property
+    def speed(self) -> float:
+        """Speed of the tip [m/s]."""
+        return math.hypot(*self.velocity)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Estimate of a miss distance.
+
+    Args:
+        miss: Posterior mean of the miss distance [m].
+        error: Standard error of the miss distance [m].
+        probability: Hit probability.
+        nearest: Time and position of the closest approach; None if only the distance is known.
+    """
+
+    miss: float
+    error: float
+    probability: float
+    nearest: Nearest | None = None
+
+    @property
+    def hit(self) -> bool:
+        """Whether a hit is claimed: `probability` is at least `CLAIMED`."""
+        return self.probability >= CLAIMED
+
+    @property
+    def verdict(self) -> str:
+        """The result as a word: hit, missed, or undecided."""
+        return "hit" if self.hit else "missed" if self.probability <= 1 - CLAIMED else "undecided"
+
+    def __str__(self) -> str:
+        return f"{100 * self.miss:.2f} ± {100 * self.error:.2f} cm"
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of a film that show the tip: times (F,) [s], positions (F, d) [m] and their standard errors (F,) [m]."""
+
+    t: np.ndarray
+    points: np.ndarray
+    noise: np.ndarray
+
+
+def frames_of(recording: StrikeRecording, target: Target, until: float | None = None) -> Frames | None:
+    """Return the frames of a recording that show the tip; None if there are too few.
+
+    Args:
+        recording: Recording of the tip.
+        target: Target of the strike.
+        until: Frames after this time [s] are left out, unless the closest approach is among them; None: all frames are
+            used.
+    """
+    i = recording.markers.index("tip")
+    seen = recording.seen[:, i]
+    d = len(target.position)
+    nearest = nearest_frame(recording, target.position)
+    seen &= recording.t <= (math.inf if until is None or nearest is None else max(until, nearest))
+    if seen.sum() < LEAST:
+        return None
+    return Frames(recording.t_points[seen, i], recording.points[seen, i, :d], recording.sigma[seen, i])
+
+
+def unseen_around(frames: Frames, time: float) -> tuple[float, float] | None:
+    """Return the times [s] of the last frame before and the first after `time`, if frames are missing between them;
+    else None.
+    """
+    after = int(np.searchsorted(frames.t, time))
+    if not 0 < after < len(frames.t):
+        return None
+    before, behind = float(frames.t[after - 1]), float(frames.t[after])
+    return (before, behind) if behind - before > GAP * np.median(np.diff(frames.t)) else None
+
+
+def judge_frames(frames: Frames, target: Target) -> Judgement:
+    """Return the judgement of a strike from its frames alone, without a model of the whip."""
+    t = np.arange(frames.t[0], frames.t[-1], 1 / RATE)
+    nowhere = np.tile(frames.points.mean(axis=0), (1, len(t), 1))
+    return weigh(t, nowhere, frames, target, _SIZES, _PACES)
+
+
+def weigh(
+    t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
+) -> Judgement:
+    """Return the judgement of a miss distance from sampled paths of the tip and from frames.
+
+    Args:
+        t, paths: Times (T,) [s] and sampled paths (S, T, d) [m].
+        frames: Frames that show the tip.
+        target: Point and hit radius.
+        sizes, paces: Candidate standard deviations [m] and correlation times [s] of the model error.
+    """
+    d = paths.shape[2]
+    at_frames = np.stack([[np.interp(frames.t, t, path[:, k]) for k in range(d)] for path in paths])  # (S, d, F)
+    residuals = (frames.points.T - at_frames).transpose(2, 0, 1).reshape(len(frames.t), -1)  # (F, d S)
+    samples = np.arange(len(paths))
+    evidence, distances, errors, segments = [], [], [], []
+    for size in sizes:
+        for pace in paces:
+            across = size**2 * _matern(t[:, None] - frames.t, pace)  # (T, F)
+            K = size**2 * _matern(frames.t[:, None] - frames.t, pace) + np.diag(frames.noise**2)
+            factor = cho_factor(K, lower=True)
+            solved = cho_solve(factor, residuals)
+            fit = (residuals * solved).sum(axis=0).reshape(-1, d).sum(axis=1)  # (S,)
+            evidence.append(-fit / 2 - d * np.log(np.diag(factor[0])).sum())
+            moved = paths + (across @ solved).reshape(len(t), -1, d).transpose(1, 0, 2)
+            explained = np.asarray(solve_triangular(factor[0], across.T, lower=True))
+            error = np.sqrt(np.maximum(size**2 - (explained**2).sum(axis=0), 1e-12))  # (T,)
+            nearest = closest_on_segments(moved, np.array(target.position))
+            when = nearest.segment
+            distances.append(nearest.distance)
+            errors.append(error[when])
+            segments.append((when, nearest.share, moved[samples, when], moved[samples, when + 1]))
+    weight = np.exp(np.array(evidence) - logsumexp(np.array(evidence), axis=0)) / len(paths)  # (cells, S), sum 1
+    miss, error = np.array(distances), np.array(errors)
+    mean = float((weight * miss).sum())
+    spread = math.sqrt(float((weight * (error**2 + (miss - mean) ** 2)).sum()))
+    velocity = np.array([(end - start) / np.diff(t)[0] for *_, start, end in segments])  # (cells, S, d)
+    hit = float((weight * target.goals.hit_probability(miss, velocity, error)).sum())
+    cell, sample = np.unravel_index(weight.argmax(), weight.shape)
+    when, share, start, end = (x[sample] for x in segments[cell])
+    return Judgement(mean, spread, min(hit, 1.0), _nearest(t, when, share, start, end))
+
+
+def _nearest(t: np.ndarray, i: int, share: float, start: np.ndarray, end: np.ndarray) -> Nearest:
+    """The point at a share of the way from a path's i-th point (d,) to the next (d,)."""
+    step, dt = end - start, t[i + 1] - t[i]
+    place, velocity = start + share * step, step / dt
+    return Nearest(float(t[i] + share * dt), tuple(place.tolist()), tuple(velocity.tolist()))
+
+
+def _matern(lag: np.ndarray, pace: float) -> np.ndarray:
+    """Correlation of a discrepancy that is twice differentiable (Matern 5/2)."""
+    x = math.sqrt(5.0) * np.abs(lag) / pace
+    return (1 + x + x**2 / 3) * np.exp(-x)

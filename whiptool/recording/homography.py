@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from whiptool.errors import InputError
+from whiptool.recording.camera import to_plane
 
 _LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four corners of a rectangle have about 3
 
@@ -68,16 +69,6 @@ def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -
 
         flat = least_squares(lambda h: (to_plane(h.reshape(3, 3), placed) - seen).ravel(), flat, xtol=1e-15).x
     return checked_homography(np.linalg.inv(np.linalg.inv(to_seen) @ flat.reshape(3, 3) @ to_placed))
-
-
-def to_plane(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Return positions in the plane [m] of pixels, (..., 2) each; NaN for NaN and for pixels beyond the plane's
-    horizon.
-    """
-    h = np.asarray(pixels, float) @ homography[:, :2].T + homography[:, 2]  # (..., 3)
-    front = h[..., 2:] * np.sign(homography[2, 2] or 1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(front > 0, h[..., :2] / h[..., 2:], np.nan)
 
 
 def metres_per_pixel(homography: np.ndarray, pixels: np.ndarray) -> np.ndarray:

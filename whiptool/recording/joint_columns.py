@@ -16,6 +16,8 @@ import numpy as np
 from whiptool.errors import InputError
 
 POSITION, TIME = "position", "time"
+WIDEST = 50.0  # [rad], eight turns of a joint
+WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
 _JOINT = {"joint", "jnt", "j"}
 _KINDS = {
     POSITION: {"position", "positions", "pos", "q", "angle", "angles"},
@@ -121,3 +123,25 @@ def _ends(a: tuple[str, ...], b: tuple[str, ...]) -> bool:
     """Whether the words of one name end with those of the other, which are not a number alone."""
     short, long = sorted((a, b), key=len)
     return bool(short) and not all(word.isdigit() for word in short) and long[-len(short) :] == short
+
+
+def check_angles(q: np.ndarray, names: Sequence[str]) -> None:
+    """Refuse columns (S, a) that no joint's angle in rad can be."""
+    for i, column in enumerate(q.T):
+        widest, way = np.abs(column).max(), np.ptp(column)
+        if widest <= WIDEST and way <= WIDEST_WAY:
+            continue
+        name = f"joints_q, column {names[i]}" if i < len(names) else "joints_q"
+        given = float(widest) if not widest <= WIDEST else f"a way of {way:.4g}"
+        rule = f"finite angles within {WIDEST:g} rad, over a way of {WIDEST_WAY:.3g} rad"
+        cure = "are these degrees (joint_units), or is it no joint (joint_columns)?"
+        raise InputError(name, given, rule, cure)
+
+
+def read_by_name(names: Sequence[str], order: Sequence[int]) -> list[str]:
+    """What was read by which name, where it is not as it stands, and what was left aside."""
+    if not names or list(order) == list(range(len(names))):
+        return []
+    aside = [name for i, name in enumerate(names) if i not in order]
+    called = ", ".join(names[i] for i in order)
+    return [f"joints by name, in the arm's order: {called}" + (f"; left aside: {', '.join(aside)}" if aside else "")]

@@ -12,22 +12,20 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import parsing, read_arrays, sha256
 from whiptool.models.numbers import ASK_UNIT, NoArray, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, check_turns
-from whiptool.recording.camera import Camera
-from whiptool.recording.clock import LONGEST, check_pace, check_spans, of_use, told_of_spans
-from whiptool.recording.depth_noise import depth_error
-from whiptool.recording.joint_columns import order_of
-from whiptool.recording.npz import read_npz, write_npz
+from whiptool.recording.camera import Camera, camera_of
+from whiptool.recording.clock import check_spans, float_array, increasing_times, of_use, told_of_spans
+from whiptool.recording.joint_columns import check_angles, order_of, read_by_name
+from whiptool.whole_files import write_npz
 
 DEFAULT_SIGMA = 1e-3  # [m]
 DEFAULT_PIXELS = 0.5  # of a camera's view
 LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
-WIDEST = 50.0  # [rad], eight turns of a joint
-WIDEST_WAY = 4 * np.pi  # [rad] between a joint's ends in one log
 FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
 SIDECARS = (".csv", ".mat", ".c3d")  # of files whose TOML file holds what they do not
@@ -35,6 +33,18 @@ UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
 TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
 AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved
 NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's counts are half of that
+LAYOUT = 1  # raised when a key changes its meaning
+REQUIRED = ("t", "points", "markers")
+NAMES = ("markers", "joint_names", "notes")
+_WRITTEN = {"strike": lambda strike: strike.vector, "controller": json.dumps, "view": lambda x: json.dumps(x.table())}
+_READ = {
+    **dict.fromkeys(("exposure", "t_stay"), float),
+    **dict.fromkeys(("camera", "source", "sha256", "up"), str),
+    **dict.fromkeys(NAMES, lambda value: tuple(str(name) for name in np.atleast_1d(value).ravel())),
+    "strike": Strike.from_vector,
+    "controller": lambda value: json.loads(str(value)),
+    "view": lambda value: camera_of("view", json.loads(str(value))),
+}
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -77,7 +87,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         depth: With a view, the depth of each marker along the camera's optical axis [m], (T, M); 0 or NaN if not
             measured, NaN if the point is missing. None: no depths.
         depth_sigma: Standard error of the depth [m], (T, M) or broadcastable to it; default: that of a D435 whose
-            images are the view's (`whiptool.recording.depth_noise`).
+            images are the view's (`Camera.depth_error`).
         joints_listed: Whether the user listed the columns of `joints_q` in the arm's order, so that names that are not
             those of its joints do not matter.
         up: Upward axis of points in space, `y` or `z`, if their file names it; empty: that of the model.
@@ -116,7 +126,9 @@ class StrikeRecording(NoArray, instead="its t and points"):
     first_state: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        self._put(t=_times("t", self.t), notes=tuple(map(str, self.notes)), joints_listed=bool(self.joints_listed))
+        self._put(
+            t=increasing_times("t", self.t), notes=tuple(map(str, self.notes)), joints_listed=bool(self.joints_listed)
+        )
         self._check_points()
         self._check_errors()
         self._check_command()
@@ -124,10 +136,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
         if (self.hand_t is None) != (self.hand_pose is None):
             raise InputError("hand_pose", "one of hand_t and hand_pose", "both or neither")
         if self.hand_t is not None:
-            self._put(hand_t=_times("hand_t", self.hand_t, longest=A_DAY))
+            self._put(hand_t=increasing_times("hand_t", self.hand_t, longest=A_DAY))
             self._put(hand_pose=_poses(self.hand_pose, len(self.hand_t)))
         if self.first_state is not None:
-            begun, count = _numbers("first_state", self.first_state), len(self.markers)
+            begun, count = float_array("first_state", self.first_state), len(self.markers)
             if begun.shape != (2, count) or not self.angular or not np.isfinite(begun).all():
                 raise InputError("first_state", begun.shape, f"finite angles and rates, (2, {count}), of angles")
             self._put(first_state=begun)
@@ -142,7 +154,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     def _check_points(self) -> None:
         """Check markers and points."""
-        points, markers = _numbers("points", self.points), tuple(map(str, texts("markers", self.markers)))
+        points, markers = float_array("points", self.points), tuple(map(str, texts("markers", self.markers)))
         if points.ndim != 3 or points.shape[:2] != (len(self.t), len(markers)) or points.shape[2] not in (1, 2, 3):
             allowed = f"shape ({len(self.t)}, {len(markers)}, 2 or 3), of angles 1"
             raise InputError("points", f"shape {points.shape}", allowed)
@@ -180,12 +192,12 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def _check_command(self) -> None:
         """Check exposure, what was commanded, and the target."""
         for name in ("exposure", "t_stay"):
-            value = float(_numbers(name, getattr(self, name)))
+            value = float(float_array(name, getattr(self, name)))
             if not 0 <= value <= 60:
                 raise InputError(name, value, "a span from 0 to 60 s")
             self._put(**{name: value})
         if self.target is not None:
-            target = _numbers("target", self.target)
+            target = float_array("target", self.target)
             if target.ndim != 1 or len(target) not in (2, 3) or not (np.abs(target) <= FARTHEST).all():
                 raise InputError("target", target.tolist(), f"2 or 3 coordinates within {FARTHEST:g} m")
             self._put(target=tuple(target.tolist()))
@@ -200,10 +212,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
             raise InputError("joints_q", "one of joints_t and joints_q", "both or neither")
         names, width = tuple(map(str, self.joint_names)), 0
         if self.joints_t is not None:
-            t, q = _times("joints_t", self.joints_t, longest=A_DAY), _numbers("joints_q", self.joints_q)
+            t, q = increasing_times("joints_t", self.joints_t, longest=A_DAY), float_array("joints_q", self.joints_q)
             if q.ndim != 2 or len(q) != len(t) or q.shape[1] == 0:
                 raise InputError("joints_q", f"shape {q.shape}", f"shape ({len(t)}, number of joints)")
-            _check_angles(q, names)
+            check_angles(q, names)
             self._put(joints_t=t, joints_q=q)
             width = q.shape[1]
         if names and (len(names) != width or len(set(names)) < len(names)):
@@ -323,7 +335,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             joints_t=self.joints_t[near],
             joints_q=self.joints_q[near][:, order],
             joint_names=called,
-            notes=(*self.notes, *_read_by_name(self.joint_names, order)),
+            notes=(*self.notes, *read_by_name(self.joint_names, order)),
         )
 
     def marker(self, name: str) -> np.ndarray:
@@ -367,12 +379,24 @@ class StrikeRecording(NoArray, instead="its t and points"):
         raise InputError("recording", self.called, "one with its strike's command", fix + otherwise)
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, without pickle: see `whiptool.recording.npz`.
+        """Write an NPZ file, without pickle.
+
+        Its keys are the fields, with those that are None or empty left out, and `format`, the number of the layout (1).
+        `markers`, `joint_names` and `notes` are arrays of strings, `strike` is the vector `[q_i, q_f, D]`, `controller`
+        and `view` are JSON texts.
 
         Raises:
             InputError: The file cannot be written.
         """
-        write_npz(self, path)
+        arrays: dict[str, Any] = {"format": np.int64(LAYOUT)}
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if value is not None and not (field.name in ("joint_names", "notes", "joints_listed", "up") and not value):
+                arrays[field.name] = np.asarray(_WRITTEN.get(field.name, np.asarray)(value))
+        try:
+            write_npz(Path(path), arrays)
+        except OSError as error:
+            raise InputError("recording", str(path), f"a file that can be written ({error.strerror})") from None
 
     def __repr__(self) -> str:
         span = f"{len(self.t)} frames from {self.t[0]:.3f} to {self.t[-1]:.3f} s"
@@ -382,17 +406,34 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @classmethod
     def load(cls, path: Path | str) -> StrikeRecording:
-        """Read a recording that `save` wrote.
+        """Read a recording that `save` wrote; the keys `t`, `points` and `markers` are required, all others optional.
+
+        If the file does not state its source, the source is the file itself.
 
         Raises:
-            InputError: The file cannot be read, is damaged, or is of a later format.
+            InputError: The file is damaged, contains pickled objects or is of a later format, a key is unknown or
+                missing, or a value is not allowed.
         """
-        return read_npz(path, cls)
+        path, keys = Path(path), [field.name for field in dataclasses.fields(cls)]
+        values: dict[str, Any] = read_arrays(path, "recording")
+        with parsing(path, "NPZ"):
+            for key in values:
+                if key not in (*keys, "format"):
+                    raise InputError("key", key, "one of " + ", ".join(keys))
+            for key in REQUIRED:
+                if key not in values:
+                    raise InputError("key", None, f"{key}; there must be " + ", ".join(REQUIRED))
+            if (number := int(values.pop("format", LAYOUT))) != LAYOUT:
+                raise InputError("format", number, f"{LAYOUT}", "it was written by another version of whiptool")
+            values = {key: _READ.get(key, lambda value: value)(value) for key, value in values.items()}
+            if not values.get("sha256"):
+                values |= {"source": values.get("source") or str(path), "sha256": sha256(path)}
+            return cls(**values)
 
 
 def _poses(value: object, count: int) -> np.ndarray:
     """Places and unit quaternions (count, 7)."""
-    poses = _numbers("hand_pose", value)
+    poses = float_array("hand_pose", value)
     if poses.shape != (count, 7) or not np.isfinite(poses).all():
         raise InputError("hand_pose", f"shape {poses.shape}", f"finite numbers of shape ({count}, 7)")
     if not (farthest := np.abs(poses[:, :3]).max()) <= FARTHEST:
@@ -437,63 +478,15 @@ def _depths(
         raise InputError("depth", float(z[there].min()), allowed)
     if z[there].max() > FARTHEST:
         raise InputError("depth", float(z[there].max()), allowed, "are these millimetres?")
-    error = _spread("depth_sigma", depth_error(z, view.focal_lengths[0]) if sigma is None else sigma, seen.shape)
+    error = _spread("depth_sigma", view.depth_error(z) if sigma is None else sigma, seen.shape)
     if not ((error[there] > 0) & np.isfinite(error[there])).all():
         raise InputError("depth_sigma", float(np.min(error[there])), "finite and > 0 m wherever there is a depth")
     return z, np.where(there, error, np.nan)
 
 
-def _numbers(name: str, value: object) -> np.ndarray:
-    """As a float array; what is not a number, or infinite, is refused."""
-    try:
-        array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
-    except (ValueError, TypeError, OverflowError):
-        raise InputError(name, str(value)[:80], "numbers") from None
-    if np.isinf(array).any():
-        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
-    return array
-
-
-def _times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:
-    """At least two finite, strictly increasing times in seconds, (T,), with steps and a span that can be right."""
-    t = _numbers(name, value)
-    if t.ndim != 1 or len(t) < 2:
-        raise InputError(name, f"shape {t.shape}", "at least two times, shape (T,)")
-    if not np.isfinite(t).all():
-        raise InputError(name, f"NaN at index {int(np.flatnonzero(np.isnan(t))[0])}", "finite times in s")
-    steps = np.diff(t)
-    if not (steps > 0).all():
-        i = int(np.flatnonzero(~(steps > 0))[0])
-        raise InputError(f"{name}[{i + 1}]", float(t[i + 1]), f"later than {name}[{i}] = {float(t[i])!r}")
-    check_pace(name, t, longest=longest)
-    return t
-
-
-def _check_angles(q: np.ndarray, names: Sequence[str]) -> None:
-    """Refuse columns (S, a) that no joint's angle in rad can be."""
-    for i, column in enumerate(q.T):
-        widest, way = np.abs(column).max(), np.ptp(column)
-        if widest <= WIDEST and way <= WIDEST_WAY:
-            continue
-        name = f"joints_q, column {names[i]}" if i < len(names) else "joints_q"
-        given = float(widest) if not widest <= WIDEST else f"a way of {way:.4g}"
-        rule = f"finite angles within {WIDEST:g} rad, over a way of {WIDEST_WAY:.3g} rad"
-        cure = "are these degrees (joint_units), or is it no joint (joint_columns)?"
-        raise InputError(name, given, rule, cure)
-
-
-def _read_by_name(names: Sequence[str], order: Sequence[int]) -> list[str]:
-    """What was read by which name, where it is not as it stands, and what was left aside."""
-    if not names or list(order) == list(range(len(names))):
-        return []
-    aside = [name for i, name in enumerate(names) if i not in order]
-    called = ", ".join(names[i] for i in order)
-    return [f"joints by name, in the arm's order: {called}" + (f"; left aside: {', '.join(aside)}" if aside else "")]
-
-
 def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers broadcast to a shape, as a new array."""
-    array = _numbers(name, value)
+    array = float_array(name, value)
     try:
         return np.broadcast_to(array, shape).copy()
     except ValueError:

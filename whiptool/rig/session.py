@@ -13,13 +13,20 @@ import numpy as np
 
 from whiptool.errors import WhiptoolError
 from whiptool.goals.target import Target
-from whiptool.identification.film_judgement import Frames, Judgement, frames_of, judge_frames, unseen_around
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, Strike
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.recording.camera import Camera, camera_preset
-from whiptool.recording.filmed_approach import approach_seen, tip_seen
+from whiptool.recording.filmed_approach import (
+    Frames,
+    Judgement,
+    approach_seen,
+    frames_of,
+    judge_frames,
+    tip_seen,
+    unseen_around,
+)
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.control_loop import Clock, RigLoop, Run, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase

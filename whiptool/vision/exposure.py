@@ -7,7 +7,7 @@ from functools import reduce
 
 import numpy as np
 
-from whiptool.recording.camera import Camera
+from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera
 
 _SAMPLES = 64  # of a path over one exposure, by the midpoint rule
 
@@ -80,3 +80,18 @@ def measurement_sigma(camera: Camera, speed: float | np.ndarray, *, distance: fl
     away, focal = camera.distance if distance is None else distance, camera.camera_matrix[0, 0]
     blur = np.asarray(speed, float) * camera.exposure * focal / away  # [pixels]
     return np.hypot(0.04, 0.004 * blur) * away / focal
+
+
+def stereo_depth(camera: Camera, depth: float | np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return simulated measurements of depth by a D435 [m]; 0 where the disparity is lost in noise, as there.
+
+    Args:
+        camera: The camera; see `Camera.depth_error`.
+        depth: True depth along the optical axis [m], any shape; NaN stays NaN.
+        rng: Random generator of the errors.
+    """
+    span = camera.focal_lengths[0] * BASELINE
+    disparity = span / np.asarray(depth, float)
+    measured = disparity + SUBPIXEL * rng.standard_normal(disparity.shape)
+    lost = measured <= 0  # of NaN: false
+    return np.where(lost, 0.0, span / np.where(lost, 1.0, measured))

@@ -1,8 +1,8 @@
-"""Frames as a lossless video file with a sidecar that says when and how they were taken."""
+"""Films as files: frames written as a lossless video with a sidecar, and recorded images as frames, for the tracker."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
-from whiptool.recording.camera import Camera, write_cameras
-from whiptool.recording.opencv import opencv
+from whiptool.recording.camera import Camera, before_plane, opencv, pinhole, to_plane, write_cameras
+from whiptool.recording.readers.footage import VideoSource
+from whiptool.vision.calibration import PlaneCalibration
 from whiptool.vision.source import Frame
 
 
@@ -111,3 +112,109 @@ def _encoded(path: Path, frames: Iterable[Frame]) -> tuple[Camera, list[float]]:
     if camera is None:
         raise InputError("frames", "none", "at least one frame")
     return camera, stamps
+
+
+_DISTANCE = 3.5  # [m]; the images fix the ratio of focal length and distance only
+_INSTANT = 1e-6  # [s], where the exposure is not known
+
+
+def _before_its_plane(video: VideoSource) -> Camera:
+    """A camera that looks straight at the strike plane and has the video's size, timing and scale.
+
+    A homography does not say how far away the camera was, so the distance is made up: what is used of it is the number
+    of pixels per metre, here that in the middle of the image. Positions come from the calibration.
+
+    Raises:
+        InputError: It has no homography.
+    """
+    if video.homography is None:
+        raise InputError(
+            str(video.about.get("source", "video")),
+            "no calibration of the strike plane",
+            "one of homography, known_points, or scale with origin",
+            "write it into the sidecar .toml next to it",
+        )
+    height, width = video.shape
+    u, v = (width - 1) / 2, (height - 1) / 2
+    here, right, down = to_plane(video.homography, np.array([[u, v], [u + 1, v], [u, v + 1]]))
+    area = abs((right - here)[0] * (down - here)[1] - (right - here)[1] * (down - here)[0])  # [m^2] of a pixel
+    focal = _DISTANCE / float(np.sqrt(area))
+    return Camera(
+        name=str(video.about.get("camera") or "recorded"),
+        width=width,
+        height=height,
+        camera_matrix=pinhole(focal, focal, u, v),
+        **before_plane((*here.tolist(), _DISTANCE)),
+        fps=video.fps,
+        exposure=video.exposure or _INSTANT,
+        readout=video.readout * height / max(height - 1, 1),  # to the row after the last
+    )
+
+
+class RecordedCamera:
+    """A `FrameSource` of recorded images; times are relative to the command's start.
+
+    Args:
+        video: The images, with times, size and calibration.
+
+    Attributes:
+        settings: The `Camera` that took the images. If only the strike plane is calibrated, it is a camera
+            perpendicular to the plane with the images' size, timing and scale.
+        calibration: Calibration of the strike plane, for the tracker; None for a camera in space.
+
+    Raises:
+        InputError: Neither the camera nor the strike plane is calibrated, an image cannot be decoded, or its kind
+            (color or infrared) is not the stated one.
+    """
+
+    def __init__(self, video: VideoSource) -> None:
+        self.video = video
+        self.settings = video.view or _before_its_plane(video)
+        self.calibration = None if video.homography is None else PlaneCalibration(video.homography)
+        kind = video.kind or ("infrared" if next(iter(video.frames())).ndim == 2 else "color")
+        self.settings = self.settings.replace(kind=kind)
+        self._images: Iterator[np.ndarray] | None = None
+        self._next = 0
+
+    def __len__(self) -> int:
+        return len(self.video)
+
+    def open(self) -> None:
+        """Go to the first image; opening twice does no harm."""
+        if self._images is None:
+            self._images, self._next = iter(self.video.frames()), 0
+
+    def read(self, timeout: float = 1.0) -> Frame | None:
+        """Return the next frame, or None after the last; the timeout is not used.
+
+        Raises:
+            InputError: The camera is not open, or an image cannot be decoded or is of another kind than stated.
+        """
+        if self._images is None:
+            raise InputError("camera", "closed", "an open one", "call open() first")
+        image = next(self._images, None)
+        if image is None or self._next >= len(self.video):
+            return None
+        number, self._next = self._next, self._next + 1
+        return Frame(
+            image=_as_stated(image, self.settings.kind),
+            t=float(self.video.times[number]) - self.settings.exposure / 2,
+            clock="strike",
+            sequence=number,
+            settings=self.settings,
+        )
+
+    def close(self) -> None:
+        """Close the file; closing twice does no harm."""
+        self._images = None
+
+
+def _as_stated(image: np.ndarray, kind: str) -> np.ndarray:
+    """A decoded image, BGR or grey, as a frame has it: RGB of uint8, or grey of uint8."""
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if kind == "infrared":
+        return np.ascontiguousarray(image[..., 0]) if image.ndim == 3 else image  # three times the same
+    if image.ndim == 2:
+        raise InputError("kind", kind, "infrared, where images are grey")
+    return np.ascontiguousarray(image[..., ::-1])

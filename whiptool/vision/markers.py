@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.recording.opencv import opencv
+from whiptool.recording.camera import opencv
 
 _SMOOTHING = 1.0  # standard deviation of the Gaussian filter [pixels]
 _FILTERED = 1 / (2 * np.sqrt(np.pi) * _SMOOTHING)  # what the filter leaves of white noise

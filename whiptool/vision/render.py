@@ -20,8 +20,7 @@ from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.recording.camera import Camera
-from whiptool.recording.depth_noise import stereo_depth
-from whiptool.vision.exposure import Exposed, expose
+from whiptool.vision.exposure import Exposed, expose, stereo_depth
 from whiptool.vision.source import Frame
 from whiptool.vision.strike_drawing import StrikeDrawing
 from whiptool.viz.drawn_posture import as_mujoco_shows
@@ -198,15 +197,15 @@ class VirtualCamera:
     def depths(self, rng: np.random.Generator) -> np.ndarray:
         """Return simulated depth measurements of the tip by a D435, for the frames read so far [m], (F, 1).
 
-        The depths are those of the ball's centre, with the errors of `whiptool.recording.depth_noise`; 0 if most of the
-        ball is hidden. The true depths are in `truths`.
+        The depths are those of the ball's centre, with the errors of `Camera.depth_error`; 0 if most of the ball is
+        hidden. The true depths are in `truths`.
 
         Args:
             rng: Random generator of the errors.
         """
         true = np.array([truth.depth for truth in self.truths])
         hidden = np.array([truth.visible < 0.5 for truth in self.truths])
-        return np.where(hidden, 0.0, stereo_depth(true, self.settings.focal_lengths[0], rng))[:, None]
+        return np.where(hidden, 0.0, stereo_depth(self.settings, true, rng))[:, None]
 
     def _develop(self, light: np.ndarray) -> np.ndarray:
         """From mean brightness (H, W, 3) in [0, 255] to an image of uint8, with noise."""

@@ -13,10 +13,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.recording.camera import Camera
-from whiptool.recording.lens import distort
-from whiptool.recording.opencv import opencv
-from whiptool.vision.boards import Board, Corners
+from whiptool.recording.camera import Camera, distort, opencv
+from whiptool.vision.calibration import Board, Corners
 
 FEWEST = 6  # corners of a view: four fix a pose, more say whether it is right
 VIEWS = 5  # of a lens: three fix it in theory, tilted differently

@@ -8,7 +8,7 @@ import tomli_w
 from pendulum_swing import pendulum
 
 from whiptool.errors import InputError
-from whiptool.identification.bare_arm import read_bare_arm, write_bare_arm
+from whiptool.identification.plant import read_bare_arm, write_bare_arm
 from whiptool.models.parameters import ArmLink
 from whiptool.recording.readers import read_recording
 from whiptool.recording.readers.angles import read_swings

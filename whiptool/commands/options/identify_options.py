@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import Model
 
 Drive = Annotated[str, Names("whiptool.identification.drives:DRIVES")]
-Own = Annotated[str, Names("whiptool.identification.placement:NEUTRAL", others=("start",))]
+Own = Annotated[str, Names("whiptool.identification.readings:NEUTRAL", others=("start",))]
 
 OF_WHIPS = (
     "per_recording",
@@ -142,7 +142,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
 
     def find_model(self) -> Model | Any:
         """Return the model at which the fit starts: with --drive free an arm without a whip."""
-        from whiptool.identification.bare_arm import read_bare_arm
+        from whiptool.identification.plant import read_bare_arm
 
         if self.drive != "free":
             return super().find_model()

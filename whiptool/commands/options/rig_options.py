@@ -159,7 +159,7 @@ def _camera(name: str):
     if name == "none":
         return None
     from whiptool.recording.camera import camera_preset
-    from whiptool.vision.realsense import RealSenseCamera
+    from whiptool.vision.source import RealSenseCamera
 
     return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))
 

@@ -1,7 +1,7 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
-How each format looks stands in its module: `tracks` (CSV), `angles`, `deeplabcut`, `mat`, `c3d`, `lerobot`, `rosbag`,
-`footage`, and `whiptool.recording.npz`; what the TOML file next to any of them may hold, in `sidecar`.
+How each format looks stands in its module: `tracks` (CSV, also of DeepLabCut), `angles`, `mat`, `c3d`, `lerobot`,
+`rosbag`, `footage`, and `StrikeRecording.save` (NPZ); what the TOML file next to any of them may hold, in `sidecar`.
 """
 
 from __future__ import annotations
@@ -20,13 +20,12 @@ from whiptool.extras import Registry
 from whiptool.given_files import whole_file
 from whiptool.recording.readers.angles import holds_angles, read_angles
 from whiptool.recording.readers.c3d import read_c3d
-from whiptool.recording.readers.deeplabcut import read_deeplabcut
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames
-from whiptool.recording.readers.foreign import refuse_foreign
 from whiptool.recording.readers.lerobot import lerobot_episode, lerobot_video, read_lerobot
 from whiptool.recording.readers.mat import read_mat
 from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
-from whiptool.recording.readers.tracks import JOINT_LOG, read_csv, write_csv
+from whiptool.recording.readers.table import refuse_foreign
+from whiptool.recording.readers.tracks import JOINT_LOG, read_csv, read_deeplabcut, write_csv
 from whiptool.recording.strike_recording import StrikeRecording
 
 

@@ -14,7 +14,6 @@ perhaps `velocity` like `angle`. `NAME.csv` has one row of column names and one 
 from __future__ import annotations
 
 import re
-import struct
 import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -43,8 +42,8 @@ def holds_angles(path: Path, head: bytes) -> bool:
         names = [name.strip().strip('"') for name in names]
         return "angle1" in names and all(name == "t" or _COLUMN.fullmatch(name) for name in names)
     if path.suffix.lower() == ".npz":
-        damage = (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, ValueError, struct.error)
-        with suppress(*damage), zipfile.ZipFile(path) as archive:  # of a damaged file its reader says what is wrong
+        # of a damaged file its reader says what is wrong
+        with suppress(InputError), parsing(path, "NPZ"), zipfile.ZipFile(path) as archive:
             return "angle.npy" in archive.namelist()
     return False
 

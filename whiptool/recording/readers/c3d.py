@@ -21,8 +21,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.given_files import parsing, whole_file
-from whiptool.recording.readers.sealed import unpack
+from whiptool.given_files import parsed_apart, parsing, whole_file
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -45,7 +44,7 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
     side = Sidecar.of(path, options, *SPACE, "markers", "sigma")
     optional("ezc3d", "C3D files")
     _check_header(path)
-    data = unpack(path, "c3d")
+    data = parsed_apart(path, "c3d", parse)
     with parsing(path, "C3D"):
         labels = [str(x).strip() for x in data["labels"]]
         own = {x.lower() if PARTS.fullmatch(x.lower()) else x: x for x in labels if x}

@@ -26,11 +26,9 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import parsing, read_json, read_toml, sha256, whole_file
-from whiptool.recording.readers.footage import VideoSource, segment, source, video_frames
-from whiptool.recording.readers.frame_clock import clock_of_rows, frame_clock
-from whiptool.recording.readers.joint_log import JointLog, joint_log
+from whiptool.recording.readers.footage import VideoSource, clock_of_rows, frame_clock, segment, source, video_frames
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, Sidecar
-from whiptool.recording.readers.tracks import places_and_sigma, split_columns
+from whiptool.recording.readers.table import JointLog, joint_log, split_columns
 from whiptool.recording.strike_recording import StrikeRecording
 
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -134,7 +132,7 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         columns = split_columns(names, ("sigma",))
         clock = clock_of_rows(side, data.t, "times from the dataset's timestamps", "timestamp")
         read = {"t": clock.times, "source": f"{folder}, episode {episode}"}
-        read |= places_and_sigma(columns, table[clock.keep], side)
+        read |= side.places(columns, table[clock.keep])
         return side.recording(folder, notes=clock.notes, log=_joints(data, side), files=data.files, **read)
 
 

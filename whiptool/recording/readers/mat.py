@@ -23,15 +23,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import parsed_apart, parsing, whole_file
 from whiptool.models.strike import Strike
-from whiptool.recording.readers.frame_clock import clock_of_rows
-from whiptool.recording.readers.joint_log import JointLog, joint_log
-from whiptool.recording.readers.sealed import unpack
+from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.table import HDF5, JointLog, joint_log
 from whiptool.recording.strike_recording import StrikeRecording
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
 SPREAD = ("sigma", "t_points")  # variables with one number for each point, or for all
 
 
@@ -49,7 +47,7 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
     path = whole_file(path)
     side = Sidecar.of(path, options, *SPACE, "markers", "fps")
     _check_version(path)
-    flat = unpack(path, "mat")
+    flat = parsed_apart(path, "mat", parse)
     with parsing(path, "MAT"):
         data = _one_struct(flat)
         points = _points(data)

@@ -23,8 +23,7 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import parsing, sha256, whole_file
 from whiptool.recording.clock import good_stamps
-from whiptool.recording.readers.footage import VideoSource, source
-from whiptool.recording.readers.frame_clock import frame_clock
+from whiptool.recording.readers.footage import VideoSource, frame_clock, source
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"

@@ -42,7 +42,7 @@ from whiptool.models.strike import Strike
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
 from whiptool.recording.joint_columns import order_of
-from whiptool.recording.readers.joint_log import JointLog, read_joint_log
+from whiptool.recording.readers.table import AXES, JointLog, read_joint_log, stacked
 from whiptool.recording.strike_recording import StrikeRecording
 
 COMMON = (
@@ -314,6 +314,21 @@ class Sidecar:
                 raise self.refuse("axes", "different axes")
             points = points[..., columns] * [-1.0 if name[0] == "-" else 1.0 for name in chosen]
         return points * factor
+
+    def places(self, columns: dict[str, dict[str, int]], table: np.ndarray) -> dict[str, Any]:
+        """Return markers, positions [m] in whiptool's axes, and standard errors, as arguments of `StrikeRecording`.
+
+        Args:
+            columns: Where each marker's columns are, see `split_columns`.
+            table: All columns, (T, columns).
+        """
+        axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
+        unit, default = UNITS[self.word("units", UNITS, "m")], self.number("sigma", 1e-3, low=1e-9, high=1.0)
+        return {
+            "markers": tuple(columns),
+            "points": self.metres(np.stack([stacked(table, columns, axis) for axis in axes], axis=2)),
+            "sigma": stacked(table, columns, "sigma", default, unit=unit),
+        }
 
     def homography(self) -> np.ndarray | None:
         """Return the homography (3, 3) from pixels to metres, from the keys `homography`, `known_points`, or `scale`

@@ -14,7 +14,13 @@ camera it was, `camera = "left"`, and in which file the cameras stand, `cameras 
 middle of the first row's exposure. Of a camera that measures depth, `_depth` [m] is how far the marker is along its
 optical axis, 0 or empty where that is missing, and `_depth_sigma` [m] the standard error. Without the latter the error
 is that of a D435, or of a stereo pair with the sidecar's `baseline` [m] and `subpixel`, the standard error of its
-disparity [pixels] (`whiptool.recording.depth_noise`). `depth_units = "mm"` where depths are in millimetres.
+disparity [pixels] (`Camera.depth_error`). `depth_units = "mm"` where depths are in millimetres.
+
+DeepLabCut writes CSV with the header rows scorer, bodyparts and coords, in pixels. Keys of its sidecar in addition to
+the common ones: the clock (`fps`, or `timestamps` with one time per row), the way to metres (`homography`,
+`known_points`, or `scale` and `origin`), `markers` (which body parts are what, as in `{tip = "whip_end"}`; default: all
+by their own names), `likelihood` (below it a point is missing; default 0.6, as DeepLabCut's own plots), `sigma_pixels`
+(standard error per coordinate; default 1), and, for a rolling shutter, `readout` with `rows`, the height of the image.
 """
 
 from __future__ import annotations
@@ -30,18 +36,26 @@ import tomli_w
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
 from whiptool.models.joint_trajectory import POSE
-from whiptool.recording.camera import Camera, write_cameras
-from whiptool.recording.depth_noise import BASELINE, SUBPIXEL, depth_error
+from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera, to_plane, write_cameras
+from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.joint_columns import TIME, Column
-from whiptool.recording.readers.frame_clock import clock_of_rows
-from whiptool.recording.readers.joint_log import PREFIX
-from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
-from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
+from whiptool.recording.readers.footage import clock_of_rows, frame_clock
+from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, VIEW, Sidecar
+from whiptool.recording.readers.table import (
+    AXES,
+    PREFIX,
+    cells,
+    csv_rows,
+    read_columns,
+    split_columns,
+    stacked,
+    time_column,
+    without_repeated_rows,
+)
 from whiptool.recording.strike_recording import DEFAULT_PIXELS, StrikeRecording
 
-AXES = ("x", "y", "z")
 JOINT_LOG = ".joints.csv"  # in place of a recording's suffix
-PIXELS = ("u", "v")  # to the right, down
+UV = ("u", "v")  # to the right, down
 DEPTH = ("depth", "depth_sigma")
 
 
@@ -79,24 +93,13 @@ def _places(names: list[str], table: np.ndarray, stamps: np.ndarray, side: Sidec
     columns = split_columns(names, ("sigma", "t"))
     return {
         "t_points": stacked(table, columns, "t", stamps[:, None]) - side.start,
-        **places_and_sigma(columns, table, side),
-    }
-
-
-def places_and_sigma(columns: dict[str, dict[str, int]], table: np.ndarray, side: Sidecar) -> dict[str, Any]:
-    """Return markers, positions [m] in whiptool's axes, and standard errors, as arguments of `StrikeRecording`."""
-    axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
-    unit, default = UNITS[side.word("units", UNITS, "m")], side.number("sigma", 1e-3, low=1e-9, high=1.0)
-    return {
-        "markers": tuple(columns),
-        "points": side.metres(np.stack([stacked(table, columns, axis) for axis in axes], axis=2)),
-        "sigma": stacked(table, columns, "sigma", default, unit=unit),
+        **side.places(columns, table),
     }
 
 
 def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) -> dict[str, Any]:
     """Markers, pixels and their errors, and depths and theirs, of what one camera in space saw."""
-    columns = split_columns(names, ("sigma", *DEPTH), axes=PIXELS)
+    columns = split_columns(names, ("sigma", *DEPTH), axes=UV)
     for marker, found in columns.items():
         if "depth_sigma" in found and "depth" not in found:
             given = ", ".join(names[i] for i in found.values())
@@ -105,61 +108,14 @@ def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) ->
     subpixel = side.number("subpixel", SUBPIXEL, low=1e-4, high=10.0)
     unit = UNITS[side.word("depth_units", UNITS, "m")]
     depth = stacked(table, columns, "depth", unit=unit)
-    usual = depth_error(depth, view.focal_lengths[0], baseline=baseline, subpixel=subpixel)
+    usual = view.depth_error(depth, baseline=baseline, subpixel=subpixel)
     return {
         "markers": tuple(columns),
-        "points": np.stack([stacked(table, columns, axis) for axis in PIXELS], axis=2),
+        "points": np.stack([stacked(table, columns, axis) for axis in UV], axis=2),
         "sigma": stacked(table, columns, "sigma", side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)),
         "depth": depth,
         "depth_sigma": stacked(table, columns, "depth_sigma", usual, unit=unit),
     }
-
-
-def split_columns(
-    names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
-) -> dict[str, dict[str, int]]:
-    """Return the columns of each marker by quantity (`x`, `y`, `z` and `more`), in order of appearance.
-
-    Args:
-        names: Names of the columns.
-        more: Further columns of a marker; if a name ends with two of them, the longer one counts.
-        axes: Names of the coordinates.
-
-    Raises:
-        InputError: A name has no such ending, a marker lacks one of the first two axes, or only some markers have the
-            third.
-    """
-    columns: dict[str, dict[str, int]] = {}
-    for i, name in enumerate(names):
-        what = max((x for x in (*axes, *more) if name.endswith("_" + x)), key=len, default="")
-        marker = name.removesuffix("_" + what)
-        if not what or not marker:
-            endings = ", ".join("_" + x for x in (*axes, *more))
-            raise InputError("column", name, f"MARKER with one of {endings}", f"as in tip_{axes[0]}, tip_{axes[1]}")
-        columns.setdefault(marker, {})[what] = i
-    if not columns:
-        raise InputError("columns", "no markers", "at least tip_x and tip_y")
-    for marker, found in columns.items():
-        if not set(axes[:2]) <= found.keys():
-            both = f"{marker}_{axes[0]} and {marker}_{axes[1]}"
-            raise InputError(f"marker {marker}", ", ".join(names[i] for i in found.values()), both)
-    if len({"z" in found for found in columns.values()}) > 1:
-        raise InputError("columns", ", ".join(names)[:80], "_z for all markers or for none")
-    return columns
-
-
-def stacked(
-    table: np.ndarray,
-    columns: dict[str, dict[str, int]],
-    what: str,
-    otherwise: float | np.ndarray = np.nan,
-    *,
-    unit: float = 1.0,
-) -> np.ndarray:
-    """Return one column of all markers times a unit, (T, M); without such columns `otherwise`, which is not scaled."""
-    default = np.broadcast_to(otherwise, (len(table), len(columns)))
-    found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
-    return np.stack(found, axis=1)
 
 
 def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
@@ -215,7 +171,7 @@ def _columns(recording: StrikeRecording) -> tuple[list[str], np.ndarray]:
     """Names and numbers (T, columns) of the times and of all that was seen of each marker."""
     what = {
         axis: recording.points[..., i]
-        for i, axis in enumerate(PIXELS if recording.view else AXES[: recording.points.shape[2]])
+        for i, axis in enumerate(UV if recording.view else AXES[: recording.points.shape[2]])
     }
     what["sigma"] = recording.sigma
     what |= {"t": recording.t_points} if recording.view is None else {}
@@ -242,3 +198,80 @@ def _write_columns(path: Path, names: list[str], table: np.ndarray) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(names)
         writer.writerows([["" if np.isnan(x) else repr(float(x)) for x in row] for row in table])
+
+
+COORDS = ("x", "y", "likelihood")
+
+
+def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read the tracks in a CSV file that DeepLabCut wrote for one animal.
+
+    Args:
+        path: The CSV file.
+        options: Keys of the sidecar file, whose values they override.
+
+    Raises:
+        InputError: The header is not DeepLabCut's, a cell is not a number, the times or the conversion to metres are
+            missing, or a value is not allowed.
+    """
+    path = whole_file(path)
+    side = Sidecar.of(path, options, *CLOCK, *PIXELS, "markers", "likelihood", "sigma_pixels", "rows")
+    with parsing(path, "DeepLabCut CSV"):
+        rows = csv_rows(path)
+        parts = _body_parts(rows)
+        table = cells(rows, 3, len(rows[0]))  # (T, 1 + 3 parts)
+        if len(table) < 2:
+            raise InputError("rows", len(table), "at least two frames")
+        names = side.names("markers") or {part: part for part in parts}
+        for part in names.values():
+            if part not in parts:
+                raise InputError("markers", part, "one of the body parts " + ", ".join(parts))
+        columns = np.array([parts[part] for part in names.values()])  # (M,) first column of each
+        pixels = np.stack([table[:, columns], table[:, columns + 1]], axis=2)  # (T, M, 2)
+        threshold = side.number("likelihood", 0.6, low=0.0, high=1.0)
+        pixels[~(table[:, columns + 2] >= threshold)] = np.nan
+        if (homography := side.homography()) is None:
+            raise InputError(
+                "homography", None, "homography, known_points, or scale and origin", "write them into the sidecar .toml"
+            )
+        clock = frame_clock(side, len(table), numbers=_numbers(side, table[:, 0]))
+        pixels, t = pixels[clock.keep], clock.times
+        readout = side.readout()
+        if readout and "rows" not in side.table:
+            raise InputError("rows", None, "the height of the image [pixels], together with readout")
+        height = side.number("rows", 2.0, low=2, high=1e5)
+        late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
+        return side.recording(
+            path,
+            notes=clock.notes,
+            t=t,
+            points=to_plane(homography, pixels),
+            markers=tuple(names),
+            sigma=side.number("sigma_pixels", 1.0, low=1e-6, high=1e3) * metres_per_pixel(homography, pixels),
+            t_points=t[:, None] + late,
+        )
+
+
+def _numbers(side: Sidecar, frames: np.ndarray) -> np.ndarray | None:
+    """The number of each frame (T,), from the first column; None where each has its own timestamp."""
+    if "timestamps" in side.table:
+        return None
+    if not (np.isfinite(frames).all() and (frames >= 0).all() and (frames < 1e7).all() and (frames % 1 == 0).all()):
+        raise InputError("first column", frames[:3].tolist(), "the numbers of the frames")
+    return frames
+
+
+def _body_parts(rows: list[list[str]]) -> dict[str, int]:
+    """The first column of each body part."""
+    if any(row[0].strip() == "individuals" for row in rows[:4]):
+        raise InputError("header", "individuals", "tracks of one animal", "export one individual")
+    for row, first in zip(rows[:3] + [[]] * 3, ("scorer", "bodyparts", "coords")):
+        if not row or row[0].strip() != first or len(row) != len(rows[0]):
+            raise InputError("header", ",".join(row)[:60], f"a row that begins with {first}, as long as the first")
+    names, coords = rows[1][1:], [x.strip() for x in rows[2][1:]]
+    if not names or len(names) % 3 or coords != list(COORDS) * (len(names) // 3):
+        raise InputError("coords", ",".join(coords)[:60], "x, y, likelihood for each body part")
+    parts = {name: 1 + 3 * i for i, name in enumerate(names[::3])}
+    if len(parts) < len(names) // 3 or any(len(set(names[i : i + 3])) > 1 for i in range(0, len(names), 3)):
+        raise InputError("bodyparts", ",".join(names)[:60], "each name over its three columns, once")
+    return parts

@@ -13,9 +13,8 @@ from whiptool import extras
 from whiptool.commands import doctor
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.recording.camera import Camera, camera_preset, pinhole
-from whiptool.vision import realsense
-from whiptool.vision.realsense import RealSenseCamera
-from whiptool.vision.source import frames_of
+from whiptool.vision import source
+from whiptool.vision.source import RealSenseCamera, frames_of
 
 SETTINGS = camera_preset("d435-infrared")
 FRAMES = 10
@@ -61,7 +60,7 @@ def record(rs, path: Path, settings: Camera) -> None:
 def test_a_recording_of_the_sdk_is_played_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """All of it, also where the machine is busy right after the stream was started."""
     try:
-        rs = realsense.realsense()
+        rs = source.realsense()
     except WhiptoolError as error:
         pytest.skip(str(error))
     path = tmp_path / "strike.db3"
@@ -150,12 +149,11 @@ class FakeSdk:
 
 
 def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
-    from whiptool.vision import realsense
     from whiptool.vision.source import FrameSource, frames_of
 
     sdk = FakeSdk(CAMERA)
     monkeypatch.setitem(sys.modules, "pyrealsense2", sdk)
-    camera = realsense.RealSenseCamera(CAMERA, serial="123")
+    camera = source.RealSenseCamera(CAMERA, serial="123")
     assert isinstance(camera, FrameSource)
     with pytest.raises(InputError, match="open"):
         camera.read()
@@ -171,12 +169,10 @@ def test_a_realsense_gives_frames_of_its_own_lens(monkeypatch, tmp_path):
     camera.close()
     assert sdk.stopped == 1
     with pytest.raises(InputError, match="exists"):
-        realsense.RealSenseCamera(CAMERA, file=tmp_path / "none.bag")
+        source.RealSenseCamera(CAMERA, file=tmp_path / "none.bag")
 
 
 def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
-    from whiptool.vision import realsense
-
     for reason, fix in (("libusb-1.0.so.0: cannot open", "apt-get install libusb-1.0-0"), ("No module", "pip install")):
 
         def missing(name, reason=reason):
@@ -184,4 +180,4 @@ def test_a_realsense_without_its_libraries_says_what_to_install(monkeypatch):
 
         monkeypatch.setattr("whiptool.extras.import_module", missing)
         with pytest.raises(InputError, match=fix):
-            realsense.RealSenseCamera(CAMERA).open()
+            source.RealSenseCamera(CAMERA).open()

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
 
-from whiptool.identification.sampling import POINTS, Readings
+from whiptool.identification.readings import NEUTRAL, PLACED, POINTS, Samples, by_placement, carried, placed
 
 START, INTERVAL, COUNT = 0.3, 0.05, 21
 GRID = START + INTERVAL * np.arange(COUNT)
@@ -14,8 +15,8 @@ QUINTIC = np.polynomial.Polynomial([0.3, -1.0, 2.0, 0.7, -3.0, 1.1], domain=[0, 
 AT = np.array([0.3, 0.312, 0.35, 0.4777, 0.801, 1.2, 1.263, 1.3])
 
 
-def read(at: np.ndarray, exposure: float = 0.0) -> Readings:
-    return Readings(at, exposure=exposure, start=START, interval=INTERVAL, count=COUNT)
+def read(at: np.ndarray, exposure: float = 0.0) -> Samples:
+    return Samples(at, exposure=exposure, start=START, interval=INTERVAL, count=COUNT)
 
 
 PATH = np.stack([QUINTIC(GRID), np.ones(COUNT)], axis=1)[:, None, :]  # one marker, (S, 1, 2)
@@ -58,7 +59,7 @@ def test_errors_fall_with_the_sixth_power_of_the_interval():
     for count in (41, 81):
         grid = np.linspace(0, 2, count)
         at = np.linspace(0.31, 1.77, 50)
-        readings = Readings(at, exposure=0.0, start=0.0, interval=2 / (count - 1), count=count)
+        readings = Samples(at, exposure=0.0, start=0.0, interval=2 / (count - 1), count=count)
         errors.append(np.abs(readings.value(np.sin(5 * grid)[:, None, None], np.zeros(50, int))[:, 0] - np.sin(5 * at)))
     assert 5.5 < np.log2(errors[0].max() / errors[1].max()) < 6.8
     assert POINTS == 6
@@ -83,3 +84,28 @@ def test_the_derivative_by_time_is_that_of_differences(t):
     np.testing.assert_allclose(
         read(np.array([t]), 0.02).velocity(path, np.zeros(1, int)), (ahead - behind) / (2 * h), rtol=1e-5
     )
+
+
+X = np.random.default_rng(0).normal(size=(7, 3))
+GIVEN = dict(zip(NEUTRAL, [0.02, 0.99, 1.1, 0.3, -0.2, 0.4, 0.1, 0.05, 0.7, -0.6], strict=True))
+
+
+def test_the_neutral_placement_leaves_places_alone():
+    for d in PLACED:
+        np.testing.assert_array_equal(placed(X[:, :d], NEUTRAL), X[:, :d])
+
+
+def test_in_space_it_turns_about_x_then_y_then_z():
+    turn = Rotation.from_euler("xyz", [GIVEN[f"rotation_{axis}"] for axis in "xyz"])
+    shift = [GIVEN[f"shift_{axis}"] for axis in "xyz"]
+    np.testing.assert_allclose(placed(X, GIVEN), GIVEN["scale"] * turn.apply(X) + shift, atol=1e-12)
+    np.testing.assert_allclose(carried(X, GIVEN), GIVEN["scale"] * turn.apply(X), atol=1e-12)
+
+
+@pytest.mark.parametrize("d", PLACED)
+def test_derivatives_are_differences(d):
+    slopes, h = by_placement(X[:, :d], GIVEN), 1e-6
+    assert set(slopes) == set(PLACED[d])
+    for name in PLACED[d]:
+        up, down = (placed(X[:, :d], {**GIVEN, name: GIVEN[name] + step}) for step in (h, -h))
+        np.testing.assert_allclose(slopes[name], (up - down) / (2 * h), atol=1e-8)
