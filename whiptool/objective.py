@@ -1,4 +1,4 @@
-"""The one door from any search or learner to the physics: strikes in, outcomes out, every trial counted."""
+"""The objective of searches and learners: it simulates strikes, returns outcomes, and counts every trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is shown of work that goes on: progress bars and notes on stderr, none of them where a command is quiet."""
+"""Progress bars and notes on stderr, which a quiet command does not show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run folders: configuration, results, what to cite, and one process at a time that writes there."""
+"""Run folders: configuration, results, and a lock, so that only one process at a time writes."""
 
 from __future__ import annotations
 

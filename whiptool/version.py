@@ -1,3 +1,3 @@
-"""The version of this code."""
+"""The version of whiptool."""
 
 __version__ = "0.2.0"

@@ -1,4 +1,4 @@
-"""Files that are whole: neither a kill nor a full disk leaves half of one, and an error names the file."""
+"""Atomic writing of files: a killed process or a full disk leaves no incomplete file, and errors name the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers as people read them: counts with their nouns, ratios, what only a rounding is left of; names as written."""
+"""Numbers as text: counts with nouns, ratios, rounding errors as 0; and names in any spelling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identification: from recorded strikes to the parameters of a whip."""
+"""Identification of a whip's parameters from recorded strikes."""
 
 from __future__ import annotations
 

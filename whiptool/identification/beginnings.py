@@ -1,8 +1,8 @@
-"""What is grossly wrong with a recording, before hours are spent on a fit of it: units, axes, joints, when it starts.
+"""Checks for gross errors of a recording before a fit: units, axes, joints, start time.
 
-A whip hangs from a hand whose place is known, so that its first readings are where the model says except what is
-unknown of the whip. Where they, or the path that follows, are far from that, simple slips are tried: the one that
-explains the readings several times as well is named.
+The whip hangs from a hand at a known position, so that its first readings are near the model's prediction. If the
+readings are far from it, common mistakes are tried, and the mistake that explains the readings several times better is
+named.
 """
 
 from __future__ import annotations

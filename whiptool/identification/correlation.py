@@ -1,9 +1,9 @@
-"""Errors of successive readings that correlate: estimated from a fit's residuals, and what they do to its covariance.
+"""Autocorrelation of the errors, estimated from a fit's residuals, and its effect on the fit's covariance.
 
-Residuals correlate less than the errors behind them, because the fitted unknowns follow the errors. What is to be
-expected of residuals is linear in the errors' autocovariances, and is solved for them; an autoregression, its order
-chosen by Schwarz's criterion, continues them to any lag. Its covariance does not fall short as that of a block
-bootstrap or of a lag window does, which count no pair of readings in full (Andrews and Monahan 1992).
+Residuals are less correlated than the errors, because the fitted unknowns follow the errors. The expected products of
+residuals are linear in the autocovariances of the errors, which are solved for; an autoregression, its order chosen by
+Schwarz's criterion, extends them to any lag. Its covariance is not too small, unlike that of a block bootstrap or a lag
+window, which give every pair of readings a reduced weight (Andrews and Monahan 1992).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What drives the whip in a recording: the command, a robot that follows it, measured joints, the hand's pose, the
-tracked handle, or nothing but a release.
+"""Drives of the whip in a recording: the command, a robot that follows it, measured joints, the pose of the hand, a
+tracked handle, or a release by hand.
 
-A drive turns a plant into what the engine rolls out for one recording: parameters, start, inputs, and how each changes
-with the plant's free numbers and with what is unknown about this recording.
+A drive converts a plant to the engine's input for one recording: parameters, initial state and inputs, with their
+derivatives by the plant's free parameters and by the recording's unknowns.
 """
 
 from __future__ import annotations

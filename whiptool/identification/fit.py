@@ -1,4 +1,4 @@
-"""Fit the free numbers of a model to recordings, from several starts, and say what came of it."""
+"""Fit of the free parameters of a model to recordings, from several starting points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a fit: what was fitted, how well it is known, and how well it predicts."""
+"""The report of a fit: fitted values, their uncertainty, and the accuracy of predictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a command line, files and recordings state about a fit, as what it takes: tracks are read, images tracked."""
+"""Inputs of a fit from a command line or from recordings: names, priors, profile, controller."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""What is identified: a model, its controller and perhaps its profile, under one set of named numbers.
-
-The model may be an arm without a whip and without motors, such as a pendulum of several links. Its TOML file holds one
-table `[[links]]` per link with `mass`, `length`, and perhaps `com`, `inertia`, `friction` (viscous), `dry_friction`,
-`drag`; in addition `gravity` and `friction_velocity`.
-"""
+"""The identified plant: a model, its controller and optionally its profile, with all parameters by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings, a plant and its free numbers as a least-squares problem, and how it is to be solved."""
+"""A fit of recordings as a least-squares problem, and the options of its solution."""
 
 from __future__ import annotations
 

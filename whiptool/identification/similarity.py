@@ -1,4 +1,4 @@
-"""How alike two tip paths are: the paper's similarity (Eq. 23), and what it does not tell."""
+"""Similarity of two tip paths: the paper's measure (Eq. 23), and others for errors to which it is insensitive."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt for many recordings: unknowns that all share, unknowns of each alone, Huber's loss, bounds.
+"""Levenberg-Marquardt for many recordings, with shared and separate unknowns, Huber's loss, and bounds.
 
-The Jacobian has the shape of an arrow: a recording's own unknowns touch its readings only. Each block is reduced by an
-orthogonal factorisation, so that the cost grows with the number of recordings and not with its cube, and that nothing
-is squared: a flat direction stays visible at the accuracy of the numbers.
+The Jacobian has the shape of an arrow: the separate unknowns of a recording only affect its readings. Each block is
+reduced by an orthogonal factorisation. The computing time is then linear in the number of recordings, and the condition
+number is not squared, so that flat directions are found at full precision.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fit found, as plain data and in words."""
+"""Summary of a fit, as plain data and as text."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
-"""Faults of a recording's time base, found in what a fit leaves over along the velocities of the markers.
+"""Faults of a recording's time stamps, found from the residuals of a fit and the velocities of the markers.
 
-A stamp that is off by d leaves a residual of the velocity times d. A clock that is late leaves the velocity, one that
-runs fast the velocity times the time, and a frame that was lost or stamped twice the velocity from then on. Each of
-these is what a Lagrange multiplier (score) test takes for the alternative (Rao 1948): the residuals are regressed on it
-with all that was fitted taken out. The likeliest is judged by a level that is shared among all that were tried
-(Bonferroni).
+A time stamp with error d causes a residual of d times the velocity. A late clock causes residuals proportional to the
+velocity, a fast clock to velocity times time, and a lost or repeated frame to the velocity from then on. Each pattern
+is the alternative of a Lagrange multiplier (score) test (Rao 1948): the residuals are regressed on it after projection
+on the fitted unknowns is removed. The significance of the likeliest is corrected for the number of tests (Bonferroni).
 
-A fit hides much of such a fault in the whip's numbers. Where the test leaves a doubt, the recordings are fitted once
-more with their own clocks, and the clocks that come out are judged.
+A fit hides much of such a fault in the whip's parameters. If the test is inconclusive, the recordings are fitted again
+with a separate clock each, and these clocks are tested.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fit knows, and what it does not: covariance, flat directions, and the class of each parameter."""
+"""Uncertainty of a fit: covariance, and directions without information."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Free numbers: names, units, bounds and priors; a solver sees logarithms of what is positive, and scaled numbers."""
+"""Free parameters as variables of the solver: logarithms of positive parameters, others scaled; bounds and priors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Control of the arm: constant and online-adaptive impedance, joints on their reference, the controller around them,
-their cost."""
+"""Control of the arm: constant and online-adaptive impedance, position control, the controller, and its cost."""
 
 from whiptool.impedance.controller import Controller, ControlLoop, HandControl, default_controller, hand_impedance
 from whiptool.impedance.cost import Cost, impedance_cost

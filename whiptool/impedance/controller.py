@@ -1,4 +1,4 @@
-"""The controller: a law in joint or hand space with gravity compensation, the default of a model, and files of it."""
+"""The controller of an arm, in joint space or in hand space (Sect. 4.2), and its control loop in NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cost that OIAC descends (Eqs. 5-7), evaluated along a trajectory."""
+"""The cost that OIAC minimises (Eqs. 5-7), evaluated along a trajectory."""
 
 from __future__ import annotations
 

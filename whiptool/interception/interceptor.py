@@ -1,4 +1,4 @@
-"""The strike, and the time to start it, whose tip meets a moving target."""
+"""Choice of a strike and its start time such that the tip meets a moving target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strikes rolled out once: a whip does not know about its target, so that the same paths serve every target."""
+"""Library of simulated strikes: tip paths do not depend on the target, so that the same paths serve every target."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How a target may move in the strike plane, which motion its frames show, and where it will be, with what certainty.
+"""Motions of a target in the strike plane, their fit to frames, and predictions with covariances.
 
-A target is at rest, moves straight on, flies as a thrown ball, or swings as the bob of a pendulum.
+A target is at rest, moves at constant velocity, falls freely, or swings as the bob of a pendulum.
 """
 
 from __future__ import annotations

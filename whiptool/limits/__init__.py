@@ -1,1 +1,1 @@
-"""What a strike has to keep: limits of joints, motors and commands, clearance, and the order of judging them."""
+"""Limits that strikes have to keep: joints, motors, commands and clearance, and the order of their checks."""

@@ -1,4 +1,4 @@
-"""What strikes have to keep: limits of motors, joints and distances, one or several, and when each is judged."""
+"""Combination of limits of motors, joints and distances, by names or defaults, and the order of their checks."""
 
 from __future__ import annotations
 

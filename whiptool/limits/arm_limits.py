@@ -1,4 +1,4 @@
-"""What an arm's own joints can do: how far a strike is beyond their limits."""
+"""Limits of an arm's joints: position, velocity, acceleration, jerk, torque and rate of torque."""
 
 from __future__ import annotations
 

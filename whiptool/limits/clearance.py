@@ -1,4 +1,4 @@
-"""What an arm and its whip must not touch: the arm itself, the floor, and the whip the arm."""
+"""Clearance between arm, whip and floor over a strike, and its smooth constraints for searches."""
 
 from __future__ import annotations
 

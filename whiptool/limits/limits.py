@@ -1,4 +1,4 @@
-"""Limits that a strike keeps: what all kinds of them have, and how fast joints may be commanded."""
+"""Interface of limits, their smooth constraints, and limits of commanded paths (Eq. 1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a motor can do: the line from stall torque to no-load speed, and how far a strike is beyond it."""
+"""Limits of a motor: the line from stall torque to no-load speed, and the usage of it by a strike."""
 
 from __future__ import annotations
 

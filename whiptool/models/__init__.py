@@ -1,4 +1,4 @@
-"""Models: whip, profile, arm, motors and strikes as data, presets of published ones, and files of them."""
+"""Models: whip, profile, arm, motors and strikes as data, published presets, and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Capsules: rods with round ends, as which the bodies of an arm are taken where they may touch something."""
+"""Capsules, and cylinders or boxes in them, as shapes of an arm's links, and distances between shapes."""
 
 from __future__ import annotations
 

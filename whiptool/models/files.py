@@ -1,4 +1,4 @@
-"""Models and arms as TOML files: read with every mistake named, written so that they read back the same."""
+"""Models and arms as TOML files; errors name the key, and a file that was written reads back the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hand space (Sect. 4.2): strikes described by where the hand begins and ends, and the joints' path with it."""
+"""Hand space (Sect. 4.2): strikes in coordinates of the hand, and the path of the joints for them."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Joint trajectories for robots, as CSV or as a ROS 2 goal, and the hand's poses as joints of a virtual arm.
 
-A trajectory of a strike has a movement to its start and a rest before it, and in hand space the hand's poses.
+The trajectory of a strike begins with a movement to its start and a rest, and in hand space has the hand's poses.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Arms from MJCF files, which MuJoCo reads, and the joints' forces in them that a model does not have."""
+"""Arms from MJCF files, the format of MuJoCo, and notes on joint forces in them that the model does not have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How an arm in space is mounted, where its floor is, and the stick in its hand that holds the whip."""
+"""Mounting of an arm in space, its floor, and a stick in its hand that holds the whip."""
 
 from __future__ import annotations
 

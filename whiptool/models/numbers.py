@@ -1,7 +1,7 @@
-"""Checks of numbers where they enter, and what NumPy makes of our objects.
+"""Checks of numbers in arguments, and conversion of whiptool's objects by NumPy.
 
-Of an object that does not say, `np.asarray` makes an array of no dimension that holds the object itself; it broadcasts,
-and an assignment, a sum or a comparison with it fails late or not at all.
+By default `np.asarray` converts an object to an array of no dimension that contains the object; such an array
+broadcasts, and an assignment, a sum or a comparison with it fails late or not at all.
 """
 
 from __future__ import annotations

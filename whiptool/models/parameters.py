@@ -1,4 +1,4 @@
-"""A model: whip, arm and gravity, and its numbers by name; the planar arm."""
+"""A model, i.e. whip, arm and gravity, with its parameters by name; and the planar arm."""
 
 from __future__ import annotations
 

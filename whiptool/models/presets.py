@@ -1,4 +1,4 @@
-"""Published models: the paper's, a human arm's, and robots with a rope, whose arms are files in `published`."""
+"""Published models: those of the paper, a human arm, and robots with a rope, whose arms are files in `published`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whip as profiles along its length: lumped into nodes, resized, tapered, or made of another material."""
+"""A whip as profiles along its length: lumped to nodes, resized, tapered, or made of another material."""
 
 from __future__ import annotations
 

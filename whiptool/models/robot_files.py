@@ -1,7 +1,7 @@
-"""What URDF and MJCF files share: safe text for their parsers, and which serial chain of a robot is the arm.
+"""Functions for URDF and MJCF files: checks before parsing, and the choice of the serial chain that is the arm.
 
-The parsers of Pinocchio and MuJoCo go through elements within elements by recursion, which ends Python where there are
-thousands of levels; MuJoCo opens whatever a file includes, and makes as many bodies as the file asks for.
+The parsers of Pinocchio and MuJoCo are recursive and crash Python at thousands of nested elements; MuJoCo opens every
+included file, and creates any number of bodies.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The bodies of an arm and a whip as capsules over a floor, and how near they come."""
+"""The bodies of arm, whip and floor as capsules, and the distances between them."""
 
 from __future__ import annotations
 

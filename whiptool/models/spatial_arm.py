@@ -1,4 +1,4 @@
-"""Arms in space: serial chains of revolute and prismatic joints, as data."""
+"""Arms in space: links, joints, their names and their limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strikes of an arm's joints along a minimum-jerk path (Eq. 1) and of its hand, their bounds, and joint space."""
+"""Strikes of an arm's joints along a minimum-jerk path (Eq. 1), or of its hand; their bounds, and joint space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trajectories of strikes, and the closest approach of their tips to a place."""
+"""Trajectories of strikes, and closest approaches of paths to a position."""
 
 from __future__ import annotations
 

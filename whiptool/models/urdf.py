@@ -1,4 +1,4 @@
-"""Arms from URDF files: Pinocchio reads them."""
+"""Arms from URDF files, with notes on assumptions and ignored parts."""
 
 from __future__ import annotations
 

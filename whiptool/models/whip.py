@@ -1,4 +1,4 @@
-"""Parameters of a whip: lumped nodes, checked where they enter."""
+"""Parameters of a lumped whip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways to find a strike, all behind one call: `search(objective, method)`."""
+"""Methods that find a strike, with one interface: `search(objective, method)`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Searches without derivatives: random strikes, NLopt's global methods, evolution, and a learner on one target."""
+"""Searches without derivatives: random strikes, NLopt's global methods, evolutionary methods, and learners."""
 
 from __future__ import annotations
 

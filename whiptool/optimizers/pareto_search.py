@@ -1,6 +1,6 @@
 """Pareto fronts by the epsilon-constraint method (Haimes, Lasdon and Wismer 1971) along exact derivatives.
 
-A front holds the hits of which no other is better by one of two criteria and not worse by the other.
+A front contains the hits that are not dominated: no other hit is better in one criterion and not worse in the other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The trials of a run as they happen; what a killed search needs to go on."""
+"""Log of the trials of a run, from which a killed search is resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recorded strikes: what a camera and the encoders saw, and readers of the formats it comes in. No physics."""
+"""Recorded strikes from cameras and encoders, and readers of their file formats; no physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one pinhole camera: intrinsics, a lens that distorts, pose and clock; and the D435 that the paper films with.
+"""The pinhole camera: intrinsics, lens distortion, pose and timing; and presets of the D435 that the paper uses.
 
 A pixel's centre has whole coordinates (u to the right, v down), as in OpenCV. The world is that of the models in space:
 x forward, y to the left, z up, in metres, its origin at the shoulder. The strike plane is y = 0 of it: its points

@@ -1,4 +1,4 @@
-"""Time stamps as instruments write them: which can be right, how even they are, and whether parts are of one time."""
+"""Checks of time stamps: which are valid, how even they are, and whether frames and logs overlap."""
 
 from __future__ import annotations
 

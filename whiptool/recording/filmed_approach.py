@@ -1,10 +1,4 @@
-"""The closest approach of a filmed tip, and the miss distance with its standard error and the probability of a hit.
-
-`approach_seen` joins the frames by a smooth path, with or without what no frame shows. `weigh` judges: a path of the
-tip is what is expected of it, and a discrepancy: a Gaussian process in time, of unknown size and pace. The frames tell
-it where they are, with their noise; between and beyond them the discrepancy stays as large as they show it to be
-(Kennedy and O'Hagan 2001).
-"""
+"""The closest approach of a filmed tip to a target, from a smooth path through its frames."""
 
 from __future__ import annotations
 

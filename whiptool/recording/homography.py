@@ -1,4 +1,4 @@
-"""From pixels to metres in the strike plane: homographies, made from a matrix, known points, or a scale.
+"""Conversion of pixels to metres in the strike plane: homographies from a matrix, known points, or a scale.
 
 Pixel (0, 0) is the centre of the image's first pixel, u goes right, v down, as in OpenCV.
 """

@@ -1,8 +1,8 @@
-"""Do the labels of a recording stay with their markers? Motion capture exchanges them, and lets one swallow another.
+"""Check of marker labels: motion capture may exchange labels, or merge two markers.
 
-Every marker is expected where its last two frames carry it. Where another assignment of what a frame shows to what was
-expected explains that frame far better than its own labels do, labels were exchanged. Where two markers that were apart
-lie on each other for several frames, one of them has swallowed the other.
+The position of every marker is extrapolated from its last two frames. If another assignment of a frame's points to
+these positions explains the frame far better than its labels, labels were exchanged. If two markers that were apart
+coincide for several frames, they were merged.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A recorded strike: what was seen of the whip, when, how well, and what was commanded."""
+"""A recorded strike: marker positions, their times and errors, joint log, and command."""
 
 from __future__ import annotations
 

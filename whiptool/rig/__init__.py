@@ -1,1 +1,1 @@
-"""The rig: servos on a bus, an emulator of them, the control loop and its safety, strikes and what they leave."""
+"""The rig: servos on a bus, their emulator, the control loop and its safety, and the records of strikes."""

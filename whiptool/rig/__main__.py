@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.rig`: see `whiptool.commands.rig`, a layer above this one."""
+"""Entry point of `python -m whiptool.rig`; see `whiptool.commands.rig`, a layer above this package."""
 
 import sys
 from importlib import import_module

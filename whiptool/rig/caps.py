@@ -1,4 +1,4 @@
-"""Stiffness and damping that a sampled loop can carry: OIAC's grow with the square of the error, without end."""
+"""Caps of stiffness and damping with which a sampled loop is stable; the gains of OIAC grow without bound."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The control loop of the rig: to the start posture, wait for the whip, strike, return; every cycle on record."""
+"""The control loop of the rig: move to the start posture, wait, strike, return; every cycle is logged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A record of every control cycle, written as it happens, so that nothing that ends a run can lose it."""
+"""Log of every control cycle, written immediately, so that it is complete however a run ends."""
 
 from __future__ import annotations
 

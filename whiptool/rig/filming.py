@@ -1,4 +1,4 @@
-"""Filming while the control loop runs: a separate thread takes frames; what the strike shows is kept."""
+"""Filming during the control loop: a separate thread reads frames, and those of the strike are kept."""
 
 from __future__ import annotations
 

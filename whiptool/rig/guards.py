@@ -1,4 +1,4 @@
-"""Limits on what is measured in every control cycle; the first limit that is exceeded ends the run."""
+"""Guards, which check the measurements of every control cycle; the first violation ends the run."""
 
 from __future__ import annotations
 

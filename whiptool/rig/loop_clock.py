@@ -1,4 +1,4 @@
-"""Where the loop's time comes from: the machine, or the loop's own steps."""
+"""Clocks of the control loop: the machine's, or one that advances with the loop's steps."""
 
 from __future__ import annotations
 

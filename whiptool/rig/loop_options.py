@@ -1,4 +1,4 @@
-"""How a strike is run: rates, waits, limits of the control loop and of its rehearsal."""
+"""Settings of a strike on the rig: rates, waiting times, limits of the control loop and of its rehearsal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a run's cycles to the recording that identification reads."""
+"""Recording of a strike from the cycles of its run, for identification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A strike played through at the loop's own rate and delay, before the arm is armed; refused with the reason."""
+"""Rehearsal: simulation of a strike at the loop's rate and delay before arming, which can refuse it."""
 
 from __future__ import annotations
 

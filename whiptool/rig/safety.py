@@ -1,7 +1,7 @@
-"""Arming and disarming the servos, and what is done after a fault.
+"""Arming and disarming of the servos, and the reaction to faults.
 
-Every fault ends in zero current and torque off. Where the line to the servos is gone, their own bus watchdog stops
-them. None of this replaces a switch that cuts the servos' power, within reach of whoever stands next to the whip.
+Every fault ends in zero current and torque off. If the line to the servos is lost, their bus watchdog stops them. None
+of this replaces a switch that cuts the servos' power, within reach of everyone near the whip.
 """
 
 from __future__ import annotations

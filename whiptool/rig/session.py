@@ -1,4 +1,4 @@
-"""A rig and what it does with a strike: move the servos, film, track, and leave a recording. Hardware or twin."""
+"""Strikes on a rig, hardware or twin: move the servos, film, track, and save a recording."""
 
 from __future__ import annotations
 

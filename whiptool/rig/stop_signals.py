@@ -1,4 +1,6 @@
-"""Ctrl-C, SIGTERM and SIGHUP while servos may be on: noted, so that none of them cuts a packet or torque-off short."""
+"""Ctrl-C, SIGTERM and SIGHUP while servos may be on: they are recorded, so that they interrupt neither a packet nor
+torque-off.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a strike ends that is not carried out, and the lock that a stop leaves: a person opens it, and nothing else."""
+"""Errors of strikes that are refused or stopped, and the interlock after a stop, which only a person can release."""
 
 from __future__ import annotations
 

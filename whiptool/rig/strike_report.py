@@ -1,4 +1,4 @@
-"""The report of one strike on a rig: where the tip passed, what the servos gave, how the cycles kept time."""
+"""The report of one strike on a rig: path of the tip, servos, and timing of the cycles."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Learners that find strikes: SAC, TD3, DDPG and PPO, the task they learn, and its Gymnasium environment."""
+"""Reinforcement learners: SAC, TD3, DDPG and PPO, the task that they learn, and its Gymnasium environment."""

@@ -1,10 +1,10 @@
-"""Gymnasium's view of the task: one step is one strike.
+"""Gymnasium environments of the task; one step is one strike.
 
     gymnasium.make("whiptool:whiptool/WhipTarget-v0", observation="goal")
     gymnasium.make_vec("whiptool:whiptool/WhipTarget-v0", num_envs=100)
 
-Once whiptool is imported, the plain id will do. The vector environment is not a loop over single ones: the strikes of
-all its lanes are rolled out as one batch, on all cores.
+If whiptool is imported, the id without `whiptool:` is sufficient. The vector environment simulates the strikes of all
+lanes (sub-environments) as one batch, on all cores.
 """
 
 from __future__ import annotations

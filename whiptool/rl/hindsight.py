@@ -1,7 +1,7 @@
-"""Hindsight (Andrychowicz et al. 2017): a strike's tip passes many points and would have hit each of them.
+"""Hindsight (Andrychowicz et al. 2017): the tip passes many points in a strike and would have hit a target at each.
 
-Relabelled transitions are as true as struck ones: of targets that are points the tip's path says by how much a strike
-misses any of them, and where a direction or a speed is asked for the strikes are rolled out at their new goals.
+Relabelled transitions are exact: for targets without direction and speed the miss distance follows from the tip's path,
+and otherwise the strikes are simulated at their new goals.
 """
 
 from __future__ import annotations

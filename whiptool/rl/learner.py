@@ -1,7 +1,4 @@
-"""What every learner is to the rest of the toolbox: it acts, it is shown transitions, it updates itself.
-
-Learners that reuse what other policies did keep a replay buffer.
-"""
+"""Base classes of learners, which act, receive transitions and update themselves; and the replay buffer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks that the learners share. Weights are drawn from a given generator, never from torch's global one."""
+"""Networks of the learners. Weights are drawn from a given generator, not from torch's global generator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trained policy: the strike that it makes at a target, how many it needs until targets are hit, and its score."""
+"""A trained policy: its strikes at targets, its trials to a hit, and its score at held-out goals."""
 
 from __future__ import annotations
 

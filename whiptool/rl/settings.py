@@ -1,6 +1,7 @@
-"""Hyperparameters of the learners: the paper's where it prints them, the field's usual defaults where it does not.
+"""Hyperparameters of the learners: the paper's if it states them, else the field's usual defaults.
 
-One table, `SETTINGS`; every field is an option of `whiptool.train`. What Sects. 2.3.1-2.3.4 print is marked (paper).
+They are in one table, `SETTINGS`; every field is an option of `whiptool.train`. Values from Sects. 2.3.1-2.3.4 are
+marked (paper).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The task that learners learn: strike at targets of a zone, seeing what an observation shows (Algorithm 1).
+"""The task of the learners: strike at targets of a zone, given an observation (Algorithm 1).
 
-One step is one strike. Many lanes run side by side, each with its own goal: a target, and on request a direction and a
-speed with which the tip arrives. Their strikes are rolled out as one batch. A lane keeps its goal until it is hit
-(terminated) or struck at `strikes` times (truncated).
+One step is one strike. Several lanes (sub-environments) run in parallel, each with a goal: a target and, if required,
+direction and speed of the tip's arrival. Their strikes are simulated as one batch. A lane keeps its goal until it is
+hit (terminated) or after `strikes` strikes (truncated).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Trainings by the configuration of their runs, the policies that they left, and a training without a run folder."""
+"""Trainings and policies from the configurations of runs, and a training without a run folder."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Algorithm 1: train a learner, episode by episode, so that a killed run goes on as if nothing had happened.
+"""Algorithm 1: train a learner by episodes; a killed run can be resumed with the same result.
 
-Now and then the policy strikes once at each of some held-out goals; the best policy of a training is kept.
+At intervals the policy strikes once at each of some held-out goals; the best policy of a training is kept.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a training writes as it goes: a table with one line per episode, and scalars for TensorBoard."""
+"""Logs of a training: a table with one line per episode, and scalars for TensorBoard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rollouts of strikes: the compiled engine, and the reference in MuJoCo."""
+"""Simulation of strikes (rollouts): the compiled engine, and the reference in MuJoCo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Batches of strikes: what engines are given, and what they give back."""
+"""Input and results of an engine for a batch of strikes, and the division of strikes into time steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled rollout: batches of strikes through the code that CasADi generates, with exact derivatives."""
+"""The compiled simulator: batches of strikes with code that CasADi generates, and exact derivatives."""
 
 from __future__ import annotations
 

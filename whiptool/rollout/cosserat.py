@@ -1,9 +1,10 @@
-"""An oracle for whips: the profile as a Cosserat rod in PyElastica, which shares no formula with our chains.
+"""An independent reference for whips: the profile as a Cosserat rod in PyElastica, which shares no formula with the
+chain of nodes.
 
-The rod hangs on the hand by a ball joint, as a whip's free first joint has it, and the hand's path is given. It is what
-a `WhipProfile` describes before it is lumped: linear density, bending stiffness and damping are taken where they stand,
-the tip's mass is on the last node, a bead on the two nodes next to it. What an inextensible beam without sections has
-not, a rod must have; it is chosen so that it does not matter:
+The rod hangs on the hand by a ball joint, like the free first joint of a whip, and the path of the hand is given. The
+rod has the properties of a `WhipProfile` before lumping: linear density, bending stiffness and damping at each
+position, the tip's mass on the last node, a bead on the two nodes next to it. Properties that an inextensible beam
+without sections lacks are chosen such that their effect is small:
 
 - Extension and shear have the stiffness `linear_density wave_speed^2`, so that stretching waves run at `wave_speed`: a
   whip whose parts move with v stretches by the order of (v / wave_speed)^2.

@@ -1,6 +1,6 @@
-"""What PyElastica lacks for a whip: a hand that moves, bending damped as Kelvin and Voigt have it, quadratic drag.
+"""Parts for PyElastica that a whip needs: a moving hand, Kelvin-Voigt damping of bending, quadratic drag.
 
-Imported where PyElastica is needed; see `whiptool.rollout.cosserat`.
+The module is imported when PyElastica is needed; see `whiptool.rollout.cosserat`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the energy of a strike is: in which node it moves, in what it is stored, where it comes from and goes."""
+"""Energies over a strike: kinetic energy of each node, potential energies, work of the motors, and losses."""
 
 from __future__ import annotations
 

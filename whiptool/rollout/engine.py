@@ -1,4 +1,4 @@
-"""Which engine simulates strikes: SIMD C++, scalar C++, or CasADi's interpreter, the best that works here."""
+"""Engines: the fastest that works is chosen, and CasADi's interpreter serves machines without a compiler."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every rollout of strikes does, be it compiled, the reference, or a rig, and how it steps."""
+"""Interface of simulators and rigs, and derivatives of closest approaches."""
 
 from __future__ import annotations
 

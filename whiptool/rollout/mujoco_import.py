@@ -1,4 +1,4 @@
-"""MuJoCo, imported so that a broken OpenGL setting costs the pictures, not the physics."""
+"""Import of MuJoCo such that a wrong OpenGL setting disables only pictures, not physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model in MuJoCo, built through MjSpec: of a planar model, MuJoCo's x is our x and its z our y."""
+"""Arm, whip and scene in MuJoCo: bodies, light, floor, board, target, materials and cameras."""
 
 from __future__ import annotations
 

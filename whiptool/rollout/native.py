@@ -1,4 +1,4 @@
-"""The compiled engine: the driver in C++ around the code that CasADi generates, threads over parts of a batch."""
+"""The compiled engine in C++, which simulates a batch in parts on all cores."""
 
 from __future__ import annotations
 

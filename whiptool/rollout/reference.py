@@ -1,10 +1,4 @@
-"""The reference rollout: MuJoCo steps, Pinocchio compensates gravity, the controller is plain NumPy.
-
-Whips of rods are bodies on ball joints, on which the rods' own torques act from outside. MuJoCo has no joint with a
-rod's bending: a ball joint's spring is another function of the bend, and its damper would brake spin. Torques have no
-part along a rod, so that its body keeps the spin of 0 that it starts with; how the whip spins is found as its dampers
-have it (`rod_damping`).
-"""
+"""The reference simulator: MuJoCo's integration, Pinocchio's gravity compensation, and the controller in NumPy."""
 
 from __future__ import annotations
 

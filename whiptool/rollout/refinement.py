@@ -1,4 +1,4 @@
-"""Whether equal steps of a strike were fine enough: the same strike once more, at steps that its errors choose."""
+"""Check of the accuracy of equal steps by a second simulation with small errors."""
 
 from __future__ import annotations
 

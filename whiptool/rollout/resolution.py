@@ -1,10 +1,10 @@
-"""How finely each strike of a batch is stepped: until rollouts of two tolerances agree.
+"""Choice of the steps of each strike in a batch: finer steps until simulations with two tolerances agree.
 
-The error of a step is held below a tolerance, which bounds what a step adds and not what the strike makes of it: a whip
-that is about to crack multiplies small differences. So each strike is rolled out twice, at tolerances a factor RATIO
-apart. Their distances differ by the error of the coarser one; that of the finer one is some RATIO times smaller, which
-is the estimate. A strike whose estimate is too large is rolled out at the next finer tolerance. Steps of both rollouts
-have bounded errors, so that two rollouts which are both wrong do not agree as two fixed steps may.
+The tolerance bounds the error of each step but not its growth over the strike: a whip that is about to crack amplifies
+small differences. Each strike is therefore simulated with two tolerances with the ratio RATIO. Their distances differ
+by the error with the coarser tolerance; the error with the finer one is estimated as RATIO times smaller. A strike with
+too large an estimate is simulated with the next finer tolerance. As the steps of both have bounded errors, two wrong
+simulations do not agree by chance, as those with two fixed steps may.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A joint trajectory played by MuJoCo's position servos: what a robot would make of an exported strike."""
+"""Replay of a joint trajectory with MuJoCo's position servos, as a model of a robot that runs an exported strike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strike maps: the strike for any goal of a region, without a search."""
+"""Strike maps, which return a strike for any goal of a region without a search."""
 
 from whiptool.goals.arrival_rule import GoalRegion
 from whiptool.strike_map.answers import Answers

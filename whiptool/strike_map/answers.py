@@ -1,6 +1,7 @@
-"""Answers, the entries of a strike map, and their rotation about the vertical.
+"""Entries of a strike map, and their rotation about the vertical.
 
-If an arm's first joint turns the whole arm about the vertical, a strike in one direction is a strike in all of them."""
+If an arm's first joint rotates the whole arm about the vertical, a strike in one direction can be rotated to any other.
+"""
 
 from __future__ import annotations
 

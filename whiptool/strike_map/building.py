@@ -1,4 +1,4 @@
-"""Building a strike map: random strikes, then rounds of practice in which what was missed is learned."""
+"""Building of a strike map: random strikes, then rounds in which missed goals are refined and added."""
 
 from __future__ import annotations
 

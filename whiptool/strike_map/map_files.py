@@ -1,4 +1,4 @@
-"""Files of strike maps: entries in parts and the gate; maps of run folders, and those that come with the package."""
+"""Files of strike maps: entries in parts, the ranking network (gate), and maps that come with the package."""
 
 from __future__ import annotations
 

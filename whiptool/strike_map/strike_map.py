@@ -1,4 +1,4 @@
-"""A strike map: the strike for any goal of a region, without a search.
+"""A strike map, which returns a strike for any goal of a region without a search.
 
 The entries nearest to a goal are corrected to first order, a network ranks these candidates, and simulation refines
 them.

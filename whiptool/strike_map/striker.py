@@ -1,4 +1,4 @@
-"""Strikes at goals, each at its own, within a box and limits; and their refinement until they hit."""
+"""Simulation of strikes at goals within bounds and limits, and their refinement until they hit."""
 
 from __future__ import annotations
 

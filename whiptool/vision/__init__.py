@@ -1,1 +1,1 @@
-"""Cameras: what a frame is, where frames come from, how a camera sees the strike plane, and a virtual camera."""
+"""Cameras: frames and their sources, calibration, a virtual camera, and tracking of markers."""

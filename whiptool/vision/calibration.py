@@ -1,4 +1,4 @@
-"""Boards in images, and where the strike plane lies in them: a homography from known points or a board, sub-pixel."""
+"""Calibration of the strike plane: a homography from known points or a board, with sub-pixel accuracy."""
 
 from __future__ import annotations
 

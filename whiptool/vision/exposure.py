@@ -1,4 +1,4 @@
-"""What a camera sees of a moving point: exposure, shutter, and the errors of what is tracked in its images."""
+"""Measurement model of a moving point in images: exposure, shutter, and tracking errors."""
 
 from __future__ import annotations
 

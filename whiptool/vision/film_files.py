@@ -1,4 +1,4 @@
-"""Films as files: frames written as a lossless video with a sidecar, and recorded images as frames, for the tracker."""
+"""Frames as a lossless video file with a sidecar that states their times and settings."""
 
 from __future__ import annotations
 

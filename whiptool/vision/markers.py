@@ -1,4 +1,4 @@
-"""What a marker looks like, and the blobs of its colour in an image (Sect. 2.4: Gaussian filter, HSV thresholds)."""
+"""Appearance of a marker, and blobs of its colour in an image (Sect. 2.4: Gaussian filter, HSV thresholds)."""
 
 from __future__ import annotations
 

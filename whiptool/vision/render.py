@@ -1,10 +1,10 @@
-"""The virtual camera: films a strike of the MuJoCo model as a real camera would, and knows what was really there.
+"""The virtual camera, which renders a strike of the MuJoCo model like a real camera and returns the ground truth.
 
-In space several of them film one strike, each from its own place.
+In space several cameras can film one strike from different positions.
 
-Its images are synthetic, and all that is written from them is marked so. Exposure is integrated over sub-frames; each
-row of a rolling shutter in its own time; light arrives in electrons, with shot and read noise. The sensor is taken to
-be linear, the lens free of distortion, both markers evenly lit to an eighth of their brightness.
+The images are synthetic, and all files made from them are marked as such. Exposure is integrated over sub-frames, with
+a separate time for each row of a rolling shutter, and has shot and read noise. The sensor is assumed to be linear, the
+lens free of distortion, and both markers evenly lit to an eighth of their brightness.
 """
 
 from __future__ import annotations

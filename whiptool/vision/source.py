@@ -1,8 +1,4 @@
-"""What a frame is, and where frames come from: a RealSense camera, live or from a recording of its SDK (pyrealsense2).
-
-Bags in SQLite (`.db3`) need no SDK: `whiptool.recording.readers.open_video` reads them, and
-`whiptool.vision.film_files.RecordedCamera` plays them.
-"""
+"""Frames and their sources."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Lenses of cameras, and where several cameras stand, from images of one board that is carried about before them.
+"""Calibration of lenses, and of the poses of several cameras, from images of a board that is moved in front of them.
 
-`agree` says whether they still stand there; `track_agreement` asks the same of the markers that they saw.
+`agree` checks these poses with a board; `track_agreement` checks them with tracked markers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The strike in MuJoCo, dressed for a camera, and drawn region by region through that camera's lens."""
+"""Rendering of a strike in MuJoCo for a virtual camera, by rectangles of its image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whip tip and target in a stream of images, live or recorded: on the strike plane (Sect. 2.4), or in pixels."""
+"""Tracking of whip tip and target in a stream of images, on the strike plane (Sect. 2.4) or in pixels."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Pictures of strikes: plots, animation, film, the page to scrub through a strike, and reports."""
+"""Pictures of strikes: plots, animation, film, interactive page, and reports."""

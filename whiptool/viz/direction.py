@@ -1,4 +1,4 @@
-"""The direction in which the tip is asked to arrive at a target, as an arrow."""
+"""The required direction of the tip at a target, as an arrow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where arm and whip are, as pictures draw them."""
+"""Positions of arm and whip for pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be seen in the film of a strike, frame by frame, whoever draws it."""
+"""Content of a film of a strike, frame by frame, for any renderer."""
 
 from __future__ import annotations
 

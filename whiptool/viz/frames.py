@@ -1,4 +1,4 @@
-"""Frames of a film: matplotlib draws them, ffmpeg encodes them."""
+"""Frames of a film, drawn by matplotlib and encoded by ffmpeg."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawing with MuJoCo: where OpenGL draws, and what is added to a scene."""
+"""Drawing with MuJoCo: OpenGL contexts, and objects that are added to a scene."""
 
 from __future__ import annotations
 

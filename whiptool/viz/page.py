@@ -1,4 +1,4 @@
-"""A strike as one interactive HTML file that needs nothing else: the arm and whip at an instant, linked to plots."""
+"""A strike as one self-contained interactive HTML file: arm and whip over time, linked to plots."""
 
 from __future__ import annotations
 

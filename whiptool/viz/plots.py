@@ -1,8 +1,8 @@
 """Figures of a strike over time and of a search, drawn with matplotlib's objects.
 
-Every `plot_...` function draws into axes that it is given and returns them, so that figures can be composed freely;
-`matplotlib.rc_context(STYLE)` gives them the look of the saved ones. Where none are given, those of a strike make a
-figure with pyplot, in that look; nothing else here knows of it.
+Every `plot_...` function draws into given axes and returns them, so that figures can be composed;
+`matplotlib.rc_context(STYLE)` gives them the style of the saved figures. Without axes, the functions for a strike make
+a new figure with pyplot in that style.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Figures of the whip's dynamics: where energy goes, how the whip swings, how fast its points are.
+"""Figures of the whip's dynamics: energies, modes, and speeds along the whip.
 
-As in `whiptool.viz.plots`, every function draws into axes that it is given and returns them.
+As in `whiptool.viz.plots`, every function draws into given axes and returns them.
 """
 
 from __future__ import annotations

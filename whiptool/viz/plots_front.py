@@ -1,4 +1,4 @@
-"""Figures of Pareto fronts: what one criterion costs in another."""
+"""Figures of Pareto fronts."""
 
 from __future__ import annotations
 

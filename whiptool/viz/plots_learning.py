@@ -1,4 +1,4 @@
-"""The learning curve of a training: rewards, and shares of strikes that hit, over its episodes."""
+"""The learning curve of a training: rewards, and fractions of strikes that hit, over its episodes."""
 
 from __future__ import annotations
 

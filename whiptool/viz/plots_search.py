@@ -1,6 +1,6 @@
-"""Figures of where a search looks: the miss distance over two strike parameters, and trials over them.
+"""Figures of a search: the miss distance over two coordinates of a strike, and the trials.
 
-As in `whiptool.viz.plots`, every function draws into axes that it is given and returns them.
+As in `whiptool.viz.plots`, every function draws into given axes and returns them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Figures of a strike: postures of arm and whip, and the tip's path, drawn with matplotlib's objects.
 
-A strike in the plane has one view; one in space has three projections and a perspective. As in `whiptool.viz.plots`,
-functions draw into axes that they are given.
+A planar strike has one view; a strike in space has three projections and a perspective. As in `whiptool.viz.plots`,
+functions draw into given axes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: sections of text, tables, figures and claims."""
+"""A report as one self-contained HTML file: sections of text, tables, figures and claims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The look of all figures: colours, type, legends, and how a figure becomes a file."""
+"""The style of all figures: colours, type, legends, and saving."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTML from the templates in the folder `templates`, in which whatever is filled in is escaped."""
+"""HTML from the templates in the folder `templates`; inserted values are escaped."""
 
 from __future__ import annotations
 

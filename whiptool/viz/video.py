@@ -1,4 +1,4 @@
-"""A strike as a slow-motion H.264 film, rendered by MuJoCo, or drawn by matplotlib where there is no OpenGL."""
+"""A strike as a slow-motion H.264 film, rendered by MuJoCo, or drawn by matplotlib without OpenGL."""
 
 from __future__ import annotations
 

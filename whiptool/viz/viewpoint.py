@@ -1,4 +1,4 @@
-"""A camera in perspective: where in its picture a place in space is."""
+"""A pinhole camera for drawings, and the projection of points into its picture."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Angles of the links of a freely swinging arm, as encoders saw them.
+"""Angles of the links of a freely swinging arm, measured by encoders.
 
 `NAME.npz` holds `angle`, (T, links) or, of several swings, (swings, T, links), `t` (T,) or the step `dt` [s], and
-perhaps `velocity` like `angle`. `NAME.csv` has one row of column names and one row per sample: `t, angle1, angle2,
-...`, and perhaps `velocity1, ...`. Angles are each link's own against the vertical. `NAME.toml` next to it may hold
+optionally `velocity` like `angle`. `NAME.csv` has one row of column names and one row per sample: `t, angle1, angle2,
+...`, and optionally `velocity1, ...`. Angles are those between each link and the vertical. `NAME.toml` next to it may
+hold
 
     zero = 3.14159265               # the angle at which a link hangs straight down; default 0
     angle_units = "rad"             # or "deg"

@@ -2,12 +2,12 @@
 
 Times come from the file's frame numbers and rate (the first frame of a cut recording is not at 0; subtract the
 command's `start`), units from POINT:UNITS. POINT:X_SCREEN and Y_SCREEN say which axes point to the right and up on a
-screen: the former is taken to point forward, and places have the axis up that the model wants
+screen: the former is taken to point forward, and positions are rotated to the upward axis of the model
 (`StrikeRecording.for_model`). A point with a negative residual, or at exactly (0, 0, 0), is missing.
 
-Keys of the sidecar in addition to the common ones: `markers` (which labels are what, as in `{tip = "WHIP5"}`; default:
-all by their own names, those that name a part of arm or whip in lower case), `units`, `axes` and `origin` (the shoulder
-in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+Keys of the sidecar in addition to the common keys: `markers` (labels of the markers, such as `{tip = "WHIP5"}`;
+default: all, under their names, and those that name a part of arm or whip in lower case), `units`, `axes` and `origin`
+(the shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
 """
 
 from __future__ import annotations

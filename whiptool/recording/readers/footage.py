@@ -1,6 +1,6 @@
-"""Images over time, for the tracker: what every video format is turned into, and files that OpenCV decodes.
+"""Images over time, for the tracker, from any video format; and files that OpenCV decodes.
 
-The sidecar `NAME.toml` of `NAME.mp4` holds what the file does not, in addition to the common keys:
+The sidecar `NAME.toml` of `NAME.mp4` has, in addition to the common keys:
 
     timestamps = "NAME.times.csv"    # a column t [s], one row per frame; or an array; else the film's own stamps, and
     fps = 60                         # at which it was taken, where its stamps are merely evenly counted

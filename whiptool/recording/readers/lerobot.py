@@ -5,7 +5,8 @@ episode's rows and images are), its rows of `data/chunk-*/file-*.parquet`, and t
 which hold several episodes each. Features, besides `timestamp` and `episode_index`:
 
 - `observation.state`: joints of the arm, by their `names` in `info.json`, without those of grippers. Names that end
-  with `.pos` are of LeRobot's own motors, whose units `joint_units` has to say: `deg`, or `normalized` (-100 to 100).
+  with `.pos` are those of LeRobot's motors, whose units `joint_units` has to state: `deg`, or `normalized` (-100 to
+  100).
 - `observation.whip` (or `observation.markers`): places of markers; its `names` in `info.json` are columns such as
   `tip_x, tip_y, handle_x, handle_y`, perhaps with `tip_sigma`. A dataset without it is filmed: track its cameras.
 

@@ -3,15 +3,15 @@
 | variable | what |
 |---|---|
 | `t` (T) or `fps` | times [s], or frames per second, the first at 0 |
-| `points` (T, M, 2 or 3), or `x`, `y` and perhaps `z`, each (T, M) | places, NaN where missing |
+| `points` (T, M, 2 or 3), or `x`, `y` and optionally `z`, each (T, M) | positions, NaN if missing |
 | `markers` | cell array of M names; default: `tip` if M = 1 |
-| `units` | of the places: m, cm, mm, in; default m |
+| `units` | of the positions: m, cm, mm, in; default m |
 | `sigma` | standard error, a number or (T, M), in the same units; default 1 mm |
 | `joint_names` | cell array of the names of the columns of `joints_q`; default: they are in the arm's order |
 | `t_points`, `exposure`, `joints_t` (S), `joints_q` (S, a), `target`, `t_stay`, `camera` | as in `StrikeRecording` |
 | `strike` | `[q_i, q_f, D]`, or a struct with these fields |
 
-Other variables are left alone. The sidecar may hold the common keys, `fps`, `units`, `axes`, `origin` and `markers` (a
+Other variables are ignored. The sidecar can have the common keys, `fps`, `units`, `axes`, `origin` and `markers` (a
 list of M names).
 """
 

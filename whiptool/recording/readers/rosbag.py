@@ -1,12 +1,12 @@
-"""Images from ROS 2 bags in SQLite (`.db3`): RealSense's own recordings, and `ros2 bag record`.
+"""Images from ROS 2 bags in SQLite (`.db3`): recordings of RealSense, and of `ros2 bag record`.
 
 A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` next to the file or
-`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.footage` it may name the `topic`.
-Times are, in this order, the camera's own (RealSense writes them to a metadata topic), the images' stamps, or the
-bag's: the first of which nearly all increase. An image with a bad stamp is left out. `start` is by that clock, and
-without it the first image is at 0. A key `timestamps` overrides them.
+`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.footage` it can name the `topic`.
+Times are those of the camera (RealSense writes them to a metadata topic), the stamps of the images, or those of the
+bag: the first of these that nearly always increase. An image with a bad stamp is left out. `start` refers to that
+clock; without it the first image is at 0. A key `timestamps` overrides these times.
 
-Only `sensor_msgs/Image` as rosbags itself defines it is decoded; definitions in the bag are not used.
+Only `sensor_msgs/Image` as defined by rosbags is decoded; definitions in the bag are not used.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What a file of tracks or images does not hold itself: a TOML file next to it, or the reader's options.
+"""The sidecar, a TOML file next to a recording with values that the recording lacks; and the reader's options.
 
-Every key of the sidecar `NAME.toml` of `NAME.csv`, `NAME.mp4`, ... is an option of the reader too, and the option wins.
-Common to all formats:
+Every key of the sidecar `NAME.toml` of `NAME.csv`, `NAME.mp4`, ... is also an option of the reader, which takes
+precedence. Common to all formats:
 
     camera = "infra 848x480x90"      # for people
     exposure = 0.002                 # [s]

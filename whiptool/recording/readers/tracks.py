@@ -1,20 +1,21 @@
-"""Tracks as CSV, the format to write by hand or from any tool.
+"""Tracks as CSV, which can be written by hand or with any tool.
 
 `NAME.csv` has one row of column names and one row per frame:
 
     t, tip_x, tip_y[, tip_z][, tip_sigma][, tip_t], handle_x, handle_y, ...
 
 `t` [s] is the frame's time (`time`, or `t [ms]`, will do), 0 the command's start; `_x`, `_y`, `_z` [m] a marker's
-place in the strike plane (x forward, y up, origin at the shoulder), empty or NaN where it is missing; `_sigma` [m] its
-standard error per coordinate; `_t` [s] the middle of its exposure, where it is not the frame's. `NAME.toml` next to it
-may hold what `whiptool.recording.readers.sidecar` lists, and `units`, `axes`, `origin`, and `sigma` for all points.
+position in the strike plane (x forward, y up, origin at the shoulder), empty or NaN if missing; `_sigma` [m] its
+standard error per coordinate; `_t` [s] the middle of its exposure, if it differs from that of the frame. `NAME.toml`
+next to it can have the keys of `whiptool.recording.readers.sidecar`, and `units`, `axes`, `origin`, and `sigma` for all
+points.
 
-What one camera in space saw has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar says which
-camera it was, `camera = "left"`, and in which file the cameras stand, `cameras = "cameras.toml"`. `t` is then the
-middle of the first row's exposure. Of a camera that measures depth, `_depth` [m] is how far the marker is along its
-optical axis, 0 or empty where that is missing, and `_depth_sigma` [m] the standard error. Without the latter the error
-is that of a D435, or of a stereo pair with the sidecar's `baseline` [m] and `subpixel`, the standard error of its
-disparity [pixels] (`Camera.depth_error`). `depth_units = "mm"` where depths are in millimetres.
+A recording of one camera in space has columns in pixels, `tip_u`, `tip_v`[, `tip_sigma`], ..., and its sidecar names
+the camera, `camera = "left"`, and the file of the cameras, `cameras = "cameras.toml"`. `t` is then the middle of the
+first row's exposure. For a camera that measures depth, `_depth` [m] is the distance of the marker along the optical
+axis, 0 or empty if missing, and `_depth_sigma` [m] the standard error. Without the latter the error is that of a D435,
+or of a stereo pair with the sidecar's `baseline` [m] and `subpixel`, the standard error of its disparity [pixels]
+(`Camera.depth_error`). `depth_units = "mm"` states that depths are in millimetres.
 
 DeepLabCut writes CSV with the header rows scorer, bodyparts and coords, in pixels. Keys of its sidecar in addition to
 the common ones: the clock (`fps`, or `timestamps` with one time per row), the way to metres (`homography`,

@@ -1,4 +1,4 @@
-"""The servos of the rig: the only user of dynamixel-sdk."""
+"""The servos of the rig, driven with dynamixel-sdk."""
 
 from whiptool.rig.dynamixel.bus import BLOCK, BusError, DynamixelBus, NoReply, Refused, Unplugged
 from whiptool.rig.dynamixel.control_table import XM430_W350, Register, Units, register

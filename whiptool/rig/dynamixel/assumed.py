@@ -1,4 +1,4 @@
-"""Registers that change what a command means: read before anything is armed, and compared with what strikes assume."""
+"""Registers that change the meaning of commands; they are compared with the assumed values before arming."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The line to the servos, through the maker's SDK, with the SDK's traps closed."""
+"""The bus of the servos, through the manufacturer's SDK, with checks that the SDK lacks."""
 
 from __future__ import annotations
 

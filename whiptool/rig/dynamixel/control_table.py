@@ -1,7 +1,7 @@
 """The control table of the XM430-W350 as data.
 
-Source: the maker's manual, https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/ (tables "Control Table of EEPROM
-Area" and "Control Table of RAM Area"), https://emanual.robotis.com/docs/en/dxl/protocol2/ (Protocol 2.0).
+Source: the manufacturer's manual, https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/ (tables "Control Table of
+EEPROM Area" and "Control Table of RAM Area"), https://emanual.robotis.com/docs/en/dxl/protocol2/ (Protocol 2.0).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The arm's joints as the servos show and drive them: radians and newton metres instead of counts."""
+"""The servos as joints of the arm, in radians and newton metres instead of counts."""
 
 from __future__ import annotations
 

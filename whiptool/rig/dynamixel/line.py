@@ -1,5 +1,4 @@
-"""One transaction after the other on the line to the servos: what comes back is checked, and after a failure the line
-is brought back into step."""
+"""Transactions on the line to the servos; replies are checked, and after a failure the line is resynchronised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The serial port under the maker's SDK: its clock, its waiting and its byte stuffing mended."""
+"""The serial port under the manufacturer's SDK, with corrected clock, waiting and byte stuffing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An emulated rig: servos that speak the real protocol on a pseudo-terminal, with arm and whip behind them."""
+"""An emulated rig: servos with the real protocol on a pseudo-terminal, and a simulated arm and whip."""
 
 from whiptool.rig.emulator.faults import Fault, random_faults
 from whiptool.rig.emulator.motor import HARDWARE, Motor

@@ -1,4 +1,4 @@
-"""The door of `python -m whiptool.rig.emulator`: see `whiptool.commands.emulator`, a layer above this one."""
+"""Entry point of `python -m whiptool.rig.emulator`; see `whiptool.commands.emulator`, a layer above this package."""
 
 import sys
 from importlib import import_module

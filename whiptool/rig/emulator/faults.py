@@ -1,4 +1,4 @@
-"""Faults that a test or a drill can inject into the emulated bus."""
+"""Faults that tests can inject into the emulated bus."""
 
 from __future__ import annotations
 

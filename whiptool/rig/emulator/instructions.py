@@ -1,4 +1,4 @@
-"""What a chain of servos answers to each instruction of Protocol 2.0.
+"""Replies of a chain of servos to the instructions of Protocol 2.0.
 
 Source: https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Details".
 """

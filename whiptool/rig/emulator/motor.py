@@ -1,4 +1,4 @@
-"""A geared DC motor with a current loop, seen from its output shaft."""
+"""A geared DC motor with a current loop, in quantities of its output shaft."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Protocol 2.0 on the servo's side: checksum, byte stuffing, and a parser that survives any bytes.
+"""Protocol 2.0 on the servo's side: checksum, byte stuffing, and a parser that accepts any bytes.
 
 Source: https://emanual.robotis.com/docs/en/dxl/protocol2/ and https://emanual.robotis.com/docs/en/dxl/crc/. It shares
-no code with the maker's SDK, so that each checks the other.
+no code with the manufacturer's SDK, so that each checks the other.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the servos move: MuJoCo's arm and whip behind the motors."""
+"""The physics of the emulated rig: motors, and arm and whip in MuJoCo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulator in a separate process, and a handle on it."""
+"""The emulator in a separate process, and its interface."""
 
 from __future__ import annotations
 

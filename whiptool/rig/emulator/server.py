@@ -1,4 +1,4 @@
-"""The emulated bus behind a pseudo-terminal: bytes in, bytes out, and time going by."""
+"""Server of the emulated bus on a pseudo-terminal: it answers bytes and advances time."""
 
 from __future__ import annotations
 

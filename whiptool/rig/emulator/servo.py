@@ -1,4 +1,4 @@
-"""One emulated servo: its registers, what may be written when, and how it protects itself.
+"""One emulated servo: registers, access rules and self-protection.
 
 Source: https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/, descriptions of the control table's items.
 """

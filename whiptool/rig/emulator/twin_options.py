@@ -1,4 +1,4 @@
-"""What is emulated, and how its time runs."""
+"""Options of the emulated rig."""
 
 from __future__ import annotations
 
