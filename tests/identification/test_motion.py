@@ -19,7 +19,6 @@ from whiptool.identification.motion import (
     JointMotion,
     LaggedReference,
     SmoothSpline,
-    SpatialJointMotion,
     StillMotion,
     _lagging,
     check_covers,
@@ -216,7 +215,7 @@ def test_derivatives_by_the_coefficients_of_a_robots_joints():
     arm = preset("ur5e").arm
     t = np.arange(-0.1, 1.1, 0.02)
     q = np.sin(np.outer(t, 1 + np.arange(6)) + np.arange(6)) * 0.3
-    joints = SpatialJointMotion(t, q, arm, I[::10], knots=0.2)
+    joints = JointMotion(t, q, arm, I[::10], knots=0.2)
     c = joints.start + np.random.default_rng(0).normal(0, 0.05, len(joints.start))
     moved = joints.at(c)
     for name in ("inputs", "place", "q_i"):

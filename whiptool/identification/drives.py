@@ -25,15 +25,13 @@ from whiptool.identification.motion import (
     HandleMotion,
     JointMotion,
     LaggedReference,
-    SpatialJointMotion,
     StillMotion,
     check_covers,
 )
 from whiptool.identification.plant import BareArm, Plant, Quantities
 from whiptool.impedance.controller import Controller
 from whiptool.models.joint_trajectory import hand_joints
-from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import SpatialArm
+from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
@@ -300,10 +298,7 @@ class SwingDrive(Drive):
             )
         arm, t = plant.model.arm, recording.joints_t
         check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
-        if arm.dimension == 2:
-            self.start = float(t[0])
-            return JointMotion(t, recording.joints_q, arm, self._instants(recording, h), **options)
-        return self._in_space(recording, t, recording.joints_q, arm.in_space(), h, options)
+        return self._along(recording, t, recording.joints_q, arm, h, options)
 
     def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         arm, self.start = plant.model.arm.in_space(), 0.0
@@ -315,15 +310,15 @@ class SwingDrive(Drive):
             raise InputError("recording", recording.called, "one with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
         check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))
-        return self._in_space(recording, recording.hand_t, joints, self._arm, h, options)
+        return self._along(recording, recording.hand_t, joints, self._arm, h, options)
 
-    def _in_space(
-        self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: SpatialArm, h: float, options: dict
+    def _along(
+        self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: AnyArm, h: float, options: dict
     ) -> BaseMotion:
         self.start = float(t[0])
-        if options["at_rest"]:  # a robot's log holds its way to the start, too
+        if options["at_rest"] and arm.dimension == 3:  # a robot's log holds its way to the start, too
             self.start = max(self.start, -BEFORE)
-        return SpatialJointMotion(t, q, arm, self._instants(recording, h), **options)
+        return JointMotion(t, q, arm, self._instants(recording, h), **options)
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
         if "handle" not in recording.markers:

@@ -56,6 +56,9 @@ _SAMPLES_A_KNOT = (1.0, 1.5, 2.0, 3.0)
 HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
 REST = 1e-3  # [m/s], [rad/s]: usual speed of what is at rest
 _FINEST = 1e-6  # [rad] of a joint log
+# which numbers of a hand in space are those of a planar arm, of axis (0, -1, 0), behind its angle, and their signs: the
+# angle's rates, and velocity, acceleration and place along x and z
+_IN_PLANE, _SIGNS = [10, 16, 12, 14, 18, 20, 21, 23], np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 LARGEST = 6e9  # [bytes] of a motion's derivatives
 
 
@@ -255,8 +258,10 @@ class HandleMotion:
         return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)
 
 
-class MeasuredJoints:
-    """A spline through the measured joints of an arm; the prior of its coefficients is the fit to the joint log.
+class JointMotion:
+    """The base is the hand of an arm whose joints, or whose hand's pose, were measured: a spline through the joints.
+
+    The prior of its coefficients is the fit to the joint log.
 
     Args:
         t, q: Times (S,) [s] and positions (S, a) [rad] of the joint log.
@@ -302,6 +307,27 @@ class MeasuredJoints:
         self.mean = self.rows @ self.start
         self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
 
+    def at(self, c: np.ndarray) -> Moved:
+        """Return the motion with coefficients c (C,)."""
+        a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
+        joints = c.reshape(-1, a)
+        found = hand_motion(self._arm.in_space(), *(basis @ joints for basis in self._bases))
+        numbers, slopes = np.hstack([found.inputs, found.place]), found.by_joints  # (I, 24), (I, 24, 3, a)
+        in_plane = self._arm.dimension == 2
+        if in_plane:
+            numbers, slopes = _SIGNS * numbers[:, _IN_PLANE], _SIGNS[:, None, None] * slopes[:, _IN_PLANE]
+        changes = np.empty((B.shape[2], a, *slopes.shape[:2]))  # (size, a, I, 24)
+        for i in range(a):
+            changes[:, i] = np.einsum("kis,iok->sio", B, slopes[..., i], optimize=True)
+        changes = changes.reshape(len(c), *changes.shape[2:])
+        if in_plane:  # the angle of the last link stands first
+            numbers = np.column_stack([(B[0] @ joints).sum(axis=1), numbers])
+            changes = np.concatenate([np.repeat(B[0].T, a, axis=0)[..., None], changes], axis=2)
+        place = slice(-self._arm.dimension, None)
+        d_inputs = np.ascontiguousarray(changes[..., : place.start])
+        start, d_start = B[0, 0] @ joints, np.kron(B[0, :1].T, np.eye(a))
+        return Moved(numbers[:, : place.start], d_inputs, numbers[:, place], changes[..., place], start, d_start)
+
 
 def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
     """Return each joint's noise in a log (S, a), from differences that no smooth motion has: one number for all joints
@@ -312,56 +338,6 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
             rough = np.median(np.abs(np.diff(q[:, kind], n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
             noise[kind] = max(rough, _FINEST)
     return noise
-
-
-class JointMotion(MeasuredJoints):
-    """The base is the hand of a planar arm whose joints were measured; it rotates with the last link."""
-
-    def at(self, c: np.ndarray) -> Moved:
-        """The motion with coefficients c (C,)."""
-        a, (B0, B1, B2) = self._arm.n, self._bases
-        joints = c.reshape(-1, a)
-        theta, omega, alpha = ((B @ joints).cumsum(axis=1).T[..., None] for B in self._bases)  # (a, I, 1)
-        lengths = self._arm.per_link("length")[:, None, None]
-        along = lengths * np.concatenate([np.sin(theta), -np.cos(theta)], axis=2)  # (a, I, 2)
-        across = np.stack([-along[..., 1], along[..., 0]], axis=2)  # turned by a right angle
-        velocity, acceleration = (across * omega).sum(axis=0), (across * alpha - along * omega**2).sum(axis=0)
-        turning = np.hstack([theta[-1], omega[-1], alpha[-1]])
-
-        def beyond(x: np.ndarray) -> np.ndarray:  # what joint i moves: links i, i + 1, ...
-            return x[::-1].cumsum(axis=0)[::-1]
-
-        v_q, v_w = beyond(-omega * along), beyond(across)
-        a_q, a_w = beyond(-alpha * along - omega**2 * across), beyond(-2 * omega * along)
-        C, I = len(c), len(B0)
-        d_inputs, d_place, d_q_i = np.zeros((C, I, 7)), np.zeros((C, I, 2)), np.zeros((C, a))
-        for i in range(a):
-            b0, b1, b2 = (B.T[..., None] for B in (B0, B1, B2))  # (size, I, 1)
-            for column, b in enumerate((b0, b1, b2)):
-                d_inputs[i::a, :, column] = b[..., 0]
-            d_inputs[i::a, :, 3:5] = b0 * v_q[i] + b1 * v_w[i]
-            d_inputs[i::a, :, 5:7] = b0 * a_q[i] + b1 * a_w[i] + b2 * v_w[i]
-            d_place[i::a] = b0 * v_w[i]
-            d_q_i[i::a, i] = B0[0]
-        inputs = np.hstack([turning, velocity, acceleration])
-        return Moved(inputs, d_inputs, along.sum(axis=0), d_place, B0[0] @ joints, d_q_i)
-
-
-class SpatialJointMotion(MeasuredJoints):
-    """The base is the hand of an arm in space whose joints, or whose hand's position and orientation, were measured."""
-
-    def at(self, c: np.ndarray) -> Moved:
-        """The motion with coefficients c (C,)."""
-        a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
-        joints = c.reshape(-1, a)
-        found = hand_motion(self._arm.in_space(), *(basis @ joints for basis in self._bases))
-        changes = np.empty((B.shape[2], a, *found.by_joints.shape[:2]))  # (size, a, I, 24)
-        for i in range(a):
-            changes[:, i] = np.einsum("kis,iok->sio", B, found.by_joints[..., i], optimize=True)
-        changes = changes.reshape(len(c), *changes.shape[2:])
-        d_q_i, width = np.kron(B[0, :1].T, np.eye(a)), found.inputs.shape[1]
-        d_inputs = np.ascontiguousarray(changes[..., :width])
-        return Moved(found.inputs, d_inputs, found.place, changes[..., width:], B[0, 0] @ joints, d_q_i)
 
 
 USUAL, SPREAD = 0.02, 0.05  # [s] a lag a priori, and its standard error: industrial arms lag by 5 to 50 ms

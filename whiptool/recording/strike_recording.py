@@ -17,8 +17,16 @@ from whiptool.models.numbers import ASK_UNIT, NoArray, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, check_turns
 from whiptool.recording.camera import Camera, camera_of
-from whiptool.recording.clock import check_spans, float_array, increasing_times, of_use, told_of_spans
-from whiptool.recording.joint_columns import check_angles, order_of, read_by_name
+from whiptool.recording.logs import (
+    check_angles,
+    check_spans,
+    float_array,
+    increasing_times,
+    of_use,
+    order_of,
+    read_by_name,
+    told_of_spans,
+)
 from whiptool.whole_files import write_npz
 
 DEFAULT_SIGMA = 1e-3  # [m]

@@ -34,7 +34,7 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import sha256, whole_file
 from whiptool.recording.camera import Camera
-from whiptool.recording.clock import check_pace, good_stamps
+from whiptool.recording.logs import check_pace, good_stamps
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, STAMPS, Sidecar
 from whiptool.recording.readers.table import JointLog, read_columns, time_column
 

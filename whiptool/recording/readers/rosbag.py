@@ -22,7 +22,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import parsing, sha256, whole_file
-from whiptool.recording.clock import good_stamps
+from whiptool.recording.logs import good_stamps
 from whiptool.recording.readers.footage import VideoSource, frame_clock, source
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 

@@ -41,7 +41,7 @@ from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
-from whiptool.recording.joint_columns import order_of
+from whiptool.recording.logs import order_of
 from whiptool.recording.readers.table import AXES, JointLog, read_joint_log, stacked
 from whiptool.recording.strike_recording import StrikeRecording
 

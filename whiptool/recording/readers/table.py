@@ -5,7 +5,7 @@ decimal comma.
 
 A log of a robot's joints has a column of times and one per joint, at the robot's own rate. The time is the column that
 is called so (`t`, `time`, `timestamp`, `stamp`, perhaps with its unit, as in `t [ms]`), else the first. Joints are
-found by the columns' names, as `whiptool.recording.joint_columns` takes them apart: columns that say that they are
+found by the columns' names, as `whiptool.recording.logs` takes them apart: columns that say that they are
 positions where there are such, else all that are not speeds, torques, commands or grippers. Columns that are merely
 numbered are in the order of their numbers. The key `joint_columns` of a sidecar says which are the arm's joints.
 """
@@ -23,8 +23,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
-from whiptool.recording.clock import good_stamps
-from whiptool.recording.joint_columns import POSITION, SECONDS, TIME, Column, in_numbers
+from whiptool.recording.logs import POSITION, SECONDS, TIME, Column, good_stamps, in_numbers
 
 _C3D = "export the take as C3D there, which is read as it is"
 _TABLE = "write it as CSV as DeepLabCut does, or with the columns t, tip_x, tip_y; see docs/file-formats.md"

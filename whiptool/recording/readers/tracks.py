@@ -39,7 +39,7 @@ from whiptool.given_files import parsing, whole_file
 from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera, to_plane, write_cameras
 from whiptool.recording.homography import metres_per_pixel
-from whiptool.recording.joint_columns import TIME, Column
+from whiptool.recording.logs import TIME, Column
 from whiptool.recording.readers.footage import clock_of_rows, frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import (
