@@ -1,8 +1,8 @@
-"""Logs as instruments write them: stamps that can be right, parts that are of one time, and columns that are joints.
+"""Checks of logs: which time stamps are valid, whether frames and logs overlap, and which column is which joint.
 
-A name of a column is taken apart into words: `/arm1/joint_states/shoulder_pan_joint/position [deg]` is of `shoulder
-pan`, a position, in degrees. A column is a joint's where both have the same words, or where one's words end with the
-other's, as behind a namespace. Names that hold nothing but a number, such as `actual_q_0`, say the order alone.
+A name of a column is split into words: `/arm1/joint_states/shoulder_pan_joint/position [deg]` is of `shoulder pan`, a
+position, in degrees. A column belongs to a joint if both have the same words, or the words of one end with those of the
+other, as after a namespace. Names with a number only, such as `actual_q_0`, state only the order.
 """
 
 from __future__ import annotations
