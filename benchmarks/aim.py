@@ -48,7 +48,7 @@ from papers.aim.units import AloneUnit, KeptMap
 from whiptool.comparison import Store
 from whiptool.rollout.native import cores
 from whiptool.strike_map import StrikeMap
-from whiptool.strike_map.map_files import built
+from whiptool.strike_map.building import built
 
 GOALS, REPLAYS, ALONE, TOUCHED = 5000, 100, 50, 100
 QUICK_GOALS, QUICK_REPLAYS, QUICK_ALONE, QUICK_TOUCHED = 5, 1, 2, 2

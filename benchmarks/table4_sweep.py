@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` is
 
-from papers.lemon2024.tracking_errors import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
+from papers.lemon2024.table4 import COARSE, NAMES, TABLE4_CONSTANT, TABLE4_OIAC, tracking_errors
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import default_bounds

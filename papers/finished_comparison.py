@@ -13,12 +13,12 @@ import numpy as np
 from papers.reproduce import ReproduceOptions
 from whiptool.commands.cli import stored_options
 from whiptool.commands.compare import CompareOptions
-from whiptool.comparison.plan import LEARNERS, OBSERVATIONS, PAPER_METHODS, Comparison
+from whiptool.comparison.plan import LEARNERS, PAPER_METHODS, Comparison
 from whiptool.comparison.series import Series, collect
 from whiptool.comparison.units import older_results, unit_file
 from whiptool.errors import InputError
 from whiptool.given_files import read_json, read_toml
-from whiptool.rl.task import OLD_OBSERVATIONS
+from whiptool.rl.task import OBSERVATIONS, OLD_OBSERVATIONS
 from whiptool.runs import CONFIG
 from whiptool.whole_files import write_whole
 

@@ -125,7 +125,8 @@ _EXAMPLE = (
 def run(args: Sequence[str] | None) -> int:
     """Do what the command line says, and return the exit status."""
     options = cli.parse_resumable(ReproduceOptions, command="reproduce", description=_EXAMPLE, args=args, quick=QUICK)
-    from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
+    from whiptool.comparison.plan import PAPER_METHODS
+    from whiptool.rl.task import OBSERVATIONS
 
     with cli.options_named(options):
         if options.what in OTHERS:

@@ -54,7 +54,7 @@ _HOMES = {
     "TipPort": "adaptation",
     "default_prior": "adaptation",
     "draw_twin": "adaptation",
-    "load_map": "strike_map.map_files",
+    "load_map": "strike_map.building",
     "load_policy": "rl.trained",
     "train": "rl.trained",
     "compare": "comparison.plan",
@@ -96,7 +96,7 @@ if TYPE_CHECKING:
     from whiptool.rl.trained import load_policy, train
     from whiptool.rollout import CompiledRollout, ReferenceRollout
     from whiptool.runs import citations
-    from whiptool.strike_map.map_files import load_map
+    from whiptool.strike_map.building import load_map
     from whiptool.version import __version__
     from whiptool.viz.animation import animate
     from whiptool.viz.plots import plot_distance, plot_tip_speed, plot_torque, plot_tracking

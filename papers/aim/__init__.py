@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from papers.aim.robot import CONTROLLER, MODEL
+from papers.aim.published import CONTROLLER, MODEL
 from papers.context import Context
 from whiptool.rollout.resolution import TOLERANCE
 from whiptool.viz.report import Section

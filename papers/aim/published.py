@@ -1,4 +1,11 @@
-"""Figures that others publish, and those of our own learner, with which ours are compared."""
+"""The robot of aimed strikes, a UR5e with a stick of 0.65 m and a rope of 1 m in 20 rods; and what others publish."""
+
+from __future__ import annotations
+
+from whiptool import default_controller, preset
+
+MODEL = preset("ur5e")
+CONTROLLER = default_controller(MODEL)
 
 GOALS = 5700  # of "Point It, Strike It" (2026), in simulation
 ONE_SHOT = 0.735  # share of them within 5 cm and 10 degrees at the first strike

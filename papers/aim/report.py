@@ -1,13 +1,17 @@
-"""The report on aimed strikes: what is worked on, and what it says."""
+"""The report on aimed strikes: what is worked on, what it says, and where goals are missed."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from papers.aim import pictures, published
+from papers.aim import published
 from papers.aim.aimed import Aimed, aim
 from papers.aim.task import AimTask, hard, ur5e
 from papers.aim.units import SEARCHES
@@ -17,8 +21,9 @@ from whiptool import Controller, oiac_preset, preset
 from whiptool.comparison import TargetScene
 from whiptool.comparison.target_scene import SPEED, fast_region
 from whiptool.rl.trained import one_torch_thread
-from whiptool.strike_map.map_files import built
+from whiptool.strike_map.building import built
 from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
 
 REPLAYS = 20
@@ -97,7 +102,7 @@ def _in_space(aimed: Aimed, strike_map: StrikeMap) -> Section:
     )
     parts: list[Text | Table | Picture] = [Text(about), Table(figures(aimed), "Shares of goals that are hit.")]
     caption = "Where goals are missed. Height and distance are from the base; 0 degrees is upward, 90 to the left."
-    parts.append(Picture(pictures.misses(aimed), caption, vector=False))
+    parts.append(Picture(misses(aimed), caption, vector=False))
     searches = ", then ".join(f"{name} ({cap:,} rollouts)" for name, cap in SEARCHES.items())
     parts.append(Text(f"What refinement missed was given to all candidates of the map, then to {searches}."))
     if aimed.missed:
@@ -159,3 +164,43 @@ def percent(share: float) -> str:
 def millimetres(length: float) -> str:
     """Return a length [m] in millimetres."""
     return f"{1e3 * length:.3f} mm" if length < 1e-3 else f"{1e3 * length:.1f} mm"
+
+
+def misses(aimed: Aimed) -> Figure:
+    """Goals in space by height over distance from the base, and over the arrival angle: hit, missed, never reached.
+
+    Left in one shot, right after refinement.
+    """
+    height = aimed.positions[:, 2]
+    across = {
+        "distance from the base [m]": np.linalg.norm(aimed.positions, axis=1),
+        "arrival angle [degrees]": np.degrees(aimed.angles),
+    }
+    shots = {"in one shot": aimed.one_shot.hit, "after refinement": aimed.refined.hit}
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((11, 8.6), layout="constrained")
+        axes = figure.subplots(2, 2, sharey=True, sharex="row")
+        for row, (name, x) in zip(axes, across.items(), strict=True):
+            for ax, (shot, hit) in zip(row, shots.items(), strict=True):
+                _draw(ax, x, height, hit, aimed.reached)
+                ax.set(xlabel=name, title=f"{shot}: {hit.sum():,} of {len(hit):,} hit")
+            row[0].set_ylabel("height above the base [m]")
+        for ax in axes[1]:
+            ax.set_xticks([-180, -90, 0, 90, 180])
+        figure.legend(_handles(), ["hit", "missed", "never reached by any search"], loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw(ax: Any, x: np.ndarray, y: np.ndarray, hit: np.ndarray, reached: np.ndarray) -> None:
+    ax.plot(x[hit], y[hit], ".", color="0.8", markersize=3, zorder=1)
+    ax.plot(x[~hit], y[~hit], "x", color=COLORS["vermilion"], markersize=5, markeredgewidth=1.3, zorder=2)
+    ax.plot(x[~reached], y[~reached], "o", color=COLORS["black"], markersize=10, markerfacecolor="none", zorder=3)
+
+
+def _handles() -> list[Line2D]:
+    """Return what stands in the legend."""
+    return [
+        Line2D([], [], color="0.7", marker=".", markersize=8, linestyle="none"),
+        Line2D([], [], color=COLORS["vermilion"], marker="x", linestyle="none"),
+        Line2D([], [], color=COLORS["black"], marker="o", markersize=9, markerfacecolor="none", linestyle="none"),
+    ]

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from papers.aim.robot import CONTROLLER, MODEL
+from papers.aim.published import CONTROLLER, MODEL
 from papers.context import Context
 from whiptool import CompiledRollout, Controller, Objective, Target, preset, search
 from whiptool.comparison import Store

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from papers.aim.robot import CONTROLLER, MODEL
+from papers.aim.published import CONTROLLER, MODEL
 from whiptool import CompiledRollout, Controller, Model
 from whiptool.comparison import TargetScene
 from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion

@@ -9,8 +9,19 @@ from typing import Any
 import numpy as np
 
 from papers.human import pictures
-from papers.human.learning import AdaptUnit, Curve, curve, people_misses
-from papers.human.machine_strikes import METHODS, NOISE, ROBUST, StrikeUnit, by_method, machine, target_of
+from papers.human.machine_strikes import (
+    METHODS,
+    NOISE,
+    ROBUST,
+    AdaptUnit,
+    Curve,
+    StrikeUnit,
+    by_method,
+    curve,
+    machine,
+    people_misses,
+    target_of,
+)
 from papers.human.reading import STYLES, People
 from papers.human.tolerance_costs import EXECUTIONS, Costs, Tolerance, costs, tolerance
 from whiptool.comparison.units import Store

@@ -1,15 +1,30 @@
-"""Strikes at one target that five methods find, each with several seeds."""
+"""Strikes at one target that five methods find; and learning over trials by people, a learner and adaptation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from whiptool import CompiledRollout, Controller, Objective, Target, default_bounds, preset, search
+from papers.human.reading import People
+from whiptool import (
+    Adaptation,
+    CompiledRollout,
+    Controller,
+    Objective,
+    Target,
+    TipPort,
+    default_bounds,
+    default_prior,
+    draw_twin,
+    preset,
+    search,
+)
+from whiptool.adaptation.loop import Options
 from whiptool.comparison.units import Unit
 from whiptool.goals.criteria import find_criterion
 
@@ -83,3 +98,84 @@ def by_method(found: Sequence[dict[str, Any]]) -> dict[str, np.ndarray]:
         for method in METHODS
         if any(one["method"] == method for one in found)
     }
+
+
+STRIKES = 5  # of an adaptation
+EDGES = (1, 2, 3, 4, 6, 9, 14, 21, 33, 51, 80, 125, 196, 307, 481, 753)  # of bins of trials
+_RESAMPLES = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptUnit(Unit):
+    """A machine that learns an unknown whip strike by strike, a work unit.
+
+    Args:
+        seed: Which whip, of the family `strange`, that no model of the planner's simulates.
+        hit_radius: Hit radius [m].
+        strikes: That it makes, hit or miss.
+    """
+
+    seed: int
+    hit_radius: float
+    strikes: int = STRIKES
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        """Adapt, and return what every strike missed by [m]."""
+        model, controller, target = preset("lemon2024"), Controller(), target_of(self.hit_radius)
+        twin = draw_twin("strange", self.seed, model, controller)
+        options = Options(max_strikes=self.strikes, stop_at=0.0, seed=self.seed)
+        steps = Adaptation(default_prior(model, controller), TipPort(twin, target), target, options).run()
+        return {"misses": [step.outcome.true_miss for step in steps.strikes]}
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Median miss distances over bins of trials, with 95 % intervals; B bins that hold something.
+
+    Args:
+        label: Whose.
+        trial: Geometric middle of each bin, (B,).
+        median, low, high: [m], (B,).
+        learners: People, seeds or whips.
+    """
+
+    label: str
+    trial: np.ndarray
+    median: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    learners: int
+
+
+def curve(label: str, misses: Sequence[Sequence[float | None]], *, seed: int = 0) -> Curve:
+    """Return the curve of some learners.
+
+    The interval is that of learners resampled, with replacement, each with all its trials.
+
+    Args:
+        label: Whose.
+        misses: Misses of each learner, trial by trial [m]; None where nothing was seen.
+        seed: Seed of the drawing.
+    """
+    longest = max(len(one) for one in misses)
+    table = np.full((len(misses), longest), np.nan)
+    for row, one in zip(table, misses, strict=True):
+        row[: len(one)] = [np.nan if x is None else x for x in one]
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(len(table), size=(_RESAMPLES, len(table)))
+    rows = []
+    for low, high in pairwise(EDGES):
+        some = table[:, low - 1 : high - 1]
+        if np.isfinite(some).any(axis=1).sum() < (len(table) + 1) // 2:
+            continue  # fewer than half of them went on so long
+        found = np.nanmedian(some[drawn].reshape(_RESAMPLES, -1), axis=1)
+        last = min(high - 1, longest)
+        rows.append((np.sqrt(low * last), np.nanmedian(some), *np.nanpercentile(found, (2.5, 97.5))))
+    trial, median, lowest, highest = np.array(rows).T
+    return Curve(label, trial, median, lowest, highest, len(table))
+
+
+def people_misses(people: People, style: str) -> list[list[float]]:
+    """Return every person's minimal distances in a style, throw by throw [m]."""
+    throws = people.throws[people.throws["style"] == style].sort_values(["person", "block", "trial"])
+    return [rows["min_distance"].tolist() for _, rows in throws.groupby("person")]

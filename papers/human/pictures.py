@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from papers.human.bullwhip import Cascade
 from papers.human.cascade_fit import Measured
-from papers.human.learning import Curve
+from papers.human.machine_strikes import Curve
 from papers.human.reading import STYLES, People
 from papers.human.tolerance_costs import SIZES, Costs, Tolerance
 from whiptool.viz.style import COLORS, STYLE, legend_above

@@ -10,7 +10,7 @@ from papers.context import Context
 from papers.lemon2024.printed import SHARE_OF_TRIALS as SHARE
 from papers.lemon2024.printed import TRIALS_OF, compared
 from whiptool.comparison import Series, collect
-from whiptool.comparison.plan import OBSERVATIONS, PAPER_METHODS
+from whiptool.comparison.plan import PAPER_METHODS
 from whiptool.comparison.series import (
     CONVENTION_NOTE,
     NAMES,
@@ -23,6 +23,7 @@ from whiptool.comparison.series import (
 )
 from whiptool.comparison.target_scene import words, zone_named
 from whiptool.comparison.trial_plots import comparison_figures
+from whiptool.rl.task import OBSERVATIONS
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.words import times
 

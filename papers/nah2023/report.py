@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from papers.context import Context
-from papers.nah2023 import claims, how_near, pictures, published
-from papers.nah2023.nearest import BesideUnit, EvolutionUnit, ReferenceUnit, TrialsUnit
-from papers.nah2023.statistics import Share
+from papers.nah2023 import claims, pictures, published
+from papers.nah2023.claims import Share
+from papers.nah2023.nearest import FAR, BesideUnit, EvolutionUnit, ReferenceUnit, TrialsUnit, how_near
 from papers.nah2023.units import (
     BOUNDS,
     STAY,
@@ -33,7 +33,7 @@ GRADIENT_CAP = 200
 FAR_STARTS = 64  # at full reach, where some lead to nothing
 TRIAL_SEEDS, EVOLUTION_SEEDS = 1, 1
 _TARGETS = range(len(published.TARGETS))
-_FAR = how_near.FAR
+_FAR = FAR
 Results = list[dict[str, Any]]
 
 
@@ -64,9 +64,7 @@ def sections(context: Context) -> list[Section]:
     return [
         _evaluations(rule, tip, slopes),
         _agreement(theirs),
-        how_near.section(
-            found, tried, evolved, [refined[u.key] for u in beside], nearest, [replayed[u.key] for u in replays]
-        ),
+        how_near(found, tried, evolved, [refined[u.key] for u in beside], nearest, [replayed[u.key] for u in replays]),
         _hand(found, theirs),
         _sensitivity(found, theirs),
     ]

@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from papers.nah2023 import published
-from papers.nah2023.hand import measure
-from papers.nah2023.last_nodes import LastNodes
-from papers.nah2023.sensitivity import path_sensitivity
-from papers.nah2023.solutions import descend, distinct
+from papers.nah2023.hand import LastNodes, measure
+from papers.nah2023.solutions import descend, distinct, path_sensitivity
 from whiptool import CompiledRollout, Controller, Target, default_bounds
 from whiptool.comparison.units import Unit
 from whiptool.impedance import constant_preset

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from papers.aim.robot import CONTROLLER, MODEL
+from papers.aim.published import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle
 from whiptool.adaptation.materials import stock_of_material

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from papers.aim.robot import CONTROLLER as PRESCRIBED
-from papers.aim.robot import MODEL as ROBOT
+from papers.aim.published import CONTROLLER as PRESCRIBED
+from papers.aim.published import MODEL as ROBOT
 from whiptool.adaptation import posterior
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError

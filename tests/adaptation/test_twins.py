@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from papers.aim.robot import CONTROLLER as PRESCRIBED
-from papers.aim.robot import MODEL as ROBOT
+from papers.aim.published import CONTROLLER as PRESCRIBED
+from papers.aim.published import MODEL as ROBOT
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.twins import BEND, NODES, _strange_whip, _waves, draw_twin
 from whiptool.impedance import Controller, oiac_preset

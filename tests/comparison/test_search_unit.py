@@ -55,7 +55,7 @@ def test_a_library_comes_before_the_search(method):
     assert result["training_trials"] == 400
     assert result["outcomes"][1]["trials"] == [1, 1, 1]  # some of 400 straight lines passed there
     assert all(result["outcomes"][1]["hit"])
-    assert unit.series == ("library" if method == "library" else "random+library")
+    assert unit.series[0] == ("library" if method == "library" else "random+library")
 
 
 def test_targets_stay_where_they_are_when_directions_are_asked_for():

@@ -131,7 +131,7 @@ class ForeignPort:
         self.rested: dict[tuple[float, ...], np.ndarray] = {}
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """As `whiptool.adaptation.ports.Port.strike`."""
+        """As `whiptool.adaptation.steps.Port.strike`."""
 
         t, tip, q = self.moved(strike)
         true = float(np.linalg.norm(tip - self.target, axis=1).min())

@@ -13,7 +13,8 @@ pytest.importorskip("torch")
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.map_files import built, opened
+from whiptool.strike_map.building import built
+from whiptool.strike_map.map_files import opened
 from whiptool.strike_map.strike_map import Gate
 
 STRIKER: Any = SimpleNamespace(rollout=SimpleNamespace(model=preset("lemon2024")))

@@ -15,7 +15,7 @@ from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import NONE
 from whiptool.adaptation.plan_search import Demands, Passes, Plan, PlanningEffort
 from whiptool.adaptation.planner import plan
-from whiptool.adaptation.ports import TipPort
+from whiptool.adaptation.ports import TipPort, truth_of
 from whiptool.adaptation.posterior import update, usable
 from whiptool.adaptation.prior import UNSEEN, Belief, default_prior, read_belief
 from whiptool.adaptation.steps import Seen
@@ -70,7 +70,7 @@ def test_twins_are_drawn_by_seed():
         one, same, other = (draw_twin(family, seed, MODEL, CONTROLLER) for seed in (3, 3, 4))
         assert one == same
         assert one.model.whip != other.model.whip
-        assert one.truth().model == one.model
+        assert truth_of(one).model == one.model
     strange = draw_twin("strange", 0, MODEL, CONTROLLER)
     assert strange.model.whip.N == NODES
     assert 0.5 <= strange.model.whip.drag_ratio <= 0.8

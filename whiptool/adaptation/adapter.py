@@ -16,9 +16,9 @@ import numpy as np
 from whiptool.adaptation.first_look import Sag, choose_wiggle, expected_sag, hanging
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
 from whiptool.adaptation.planner import FIRST, NEXT, plan, surest
-from whiptool.adaptation.posterior import AFTER, Learned, driven_by, tip_mislabelled, update
+from whiptool.adaptation.posterior import AFTER, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.steps import Seen, Step, Steps, checked, judge, judge_seen, seen_of
+from whiptool.adaptation.steps import Learned, Seen, Step, Steps, checked, judge, judge_seen, seen_of
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.ports import Port, RobotPort
 from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.steps import Seen, Step, Steps, checked
+from whiptool.adaptation.steps import Port, Seen, Step, Steps, checked
 from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, expect
 from whiptool.goals.target import Target, as_target
@@ -112,7 +111,8 @@ class Adaptation:
         while (strike := adapter.ask()) is not None:
             if adapter.place is not None:
                 adapter.place.mkdir(parents=True, exist_ok=True)
-            on_step(adapter.tell(self._struck(strike, adapter), must_teach=isinstance(self.port, RobotPort)))
+            must_teach = getattr(self.port, "must_teach", False)
+            on_step(adapter.tell(self._struck(strike, adapter), must_teach=must_teach))
         return adapter.steps
 
     def _struck(self, strike: Strike, adapter: Adapter) -> Seen:

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,29 +24,10 @@ from whiptool.models.strike import T_STAY, Strike
 from whiptool.models.trajectory import Approach
 from whiptool.recording.readers import read_recording
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rig.session import Rig
+from whiptool.rig.emulator.motor import HARDWARE, Motor
+from whiptool.rig.session import Rig, TwinTruth
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
-
-
-class Port(Protocol):
-    """Base class of ports, which make strikes and film them: a simulated twin, a whiptool rig, or a user's robot."""
-
-    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
-        """Make a strike, film it, and return the result.
-
-        Args:
-            strike: The strike to make.
-            number: Number of the strike, from 1; 0 is the measurement of the whip before the first strike. A simulated
-                port draws the same noise for the same number.
-            folder: For the port's own records; None: none are kept.
-            believed: The posterior mean of whip and arm, with which a port may simulate the strike before making it.
-
-        Returns:
-            See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was interrupted
-            `Seen(None, None, fault="why")`. An exception ends the session as a fault does.
-        """
-        ...
 
 
 class TipPort:
@@ -108,6 +89,12 @@ class TipPort:
             source=f"{self.twin.family}-{self.twin.seed}, strike {number}",
         )
         return seen_of(recording, self.target, true_miss=float(near.distance[0]))
+
+
+def truth_of(twin: Twin, motor: Motor = HARDWARE) -> TwinTruth:
+    """Return the parameters of a twin as the argument of a simulated rig."""
+    delay = twin.latency / 2
+    return TwinTruth(twin.model, motor, command_delay=delay, sample_delay=delay, clock_offset=twin.clock_offset)
 
 
 class RigPort:
@@ -173,6 +160,8 @@ class RobotPort:
         rest: Time at rest before the strike, in which the whip stops swinging [s].
         t_stay: Time after the movement's end for which the tip is still observed [s].
     """
+
+    must_teach = True  # a recording of which nothing can be learned is refused: the lab can mend its file
 
     def __init__(
         self, model: Model, target: Target, *, rate: float = RATE, rest: float = REST, t_stay: float = T_STAY

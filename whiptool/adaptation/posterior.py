@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.steps import Learned
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, FitOptions, fit
 from whiptool.identification.plant import Plant
@@ -62,26 +63,6 @@ _POSE = {2: ("rotation", "shift_x", "shift_y"), 3: PLACED[3][1:]}  # by dimensio
 _LEAST = 6  # frames
 _OF_MEDIAN = math.sqrt(math.pi / 2)  # its standard error over that of the mean
 _SHARPEST = 1e8  # information over the prior's, at most: rounding errors spoil the covariance beyond
-
-
-@dataclass(frozen=True)
-class Learned:
-    """The belief after an update, and how each recording was used.
-
-    Args:
-        belief: The posterior.
-        rmse: Root mean square error of each recording that was used, by source [m].
-        refused: Reason why a recording was not used, by source.
-        wall_time: Time that the update took [s].
-        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
-            as errors of neighbouring frames are correlated and may be larger than stated.
-    """
-
-    belief: Belief
-    rmse: dict[str, float]
-    refused: dict[str, str]
-    wall_time: float
-    redundancy: float = 1.0
 
 
 def update(

@@ -17,8 +17,9 @@ from scipy.optimize import brentq
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from whiptool.adaptation.posterior import Learned, driven_by, usable
+from whiptool.adaptation.posterior import driven_by, usable
 from whiptool.adaptation.prior import Belief
+from whiptool.adaptation.steps import Learned
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
 from whiptool.recording.strike_recording import StrikeRecording

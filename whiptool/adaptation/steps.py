@@ -11,15 +11,16 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.posterior import Learned
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.recording.filmed_approach import RATE, Judgement, approach_seen, frames_of, judge_frames, weigh
 from whiptool.recording.strike_recording import StrikeRecording
@@ -147,6 +148,26 @@ def seen_of(
     return Seen(recording, None if near is None or fault else near.distance, true_miss, fault)
 
 
+class Port(Protocol):
+    """Base class of ports, which make strikes and film them: a simulated twin, a whiptool rig, or a user's robot."""
+
+    def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
+        """Make a strike, film it, and return the result.
+
+        Args:
+            strike: The strike to make.
+            number: Number of the strike, from 1; 0 is the measurement of the whip before the first strike. A simulated
+                port draws the same noise for the same number.
+            folder: For the port's own records; None: none are kept.
+            believed: The posterior mean of whip and arm, with which a port may simulate the strike before making it.
+
+        Returns:
+            See `seen_of`; a strike that was refused is `Seen(None, None, refused="why")`, one that was interrupted
+            `Seen(None, None, fault="why")`. An exception ends the session as a fault does.
+        """
+        ...
+
+
 def checked(seen: Any, strike: Strike, number: int) -> Seen:
     """Check the result of a port, and add the strike and a source to a recording without them.
 
@@ -184,6 +205,26 @@ def _refuse_pixels(recording: StrikeRecording) -> None:
     if recording.view is not None:
         fix = "give the recordings of two cameras or more, or use motion capture"
         raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The belief after an update, and how each recording was used.
+
+    Args:
+        belief: The posterior.
+        rmse: Root mean square error of each recording that was used, by source [m].
+        refused: Reason why a recording was not used, by source.
+        wall_time: Time that the update took [s].
+        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
+            as errors of neighbouring frames are correlated and may be larger than stated.
+    """
+
+    belief: Belief
+    rmse: dict[str, float]
+    refused: dict[str, str]
+    wall_time: float
+    redundancy: float = 1.0
 
 
 @dataclass(frozen=True, repr=False)

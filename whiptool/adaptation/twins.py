@@ -20,8 +20,6 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.models.numbers import whole
 from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.whip import WhipParameters
-from whiptool.rig.emulator.motor import HARDWARE, Motor
-from whiptool.rig.session import TwinTruth
 
 NODES = 36  # of a strange whip
 _SMOOTH = 3  # waves along a strange whip
@@ -53,16 +51,6 @@ class Twin:
         whip = self.model.whip
         of = f"whip of {whip.length:.2f} m and {whip.mass:.3f} kg, {whip.N} nodes"
         return f"Twin({self.family}, seed {self.seed}: {of})"
-
-    def truth(self, motor: Motor = HARDWARE) -> TwinTruth:
-        """Return the same parameters as the argument of the rig's emulator."""
-        return TwinTruth(
-            self.model,
-            motor,
-            command_delay=self.latency / 2,
-            sample_delay=self.latency / 2,
-            clock_offset=self.clock_offset,
-        )
 
 
 def draw_twin(family: str, seed: int, model: Model, controller: Controller, stock: Stock | None = None) -> Twin:

@@ -119,7 +119,7 @@ _STRIKE = "Look up the strike for a goal in a map. Example: python -m whiptool.m
 
 
 def _build(options: BuildOptions) -> int:
-    from whiptool.strike_map.map_files import building_of, built
+    from whiptool.strike_map.building import building_of, built
 
     if options.gate_strikes:
         optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
@@ -187,7 +187,7 @@ def _strike(options: MapStrikeOptions) -> int:
     from whiptool.models.strike import named_strike
     from whiptool.objective import Objective
     from whiptool.runs import code_version
-    from whiptool.strike_map.map_files import load_map
+    from whiptool.strike_map.building import load_map
 
     cli.check_out(options)
     strike_map = load_map(options.run)

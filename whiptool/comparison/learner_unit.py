@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from whiptool.comparison.target_scene import TargetScene
-from whiptool.comparison.units import Unit
+from whiptool.comparison.series import MAIN_CONVENTION, MethodUnit
 from whiptool.extras import optional
 from whiptool.given_files import read_json
 from whiptool.rl.trained import one_torch_thread
@@ -27,11 +26,10 @@ if TYPE_CHECKING:
     from whiptool.rl.task import Judged, StrikeTask
 
 CHECKPOINT_EVERY = 10  # episodes
-MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearnerUnit(Unit):
+class LearnerUnit(MethodUnit):
     """Work unit that trains a learner once over the zone and then strikes at every target with its policy.
 
     Args:
@@ -44,7 +42,6 @@ class LearnerUnit(Unit):
         settings: Hyperparameters that differ from the defaults, by name.
     """
 
-    scene: TargetScene
     method: str
     observation: str
     seed: int
@@ -56,9 +53,9 @@ class LearnerUnit(Unit):
     settings: tuple[tuple[str, float], ...] = ()
 
     @property
-    def series(self) -> str:
-        """Name of the method in tables."""
-        return self.method
+    def series(self) -> tuple[str, str, int]:
+        """See `MethodUnit.series`."""
+        return self.method, self.observation, self.seed
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train the learner, from the last checkpoint if there is one, then strike at all targets; return the

@@ -18,13 +18,13 @@ from whiptool.goals.arrival_rule import GoalRegion, as_region
 from whiptool.goals.zone import Zone
 from whiptool.models.numbers import texts, whole
 from whiptool.optimizers import find_method
-from whiptool.rl.settings import TrainingPlan
+from whiptool.rl.settings import SETTINGS, TrainingPlan
+from whiptool.rl.task import OBSERVATIONS
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.words import method_name
 
-PAPER_METHODS = ("directl", "ga", "sac", "td3", "ddpg", "ppo")  # Fig. 6
-LEARNERS = ("sac", "td3", "ddpg", "ppo")
-OBSERVATIONS = ("tip", "relative", "goal")
+LEARNERS = tuple(SETTINGS)
+PAPER_METHODS = ("directl", "ga", *LEARNERS)  # Fig. 6
 CHUNK = 50  # targets of a unit of searches
 
 

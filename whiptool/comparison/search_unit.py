@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.comparison.target_scene import TargetScene
-from whiptool.comparison.units import Unit
+from whiptool.comparison.series import MethodUnit
 from whiptool.given_files import read_arrays
 from whiptool.goals.target import Target
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
@@ -128,7 +127,7 @@ def library_search(objective: Objective, library: StrikeLibrary) -> Result:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchUnit(Unit):
+class SearchUnit(MethodUnit):
     """A search from scratch at each target of a contiguous part of the targets.
 
     The search goes on until the smallest hit radius is hit. At a target without direction and speed no search uses the
@@ -143,7 +142,6 @@ class SearchUnit(Unit):
         library: Number of past random strikes from which the search starts; 0: none.
     """
 
-    scene: TargetScene
     method: str
     seed: int
     first: int
@@ -151,9 +149,10 @@ class SearchUnit(Unit):
     library: int = 0
 
     @property
-    def series(self) -> str:
-        """Name of the method in tables."""
-        return f"{self.method}+library" if self.library and self.method != "library" else self.method
+    def series(self) -> tuple[str, str, int]:
+        """See `MethodUnit.series`."""
+        name = f"{self.method}+library" if self.library and self.method != "library" else self.method
+        return name, "", self.seed
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit, and return the results."""

@@ -19,6 +19,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,10 +29,11 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from whiptool.comparison.learner_unit import MAIN_CONVENTION, LearnerUnit
-from whiptool.comparison.search_unit import SearchUnit
+from whiptool.comparison.target_scene import TargetScene
+from whiptool.comparison.units import Unit
 
 LEVEL = 0.95
+MAIN_CONVENTION = "mean-first"  # of whiptool.rl.policy
 
 
 def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, float]:
@@ -221,13 +223,25 @@ class Series:
         }
 
 
-def collect(units: Iterable[SearchUnit | LearnerUnit], results: Mapping[str, Mapping[str, Any]]) -> list[Series]:
+@dataclass(frozen=True, kw_only=True)
+class MethodUnit(Unit):
+    """A unit that tries a method, with one seed, at targets of a scene."""
+
+    scene: TargetScene
+
+    @property
+    @abstractmethod
+    def series(self) -> tuple[str, str, int]:
+        """Name of the method in tables; observation of a learner, empty for a search; and seed."""
+
+
+def collect(units: Iterable[MethodUnit], results: Mapping[str, Mapping[str, Any]]) -> list[Series]:
     """Return the series of finished units, in the order of the units."""
     groups: dict[tuple[str, str], dict[int, list[Mapping[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     units = list(units)
     for unit in units:
-        observation = unit.observation if isinstance(unit, LearnerUnit) else ""
-        groups[unit.series, observation][unit.seed].append(results[unit.key])
+        method, observation, seed = unit.series
+        groups[method, observation][seed].append(results[unit.key])
     series = []
     for (method, observation), seeds in groups.items():
         parts = [part for chunks in seeds.values() for part in chunks]

@@ -27,6 +27,7 @@ from whiptool.optimizers.derivative_free import (
     random_search,
 )
 from whiptool.optimizers.gradient_search import gradient_search, map_search
+from whiptool.rl.settings import SETTINGS
 from whiptool.rollout.interface import Rollout
 from whiptool.words import counted, method_name
 
@@ -128,7 +129,6 @@ def _spelled(written: str, names: Iterable[str]) -> str:
     return next((own for own in names if method_name(own) == plain), plain)
 
 
-LEARNERS = ("sac", "td3", "ddpg", "ppo")  # named here so that listing methods does not import torch
 METHODS: Registry[Method] = Registry(
     "methods",
     Callable,
@@ -138,7 +138,7 @@ METHODS: Registry[Method] = Registry(
         "map": map_search,
         "cmaes": cmaes_search,
         "ga": genetic_search,
-        **{name: partial(learner_search, learner=name) for name in LEARNERS},
+        **{name: partial(learner_search, learner=name) for name in SETTINGS},
         "random": random_search,
     },
     what="method",

@@ -10,8 +10,7 @@ import pytest
 pytest.importorskip("torch")
 
 from papers.aim.aimed import Aimed, Shots
-from papers.aim.pictures import misses
-from papers.aim.report import figures, millimetres, other_searches, percent, planar_figures
+from papers.aim.report import figures, millimetres, misses, other_searches, percent, planar_figures
 
 
 def shots(hit: list[bool]) -> Shots:

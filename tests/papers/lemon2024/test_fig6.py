@@ -8,7 +8,7 @@ from claims import verdicts
 
 from papers.lemon2024 import fig6
 from whiptool.comparison import Series
-from whiptool.comparison.plan import OBSERVATIONS
+from whiptool.rl.task import OBSERVATIONS
 from whiptool.viz import report
 from whiptool.viz.report import verdict_over
 

@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 
 from papers.unknown.report import hit_by, hits_table
-from papers.unknown.rods import CLOCK, KNOT, ROPE, RodPort, drawn_profile, drawn_rope
-from papers.unknown.study import MATERIALS, PLANE, SPACE, WhipUnit, came_of, pool
+from papers.unknown.study import (
+    CLOCK,
+    KNOT,
+    MATERIALS,
+    PLANE,
+    ROPE,
+    SPACE,
+    RodPort,
+    WhipUnit,
+    came_of,
+    drawn_profile,
+    drawn_rope,
+    pool,
+)
 from whiptool.adaptation import TipPort
 from whiptool.commands.options.adapt_options import AdaptOptions, prepare
 from whiptool.goals.target import Target

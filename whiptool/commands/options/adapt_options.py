@@ -247,7 +247,7 @@ def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str 
 
 def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock):
     """The port: a twin at the tip, a twin of the whole rig, or the rig."""
-    from whiptool.adaptation.ports import RigPort, RobotPort, TipPort
+    from whiptool.adaptation.ports import RigPort, RobotPort, TipPort, truth_of
     from whiptool.adaptation.twins import draw_twin
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig
@@ -270,7 +270,7 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
         return TwinRig(
             model,
             twin.controller,
-            truth=replace(twin.truth(HARDWARE if options.friction else Motor()), seed=seed),
+            truth=replace(truth_of(twin, HARDWARE if options.friction else Motor()), seed=seed),
             camera=camera,
             target=target,
             options=loop,

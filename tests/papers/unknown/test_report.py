@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from papers.unknown.scores import Forecast, Scores, brier_score, log_score
+from papers.unknown.report import Forecast, Scores, brier_score, log_score
 
 
 def _simulated(rng: np.random.Generator, count: int, *, narrow: float = 1.0) -> list[Forecast]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from papers.nah2023 import published
-from papers.nah2023.how_near import REACH, link_angles
+from papers.nah2023.nearest import REACH, link_angles
 from papers.nah2023.report import nearest_strikes
 from whiptool.models.kinematics import joint_points
 from whiptool.models.presets import NAH2023
