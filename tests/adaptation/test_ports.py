@@ -15,8 +15,8 @@ from whiptool.adaptation.adapter import Options
 from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.plan_search import Plan, PlanningEffort
 from whiptool.adaptation.ports import AwaitsRecording, RobotPort, TipPort
-from whiptool.adaptation.prior import default_prior
-from whiptool.adaptation.steps import Learned, Seen, checked, seen_of
+from whiptool.adaptation.prior import Learned, default_prior
+from whiptool.adaptation.steps import Seen, checked, seen_of
 from whiptool.adaptation.twins import draw_twin
 from whiptool.commands import adapt
 from whiptool.commands.options.adapt_options import AdaptOptions

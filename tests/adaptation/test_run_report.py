@@ -13,9 +13,9 @@ from whiptool.adaptation.loop import Adaptation
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.plan_search import Plan, PlanningEffort
 from whiptool.adaptation.ports import TipPort
-from whiptool.adaptation.prior import Belief, default_prior, fresh_terms
+from whiptool.adaptation.prior import Belief, Learned, default_prior, fresh_terms
 from whiptool.adaptation.run_report import PANELS, SHOWN, _Number, lines, sections
-from whiptool.adaptation.steps import Learned, Seen, Step
+from whiptool.adaptation.steps import Seen, Step
 from whiptool.adaptation.twins import draw_twin
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, oiac_preset

@@ -17,8 +17,8 @@ from whiptool.adaptation.first_look import Sag, choose_wiggle, expected_sag, han
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
 from whiptool.adaptation.planner import FIRST, NEXT, plan, surest
 from whiptool.adaptation.posterior import AFTER, driven_by, tip_mislabelled, update
-from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.steps import Learned, Seen, Step, Steps, checked, judge, judge_seen, seen_of
+from whiptool.adaptation.prior import Belief, Learned
+from whiptool.adaptation.steps import Seen, Step, Steps, checked, judge, judge_seen, seen_of
 from whiptool.errors import InputError
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target

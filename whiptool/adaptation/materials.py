@@ -46,9 +46,9 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.inputs import profile_of
 from whiptool.models.numbers import THICKEST, metres
 from whiptool.models.parameters import Model
+from whiptool.models.profile import profile_from
 from whiptool.models.whip import WhipParameters
 
 LONGEST = 20.0  # [m] of a whip that an arm swings
@@ -205,7 +205,7 @@ def stock_of_model(model: Model) -> Stock:
     stocks = [stock_of_material(name) for name in USUAL]
     spread = np.sqrt(np.mean([stock.spread**2 for stock in stocks], axis=0))
     usual = np.exp(np.mean([stock.centre for stock in stocks], axis=0))
-    profile = profile_of(model, "")
+    profile = profile_from(model.whip)
     own = [getattr(profile, name) for name in NUMBERS[:-1]] + [_friction(model)]
     return Stock(model.name, np.log([x or other for x, other in zip(own, usual, strict=True)]), spread)
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.adaptation.model_error import ModelError
-from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.steps import Learned
+from whiptool.adaptation.prior import Belief, Learned
 from whiptool.errors import InputError
 from whiptool.identification.fit import Fit, FitOptions, fit
 from whiptool.identification.plant import Plant

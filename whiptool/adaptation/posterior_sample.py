@@ -18,8 +18,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from whiptool.adaptation.posterior import driven_by, usable
-from whiptool.adaptation.prior import Belief
-from whiptool.adaptation.steps import Learned
+from whiptool.adaptation.prior import Belief, Learned
 from whiptool.errors import InputError
 from whiptool.identification.predict import Predictor
 from whiptool.recording.strike_recording import StrikeRecording

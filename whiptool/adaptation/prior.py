@@ -15,14 +15,13 @@ from whiptool.adaptation.materials import NUMBERS, Stock, stock_of_model
 from whiptool.adaptation.model_error import NONE, ModelError
 from whiptool.errors import InputError, expect
 from whiptool.given_files import read_toml
-from whiptool.identification.inputs import profile_of
 from whiptool.identification.plant import Plant
 from whiptool.identification.readings import NEUTRAL
 from whiptool.identification.variables import Prior, Variable, units, variable
 from whiptool.impedance import Controller
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
-from whiptool.models.profile import WAVES, WhipProfile
+from whiptool.models.profile import WAVES, WhipProfile, profile_from
 from whiptool.rig.emulator.motor import Motor
 
 # Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the
@@ -179,6 +178,26 @@ class Belief:
         return cls(plant, names, z, covariance, error)
 
 
+@dataclass(frozen=True)
+class Learned:
+    """The belief after an update, and how each recording was used.
+
+    Args:
+        belief: The posterior.
+        rmse: Root mean square error of each recording that was used, by source [m].
+        refused: Reason why a recording was not used, by source.
+        wall_time: Time that the update took [s].
+        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
+            as errors of neighbouring frames are correlated and may be larger than stated.
+    """
+
+    belief: Belief
+    rmse: dict[str, float]
+    refused: dict[str, str]
+    wall_time: float
+    redundancy: float = 1.0
+
+
 def default_prior(
     model: Model,
     controller: Controller,
@@ -228,7 +247,7 @@ def default_prior(
     if not controller.prescribed:
         entries |= {f"arm.mass[{i}]": (None, _SPREAD.arm_mass) for i in range(model.arm.n)}
     entries |= {f"law.{name}": (None, _SPREAD.gain) for name in _uncertain(controller)}
-    return _joined(_profile(Plant(model, controller, profile_of(model, "")), stock), entries)
+    return _joined(_profile(Plant(model, controller, profile_from(model.whip)), stock), entries)
 
 
 def _uncertain(controller: Controller) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.adaptation.plan_search import Plan
-from whiptool.adaptation.prior import Belief, fresh_terms
+from whiptool.adaptation.prior import Belief, Learned, fresh_terms
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.models.parameters import Model
@@ -205,26 +205,6 @@ def _refuse_pixels(recording: StrikeRecording) -> None:
     if recording.view is not None:
         fix = "give the recordings of two cameras or more, or use motion capture"
         raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
-
-
-@dataclass(frozen=True)
-class Learned:
-    """The belief after an update, and how each recording was used.
-
-    Args:
-        belief: The posterior.
-        rmse: Root mean square error of each recording that was used, by source [m].
-        refused: Reason why a recording was not used, by source.
-        wall_time: Time that the update took [s].
-        redundancy: Number of readings that carry as much information as one independent reading with the stated error,
-            as errors of neighbouring frames are correlated and may be larger than stated.
-    """
-
-    belief: Belief
-    rmse: dict[str, float]
-    refused: dict[str, str]
-    wall_time: float
-    redundancy: float = 1.0
 
 
 @dataclass(frozen=True, repr=False)

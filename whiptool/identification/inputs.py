@@ -22,7 +22,7 @@ from whiptool.impedance import Controller
 from whiptool.impedance.controller import controller_from_table, controller_to_table
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
-from whiptool.models.profile import WhipProfile, even_profile, lumped_from
+from whiptool.models.profile import WhipProfile, profile_from
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_video, read_recording
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
@@ -89,9 +89,7 @@ def profile_of(model: Model, name: str) -> WhipProfile:
         profile = read_toml(Path(name)).get("whip", {}).get("profile")
         if profile is not None:
             return WhipProfile(**profile)
-    if (lumped := lumped_from(model.whip)) is not None:
-        return lumped
-    return even_profile(model.whip)
+    return profile_from(model.whip)
 
 
 def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior | None:

@@ -224,6 +224,15 @@ def even_profile(whip: WhipParameters) -> WhipProfile:
     )
 
 
+def profile_from(whip: WhipParameters) -> WhipProfile:
+    """Return the profile from which a whip was computed, else the uniform one.
+
+    Raises:
+        InputError: The nodes are neither equal nor those of a profile.
+    """
+    return lumped_from(whip) or even_profile(whip)
+
+
 def graded(
     profile: Mapping[str, Any], quantity: str, place: np.ndarray, constant: Callable[[np.ndarray], Any] = np.asarray
 ) -> Any:
