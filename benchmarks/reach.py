@@ -40,8 +40,8 @@ import whiptool as wt
 from papers.aim.spaces import targets
 from whiptool.comparison import Store
 from whiptool.comparison.units import Unit
+from whiptool.rollout.batch import TOLERANCE
 from whiptool.rollout.native import cores
-from whiptool.rollout.resolution import TOLERANCE
 
 MODELS = ("ur5e", "panda")
 RADIUS, TRIALS = 1e-3, 600  # [m]; `optimize` has as many trials

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from papers.aim.published import CONTROLLER, MODEL
 from papers.context import Context
-from whiptool.rollout.resolution import TOLERANCE
+from whiptool.rollout.batch import TOLERANCE
 from whiptool.viz.report import Section
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "facts", "sections"]

@@ -22,7 +22,7 @@ from whiptool.comparison import Store
 from whiptool.comparison.units import Unit
 from whiptool.impedance import HandControl, PositionControl
 from whiptool.limits.arm_limits import ArmLimits
-from whiptool.rollout.resolution import TOLERANCE
+from whiptool.rollout.batch import TOLERANCE
 from whiptool.viz.report import Section, Table, Text
 from whiptool.words import counted
 

@@ -16,9 +16,9 @@ from whiptool.impedance import ConstantImpedance, Controller, PositionControl, c
 from whiptool.models.presets import preset
 from whiptool.models.strike import default_bounds
 from whiptool.models.trajectory import Approach
+from whiptool.rollout.batch import resolve
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.reference import ReferenceRollout
-from whiptool.rollout.resolution import resolve
 
 OIAC = Controller(oiac_preset("table4"))
 ROBOT = preset("ur5e")

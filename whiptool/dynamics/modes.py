@@ -128,11 +128,7 @@ def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarr
 
 
 def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each of N rods (3 N,), (N, 3, 2).
-
-    Raises:
-        InputError: A direction is not a unit vector, or its rate is not across it.
-    """
+    """Two unit vectors across each of N rods (3 N,), (N, 3, 2)."""
     d, rate = directions.reshape(-1, 3), rates.reshape(-1, 3)
     if np.abs((d**2).sum(axis=1) - 1).max() > 1e-9:
         raise InputError("q0", directions.tolist(), "unit vectors, for rods")

@@ -150,21 +150,13 @@ class ArrivalRule:
         return own
 
     def _check_speed(self, target: Target) -> None:
-        """Refuse a target that asks for more speed.
-
-        Raises:
-            InputError: It does.
-        """
+        """Refuse a target that asks for more speed."""
         if target.speed is not None and target.speed > (self.speed or 0.0):
             learned = "none" if self.speed is None else f"up to {self.speed:g} m/s"
             raise InputError("least speed", target.speed, f"{learned}, as was learned")
 
     def _check_direction(self, target: Target, own: Goals) -> None:
-        """Refuse a target whose direction, or what of the velocity counts for it, is not that of the rule's own goal.
-
-        Raises:
-            InputError: It is not.
-        """
+        """Refuse a target whose direction, or the part of the velocity that counts for it, is not the rule's."""
         if own.directions is None:
             raise InputError("direction", target.direction, "none, for only points were learned")
         same = np.abs(own.directions[0] - np.array(target.direction)).max() <= _SAME

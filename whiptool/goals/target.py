@@ -258,11 +258,7 @@ def missed_words(missed: Mapping[str, float]) -> str:
 
 
 def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ...]:
-    """Return a vector as a unit vector of so many coordinates.
-
-    Raises:
-        InputError: It has others, one is not finite, or all are zero.
-    """
+    """Return a vector as a unit vector of so many coordinates."""
     values = numbers(name, vector, dimension)
     length = math.hypot(*values)
     if length == 0:

@@ -35,7 +35,7 @@ from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.angles import first_state
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.resolution import displacements
+from whiptool.rollout.batch import displacements
 from whiptool.words import counted
 
 ORIGIN, AT_BASE = -2, -1  # places of markers that are not at the end of a link: the shoulder, the swing's base

@@ -13,9 +13,8 @@ from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive, unkn
 from whiptool.identification.plant import BareArm, Plant, slopes
 from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.batch import Batch
+from whiptool.rollout.batch import OF_A_STEP, Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
-from whiptool.rollout.resolution import OF_A_STEP
 
 _INTERVAL = 1e-3  # [s] between samples of a path
 

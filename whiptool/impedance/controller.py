@@ -369,11 +369,7 @@ def _check_gains(law: Law) -> None:
 
 
 def _hand(table: Any) -> HandControl:
-    """Return the control of the hand that a table `[controller.hand]` holds.
-
-    Raises:
-        InputError: It is not a table, a key is unknown, or a value is not allowed.
-    """
+    """Return the control of the hand that a table `[controller.hand]` holds."""
     known = [f.name for f in dataclasses.fields(HandControl)]
     if not isinstance(table, Mapping):
         raise InputError("controller.hand", table, "a table with some of " + ", ".join(known))

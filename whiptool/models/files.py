@@ -192,11 +192,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
 
 
 def _profile(table: object) -> WhipProfile:
-    """A profile from a table, which may give a round whip's material and diameter.
-
-    Raises:
-        InputError: A key is unknown or missing, or a value is not allowed; the key is named.
-    """
+    """A profile from a table, which may give a round whip's material and diameter."""
     place = "whip.profile."
     if not (isinstance(table, Mapping) and set(ROUND) & set(table)):
         return build_from(WhipProfile, table, place)

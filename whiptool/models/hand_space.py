@@ -414,11 +414,7 @@ class HandSpace:
         return self._per_joint(q).max(axis=-1)
 
     def _refuse(self, found: _Found, vectors: np.ndarray) -> None:
-        """Refuse the first strike that the arm cannot make.
-
-        Raises:
-            InputError: There is one.
-        """
+        """Refuse the first strike that the arm cannot make."""
         refused = np.flatnonzero(found.reach + found.on_way + found.limits > 0)
         if not len(refused):
             return

@@ -207,11 +207,7 @@ def _movable(joints: Any) -> list[str]:
 
 
 def _check_moving(joint: ET.Element) -> None:
-    """Refuse a joint that cannot be moved on its own.
-
-    Raises:
-        InputError: It mimics another, or its range is empty.
-    """
+    """Refuse a joint that cannot be moved on its own."""
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
     if mimic is not None:
         rule = "joints that move on their own, between base and tip"

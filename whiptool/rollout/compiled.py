@@ -19,7 +19,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, JointSpace
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.progress import Progress
-from whiptool.rollout.batch import Batch, Engine
+from whiptool.rollout.batch import TOLERANCE, Batch, Engine, Resolved, displacements, resolve
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.engine import RUNGS, find_engine, wanted_rung
 from whiptool.rollout.interface import (
@@ -36,7 +36,6 @@ from whiptool.rollout.interface import (
     target_points,
     time_grid,
 )
-from whiptool.rollout.resolution import TOLERANCE, Resolved, displacements, resolve
 
 TIMESTEP = 2.5e-4  # [s] between the instants of a trajectory whose steps are chosen by their errors
 _OF_A_PATH = 1e-2  # tolerance of a step's error along a path, in units of that of the distance
