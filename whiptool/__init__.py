@@ -11,13 +11,13 @@ _HOMES = {
     "ArmLink": "models",
     "ArmParameters": "models",
     "Model": "models",
-    "MotorLimits": "limits.motor_limits",
+    "MotorLimits": "limits.arm_limits",
     "Strike": "models",
     "StrikeBounds": "models",
     "WhipParameters": "models",
     "WhipProfile": "models",
     "default_bounds": "models",
-    "limits_preset": "limits.motor_limits",
+    "limits_preset": "limits.arm_limits",
     "load_model": "models",
     "preset": "models",
     "presets": "models.presets",
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from whiptool.identification.fit import fit
     from whiptool.identification.similarity import similarity
     from whiptool.impedance import OIAC, ConstantImpedance, Controller, default_controller, impedance_cost, oiac_preset
-    from whiptool.limits.motor_limits import MotorLimits, limits_preset
+    from whiptool.limits.arm_limits import MotorLimits, limits_preset
     from whiptool.models import (
         ArmLink,
         ArmParameters,

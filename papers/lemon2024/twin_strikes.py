@@ -67,7 +67,7 @@ class PlanUnit(Unit):
 
     def _best(self, rollout: CompiledRollout, tried: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Of strikes (B, 2 n + 1) the one that comes closest and that the motors can make."""
-        from whiptool.limits.motor_limits import XM430
+        from whiptool.limits.arm_limits import XM430
         from whiptool.rig.loop_options import LoopOptions
         from whiptool.rig.rehearsal import rehearse
 

@@ -17,7 +17,7 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, Controller
-from whiptool.limits.motor_limits import MotorLimits
+from whiptool.limits.arm_limits import MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.models.trajectory import Approach

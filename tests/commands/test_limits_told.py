@@ -13,8 +13,7 @@ from whiptool.commands import optimize, simulate
 from whiptool.commands.limits_told import limits_table, refuse_unheld, with_cure
 from whiptool.impedance import Controller
 from whiptool.limits.all_limits import AllLimits
-from whiptool.limits.arm_limits import ArmLimits
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430, ArmLimits
 from whiptool.models import JointLimits, Strike, preset
 from whiptool.models.files import write_model
 from whiptool.models.joint_trajectory import JointTrajectory

@@ -11,7 +11,7 @@ from pendulum_swing import pendulum, swing
 from scipy.optimize import least_squares
 from scipy.stats import binom
 
-from whiptool.dynamics.directions import PROFILE, lumping
+from whiptool.dynamics.structure import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.identification.fit import FitOptions, best_nodes, fit

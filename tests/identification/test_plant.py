@@ -11,7 +11,7 @@ from pendulum_swing import angles_of, pendulum
 from scipy.integrate import quad
 from spatial_arms import of_universal_nodes
 
-from whiptool.dynamics.directions import LUMPED, PROFILE, lumping
+from whiptool.dynamics.structure import LUMPED, PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.inputs import profile_of

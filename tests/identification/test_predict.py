@@ -9,7 +9,7 @@ import pytest
 from films import film
 from pendulum_swing import pendulum, swing
 
-from whiptool.dynamics.directions import PROFILE
+from whiptool.dynamics.structure import PROFILE
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, predict
 from whiptool.identification.plant import Plant

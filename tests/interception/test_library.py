@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.interception.library import RATE, Library, sure_paths
-from whiptool.limits.motor_limits import MotorLimits
+from whiptool.limits.arm_limits import MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import StrikeBounds
 from whiptool.strike_map.striker import Striker

@@ -9,7 +9,7 @@ import pytest
 
 from whiptool.errors import InputError
 from whiptool.impedance import constant_preset, oiac_preset
-from whiptool.limits.motor_limits import limits_preset
+from whiptool.limits.arm_limits import limits_preset
 from whiptool.models import Strike, default_bounds, load_model, preset, read_model, write_model
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.presets import PANDA_ARM, UR5E_ARM

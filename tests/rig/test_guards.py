@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.rig.dynamixel.joints import JointSample
 from whiptool.rig.guards import Guards, SafetyError, Watch
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
-from whiptool.limits.motor_limits import XM430, MotorLimits
+from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory

@@ -15,7 +15,7 @@ from processes import HANG
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
-from whiptool.limits.motor_limits import XM430, limits_preset
+from whiptool.limits.arm_limits import XM430, limits_preset
 from whiptool.rig.caps import CappedLoop, Caps, default_caps
 from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.cyclelog import Flag, Phase

@@ -12,7 +12,7 @@ import pytest
 from fallen_tip import cycles, struck
 
 from whiptool.goals.target import Target
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.models import preset
 from whiptool.recording.filmed_approach import Frames, Judgement, judge_frames
 from whiptool.rig import session

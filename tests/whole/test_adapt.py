@@ -25,7 +25,7 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import ConstantImpedance, Controller, oiac_preset
 from whiptool.impedance.controller import controller_to_table
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.models.kinematics import joint_points
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike

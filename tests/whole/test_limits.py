@@ -14,7 +14,7 @@ from whiptool.commands.optimize import main
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import OIAC, Controller
-from whiptool.limits.motor_limits import XM430, limits_preset
+from whiptool.limits.arm_limits import XM430, limits_preset
 from whiptool.objective import Objective
 from whiptool.optimizers import search
 

@@ -17,7 +17,7 @@ from whiptool.impedance import Controller
 from whiptool.interception.interceptor import Interception, TargetCamera
 from whiptool.interception.library import Library
 from whiptool.interception.target_tracks import PendulumMotion, TargetTrack, find_motion, fit_track
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.models.trajectory import closest_on_segments

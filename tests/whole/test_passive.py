@@ -11,7 +11,7 @@ import pytest
 from swings import Whip
 
 from whiptool.commands import identify
-from whiptool.dynamics.directions import lumping
+from whiptool.dynamics.structure import lumping
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, predict
 from whiptool.identification.plant import Plant, slopes

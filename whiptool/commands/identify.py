@@ -40,7 +40,7 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
         InputError: The plant has no such parameter, or several; the message names an option that helps, if there is
             one.
     """
-    from whiptool.dynamics.directions import LUMPED
+    from whiptool.dynamics.structure import LUMPED
     from whiptool.identification.inputs import full_name, names_of
     from whiptool.identification.plant import BareArm
 

@@ -282,7 +282,7 @@ def _learn(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
     from whiptool.commands.limits_told import refuse_unheld
     from whiptool.limits.all_limits import AllLimits
-    from whiptool.limits.motor_limits import XM430
+    from whiptool.limits.arm_limits import XM430
     from whiptool.rig.stops import Interlock
 
     model, controller = options.build_model(), options.build_controller()

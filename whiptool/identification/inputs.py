@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.dynamics.directions import LUMPED
+from whiptool.dynamics.structure import LUMPED
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.identification.plant import BareArm, Plant

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import tomli_w
 
-from whiptool.dynamics.directions import LUMPED, lumping, profile_slopes
+from whiptool.dynamics.structure import LUMPED, lumping, profile_slopes
 from whiptool.errors import InputError, expect
 from whiptool.given_files import build_from, read_toml
 from whiptool.impedance.controller import Controller

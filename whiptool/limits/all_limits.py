@@ -8,10 +8,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
-from whiptool.limits.motor_limits import LIMITS, limits_preset
 from whiptool.models.mount import default_floor
 from whiptool.models.numbers import LONGEST, metres
 from whiptool.models.parameters import Model

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.control_table import TICKS, WATCHDOG_TRIPPED, in_words
 from whiptool.rig.dynamixel.joints import JointSample

@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller
-from whiptool.limits.motor_limits import XM430, MotorLimits
+from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory

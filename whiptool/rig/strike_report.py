@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
 
 from whiptool.goals.target import Target
-from whiptool.limits.motor_limits import XM430, MotorLimits
+from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.rig.cyclelog import Cycles, Flag, Phase

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from whiptool.dynamics.directions import parameter_directions
 from whiptool.dynamics.modes import stepped
 from whiptool.dynamics.posture import start_derivative, start_posture
-from whiptool.dynamics.structure import Columns, Structure, outcome_columns, row_columns
+from whiptool.dynamics.structure import Columns, Structure, outcome_columns, parameter_directions, row_columns
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.hand_space import StrikeSpace

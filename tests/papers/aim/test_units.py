@@ -26,8 +26,8 @@ from papers.aim.units import (
 )
 from whiptool.goals.goals import Goals
 from whiptool.impedance import Controller, oiac_preset
+from whiptool.limits.arm_limits import limits_preset
 from whiptool.limits.clearance import Clearance
-from whiptool.limits.motor_limits import limits_preset
 from whiptool.models import preset
 from whiptool.rollout import CompiledRollout
 from whiptool.strike_map.strike_map import Candidates

@@ -9,7 +9,7 @@ import whiptool as wt
 from papers.lemon2024.twin_strikes import PlanUnit, controller
 from whiptool.comparison import TargetScene
 from whiptool.impedance import Controller
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 
 pytest.importorskip("dynamixel_sdk")
 

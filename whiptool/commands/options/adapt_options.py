@@ -76,7 +76,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     {value = 0.9, error = 0.05}."""
     known: tuple[str, ...] = ()
     """Recordings of earlier strikes with the same whip, which contain the tip and the commanded strike."""
-    limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS")] | None = None
+    limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS")] | None = None
     """Motor whose limits strikes have to keep; default: xm430, but none for --camera tip, which has no motors."""
     still: bool = True
     """Film the hanging whip before the first strike, to measure its length. Not needed with --wiggle or --known."""
@@ -153,7 +153,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import read_belief
     from whiptool.limits.all_limits import default_limits
-    from whiptool.limits.motor_limits import limits_preset
+    from whiptool.limits.arm_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
     from whiptool.rig.emulator.motor import HARDWARE, Motor

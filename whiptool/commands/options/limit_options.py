@@ -32,7 +32,7 @@ class LimitOptions(OptionGroup):
         "ignore_collisions": (unless("limits", "none"),),
     }
 
-    limits: Annotated[str, Names("whiptool.limits.motor_limits:LIMITS", others=("arm", "none"))] | None = None
+    limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS", others=("arm", "none"))] | None = None
     """Limits of a motor (xm430) or of the joints (arm: default if any). xm430 is the speed-torque line of that motor.
     optimize counts strikes that exceed a limit as misses; simulate reports them."""
     keep_free: float = 0.0

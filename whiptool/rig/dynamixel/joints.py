@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import VOLTAGE_UNIT, XM430_W350, Units
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from whiptool.errors import InputError
-from whiptool.limits.motor_limits import XM430
+from whiptool.limits.arm_limits import XM430
 from whiptool.models.numbers import number
 
 RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
