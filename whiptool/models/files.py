@@ -9,6 +9,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
 from whiptool.errors import InputError, expect
@@ -123,7 +124,7 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
     """Return the arm as plain data; `arm_from_table` gives the same arm back."""
     table = _plain(dataclasses.asdict(arm))
     for link in table["links"] if arm.dimension == 3 else ():
-        limits = {name: value for name, value in link.pop("limits").items() if not _unlimited(value)}
+        limits = {name: value for name, value in link.pop("limits").items() if np.isfinite(value).any()}
         if limits:
             link["limits"] = limits
         if not link["capsules"]:
@@ -139,10 +140,6 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
         if not table.get(name, True):
             del table[name]
     return {"joints": table.pop("joints"), **table}
-
-
-def _unlimited(value: float | list[float]) -> bool:
-    return all(map(math.isinf, value)) if isinstance(value, list) else math.isinf(value)
 
 
 def _plain(value: Any) -> Any:

@@ -453,7 +453,9 @@ class HandKinematics:
 
     def settle(self, pose: HandPose, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
         """Return the joint positions near q (..., a) at which the hand is at the given poses."""
-        held = self._multipliers(q) if multipliers is None else multipliers
+        held = multipliers
+        if held is None:  # those that come nearest to holding the postures away from the given one
+            held = np.einsum("...ji,...j->...i", np.linalg.pinv(self.jacobian(q)), q - self.posture)
         slopes, missed = np.empty((*q.shape, self.size)), np.full(q.shape[:-1], np.inf)
         for _ in range(AT_END):
             q, held, left, moved, slopes = self._improved(q, held, pose)
@@ -470,10 +472,6 @@ class HandKinematics:
         if self.size == 6:
             found[..., 3:, 3:] = turning(x[..., 3:])
         return found
-
-    def _multipliers(self, q: np.ndarray) -> np.ndarray:
-        """Multipliers (..., m) that come nearest to holding postures q (..., a) away from the given one."""
-        return np.einsum("...ji,...j->...i", np.linalg.pinv(self.jacobian(q)), q - self.posture)
 
     def _improved(
         self, q: np.ndarray, multipliers: np.ndarray, pose: HandPose

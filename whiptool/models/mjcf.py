@@ -247,7 +247,7 @@ class _Robot:
         self.sites = [model.site(i).name for i in range(model.nsite)]
         self._refuse_gravity()
         self.tip = choice.only_tip(self._ends(), [*self.bodies[1:], *self.sites])
-        chain = self._chain()
+        chain = self._joints_to(self._at_tip())
         names = [model.joint(i).name or f"joint {i}" for i in range(model.njnt)]
         movers = choice.movers([names[i] for i in chain], names)
         self.movers = [i for i in chain if names[i] in movers]
@@ -324,10 +324,6 @@ class _Robot:
         if self.tip in self.bodies:
             return self.bodies.index(self.tip)
         return int(self.model.site_bodyid[self.sites.index(self.tip)])
-
-    def _chain(self) -> list[int]:
-        """Joints from the world to the tip."""
-        return self._joints_to(self._at_tip())
 
     def _joints_to(self, body: int) -> list[int]:
         """Joints from the world to a body."""

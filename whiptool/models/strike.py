@@ -179,6 +179,10 @@ class StrikeBounds(ArrayLike):
 
 _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")
 _D = (0.4, 1.5)  # [s]; none is printed
+_OF_PERSON = StrikeBounds(
+    (*(PI * np.array([-0.5, -0.5, -0.5, 0.0, 0.1, -0.5, -0.5, 0.0])), _D[0]),
+    (*(PI * np.array([-0.1, 0.5, 0.5, 0.9, 1.0, 0.5, 0.5, 0.9])), _D[1]),
+)
 
 
 def is_person(arm: AnyArm) -> bool:
@@ -199,17 +203,11 @@ def default_bounds(arm: AnyArm | Model) -> StrikeBounds:
     arm = arm.arm if isinstance(arm, Model) else arm
     expect(ArmParameters, SpatialArm, arm=arm)
     if arm.dimension == 3:
-        return _person_bounds() if is_person(arm) else _bounds_of_limits(arm)
+        return _OF_PERSON if is_person(arm) else _bounds_of_limits(arm)
     if arm.n == 2:
         return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
     rule = f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})"
     raise InputError("bounds", "none", rule, "give --lower and --upper")
-
-
-def _person_bounds() -> StrikeBounds:
-    lower = PI * np.array([-0.5, -0.5, -0.5, 0.0, 0.1, -0.5, -0.5, 0.0])
-    upper = PI * np.array([-0.1, 0.5, 0.5, 0.9, 1.0, 0.5, 0.5, 0.9])
-    return StrikeBounds((*lower, _D[0]), (*upper, _D[1]))
 
 
 def _bounds_of_limits(arm: AnyArm) -> StrikeBounds:

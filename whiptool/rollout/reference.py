@@ -183,7 +183,9 @@ class ReferenceRollout(Rollout):
         """Return position [m] and velocity [m/s] of the tip, (d,) each, in the current state; MuJoCo's kinematics must
         be up to date.
         """
-        return self._data.site_xpos[self._tip, self._axes], self._tip_velocity()
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
+        return self._data.site_xpos[self._tip, self._axes], velocity[3:][self._axes]
 
     def apply_forces(self, data: mujoco.MjData) -> None:
         """Write smoothed friction, drag and the joint torques of rods to the data's applied forces."""
@@ -218,11 +220,6 @@ class ReferenceRollout(Rollout):
             mujoco.mj_applyFT(mj, data, data.xfrc_applied[body, :3], np.zeros(3), data.xipos[body], body, force)
         mujoco.mj_solveM(mj, data, found, given)
         return np.linalg.solve(found[:a, :a], wanted - found[a, :a])
-
-    def _tip_velocity(self) -> np.ndarray:
-        velocity = np.empty(6)
-        mujoco.mj_objectVelocity(self._mj, self._data, mujoco.mjtObj.mjOBJ_SITE, self._tip, velocity, 0)
-        return velocity[3:][self._axes]
 
 
 @contextmanager

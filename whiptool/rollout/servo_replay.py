@@ -49,7 +49,8 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory) -> Trajectory:
     end, steps = float(trajectory.t[-1]), math.ceil(trajectory.t[-1] / rollout.timestep - 1e-9)
     t = np.minimum(np.arange(steps + 1) * rollout.timestep, end)
     half = rollout.timestep / 2  # a step of Runge and Kutta's also asks at its middle
-    set_points = _set_points(path, np.minimum(np.arange(2 * steps + 3) * half, end), omega)
+    at = np.minimum(np.arange(2 * steps + 3) * half, end)
+    set_points = path(at) + 2 / omega * path(at, 1) + path(at, 2) / omega**2  # as far ahead as the servos lag behind
     q, v = np.empty((2, steps + 1, model.coordinates))
     tau, (tip, velocity) = np.empty((steps + 1, a)), np.empty((2, steps + 1, model.dimension))
 
@@ -79,11 +80,6 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory) -> Trajectory:
 def _smooth(trajectory: JointTrajectory) -> BPoly:
     """Return the quintic through positions, velocities and accelerations at all instants."""
     return BPoly.from_derivatives(trajectory.t, np.stack([trajectory.q, trajectory.v, trajectory.a], axis=1))
-
-
-def _set_points(path: BPoly, t: np.ndarray, omega: float) -> np.ndarray:
-    """Return the set points of servos at times t (T,), (T, a): as far ahead of the path as they lag behind."""
-    return path(t) + 2 / omega * path(t, 1) + path(t, 2) / omega**2
 
 
 def _fit_servos(mj: mujoco.MjModel, data: mujoco.MjData, omega: float, a: int) -> None:
