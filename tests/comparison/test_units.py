@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import pkgutil
 import re
+import signal
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from importlib import import_module
@@ -17,7 +20,9 @@ import pytest
 
 import papers
 import whiptool.comparison
-from whiptool.comparison.units import KEY, Unit, plain_of
+from whiptool.commands.compare import CompareOptions
+from whiptool.comparison.units import KEY, Store, Unit, UnitFailed, older_results, plain_of, work_on
+from whiptool.errors import InputError
 from whiptool.goals.zone import Disc, Zone
 from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import Model, preset
@@ -174,3 +179,108 @@ def test_what_has_no_plain_data_is_no_part_of_a_key():
     for wrong in (len, {1}, np.array([object()])):
         with pytest.raises(TypeError, match="no key can be made"):
             _ = OneUnit(method="ga", strike=wrong).key
+
+
+RUNS: list[tuple[int, float]] = []
+
+
+@dataclass(frozen=True, kw_only=True)
+class CountedUnit(Unit):
+    seed: int
+    hit_radius: float
+
+    def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
+        RUNS.append((self.seed, self.hit_radius))
+        return {"radius": self.hit_radius}
+
+
+def test_a_result_is_found_again_and_that_of_another_hit_radius_is_not(tmp_path):
+    unit = CountedUnit(seed=0, hit_radius=0.06)
+    RUNS.clear()
+    first = Store(tmp_path).results([unit])
+    assert Store(tmp_path).results([replace(unit)]) == first == {unit.key: {"radius": 0.06}}
+    tighter = replace(unit, hit_radius=0.01)
+    assert Store(tmp_path).results([tighter])[tighter.key] == {"radius": 0.01}
+    assert RUNS == [(0, 0.06), (0, 0.01)]
+
+
+def test_results_of_older_versions_are_not_used_and_one_line_says_so(tmp_path, capsys):
+    unit = CountedUnit(seed=0, hit_radius=0.06)
+    (tmp_path / "units").mkdir()
+    for name in ("counted-0", "counted-seed1"):  # names that left out the hit radius
+        (tmp_path / "units" / f"{name}.json").write_text('{"radius": 1}')
+    assert Store(tmp_path).results([unit])[unit.key] == {"radius": 0.06}
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"whiptool: {tmp_path / 'units'}: 2 results of an older version")
+    assert "computed again" in line
+    assert Store(tmp_path).results([unit])[unit.key] == {"radius": 0.06}
+
+
+def test_a_folder_of_new_results_is_not_called_old(tmp_path, capsys):
+    Store(tmp_path).results([CountedUnit(seed=0, hit_radius=0.06)])
+    Store(tmp_path)
+    assert older_results(tmp_path / "units") == ""
+    assert capsys.readouterr().err == ""
+
+
+class DieOnce:
+    """Work that kills its process the first `times` times that it meets the unit `bad`."""
+
+    def __init__(self, marks: Path, times: int) -> None:
+        self.marks, self.times = marks, times
+
+    def __call__(self, unit: str) -> str:
+        if unit == "bad" and len(list(self.marks.iterdir())) < self.times:
+            (self.marks / f"{os.getpid()}-{time.monotonic_ns()}").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return unit.upper()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_dead_worker_is_replaced_and_reported(tmp_path, times):
+    units, deaths = {name: name for name in ("a", "b", "bad", "c", "d")}, []
+    found = dict(work_on(units, DieOnce(tmp_path, times), workers=2, on_death=deaths.append))
+    assert found == {name: name.upper() for name in units}
+    assert 1 <= len(deaths) <= times
+    assert all("bad" in names for names in deaths)
+
+
+def test_a_unit_that_kills_every_worker_is_given_up_after_the_others(tmp_path):
+    units, found = {name: name for name in ("bad", "a", "b", "c")}, {}
+    results = work_on(units, DieOnce(tmp_path, 99), workers=2)
+    with pytest.raises(UnitFailed, match=r"^bad: 3 workers died"):
+        found.update(results)
+    assert set(found) == {"a", "b", "c"}
+
+
+def test_no_more_processes_than_units_and_cores(monkeypatch, capsys):
+    """100,000 workers are neither forked for two units nor on a machine with fewer cores."""
+    asked = []
+
+    class Full(Exception):
+        pass
+
+    def pool(max_workers, **_):
+        asked.append(max_workers)
+        raise Full
+
+    monkeypatch.setattr("loky.ProcessPoolExecutor", pool)
+    with pytest.raises(Full):
+        dict(work_on({"a": 1, "b": 2}, _refuse, workers=100_000))
+    assert asked == [2]
+    cores = max(2, os.cpu_count() or 1)
+    assert CompareOptions(workers=100_000).processes() == cores
+    assert capsys.readouterr().err == f"whiptool: --workers 100000: {cores} are used, one per core\n"
+    assert CompareOptions(workers=1).processes() == 1
+    assert capsys.readouterr().err == ""
+
+
+def _refuse(unit: str) -> str:
+
+    raise InputError("whip.k", -1, "a number >= 0")
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_units_own_error_comes_with_its_name(count):
+    with pytest.raises(UnitFailed, match=r"^b: whip\.k: got -1"):
+        dict(work_on({"b": 1}, _refuse, workers=count))
