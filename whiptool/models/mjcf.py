@@ -14,8 +14,8 @@ from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
 from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.spatial_arm import (
-    Body,
     JointLimits,
+    RigidBody,
     SpatialArm,
     SpatialLink,
     joint_name,
@@ -371,15 +371,15 @@ class _Robot:
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
 
-    def _groups(self) -> dict[int, list[Body]]:
+    def _groups(self) -> dict[int, list[RigidBody]]:
         """Bodies that each mover carries, except those that the next one moves."""
-        groups: dict[int, list[Body]] = {i: [] for i in self.movers}
+        groups: dict[int, list[RigidBody]] = {i: [] for i in self.movers}
         for body in range(1, self.model.nbody):
             mover = self._mover_of(body)
             if mover != _BASE and self.bodies[body] not in self.weightless:
                 R = self.data.ximat[body].reshape(3, 3)
                 inertia = (R * self.model.body_inertia[body]) @ R.T
-                groups[mover].append(Body(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
+                groups[mover].append(RigidBody(float(self.model.body_mass[body]), self.data.xipos[body], inertia))
         return groups
 
     def _mover_of(self, body: int) -> int:
@@ -408,14 +408,14 @@ class _Robot:
                 found[mover].append(Capsule.along(R, p, half, float(size[0]), flat=flat))
         return found
 
-    def _link(self, joint: int, body: Body, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
+    def _link(self, joint: int, body: RigidBody, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
         model, v = self.model, self.model.jnt_dofadr[joint]
         axes = self._axes(joint)
         com: np.ndarray = axes.T @ (body.com - self.data.xanchor[joint]) if body.mass else np.zeros(3)
         return SpatialLink(
             mass=body.mass,
             com=tuple(com.tolist()),
-            inertia=Body(body.mass, com, axes.T @ body.inertia @ axes).moments,
+            inertia=RigidBody(body.mass, com, axes.T @ body.inertia @ axes).moments,
             axis=tuple((axes.T @ self.data.xaxis[joint]).tolist()),
             position=tuple(position.tolist()),
             rotation=tuple(map(tuple, rotation.tolist())),

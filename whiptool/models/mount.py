@@ -13,7 +13,7 @@ from whiptool.models.capsules import Capsule, Point
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import metres, number, numbers
 from whiptool.models.parameters import AnyArm
-from whiptool.models.spatial_arm import Body, SpatialArm, welded
+from whiptool.models.spatial_arm import RigidBody, SpatialArm, welded
 from whiptool.models.strike import refuse_far
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
@@ -128,9 +128,8 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
     along = -axes[:, 2]
     inertia = mass * length**2 / 12 * (np.eye(3) - np.outer(along, along))
     last, (x, y, z) = arm.links[-1], (at + along * length).tolist()
-    both = welded(
-        [Body(last.mass, np.array(last.com), last.inertia_matrix), Body(mass, at + along * length / 2, inertia)]
-    )
+    stick_body = RigidBody(mass, at + along * length / 2, inertia)
+    both = welded([RigidBody(last.mass, np.array(last.com), last.inertia_matrix), stick_body])
     if both.mass:
         last = dataclasses.replace(last, mass=both.mass, com=tuple(both.com.tolist()), inertia=both.moments)
     if any(link.capsules for link in arm.links):

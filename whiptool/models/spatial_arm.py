@@ -196,7 +196,7 @@ class SpatialLink:
         return _symmetric(self.inertia)
 
 
-class Body(NamedTuple):
+class RigidBody(NamedTuple):
     """Mass [kg], centre of mass (3,) [m] and inertia about that (3, 3) [kg m^2], in axes of any frame."""
 
     mass: float
@@ -209,17 +209,17 @@ class Body(NamedTuple):
         return tuple(self.inertia[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist())
 
 
-def welded(bodies: Sequence[Body]) -> Body:
+def welded(bodies: Sequence[RigidBody]) -> RigidBody:
     """Return bodies that are fixed to each other, in the same axes, as one."""
     mass = sum(body.mass for body in bodies)
     if not mass:
-        return Body(0.0, np.zeros(3), np.zeros((3, 3)))
+        return RigidBody(0.0, np.zeros(3), np.zeros((3, 3)))
     com = sum((body.mass * body.com for body in bodies), np.zeros(3)) / mass
     inertia = np.zeros((3, 3))
     for body in bodies:
         d = body.com - com
         inertia += body.inertia + body.mass * (d @ d * np.eye(3) - np.outer(d, d))  # the theorem of parallel axes
-    return Body(mass, com, inertia)
+    return RigidBody(mass, com, inertia)
 
 
 def _symmetric(moments: tuple[float, ...]) -> np.ndarray:

@@ -15,7 +15,15 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
 from whiptool.models.robot_files import ArmChoice, quiet, read_urdf_text
-from whiptool.models.spatial_arm import Body, JointLimits, SpatialArm, SpatialLink, joint_name, welded, without_inertia
+from whiptool.models.spatial_arm import (
+    JointLimits,
+    RigidBody,
+    SpatialArm,
+    SpatialLink,
+    joint_name,
+    welded,
+    without_inertia,
+)
 from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
@@ -345,7 +353,7 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
         velocity=_limit(model.upperVelocityLimit[v]),
         torque=_limit(model.upperEffortLimit[v]),
     )
-    own = Body(body.mass, body.lever, body.inertia) if body.mass else welded([])
+    own = RigidBody(body.mass, body.lever, body.inertia) if body.mass else welded([])
     return SpatialLink(
         mass=float(own.mass),
         com=tuple(own.com.tolist()),
