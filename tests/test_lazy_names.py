@@ -1,4 +1,4 @@
-"""Names are imported when they are used."""
+"""Importing whiptool costs nothing, and makes its environment known to Gymnasium."""
 
 from __future__ import annotations
 

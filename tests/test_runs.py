@@ -1,4 +1,4 @@
-"""What to cite: the entries are whole, and everything that can be used is known."""
+"""Run folders and what to cite in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotations of symbols: against SciPy's, at no turn too, and what is left of a turn against the quaternions'."""
+"""The closed loop and its rotations of symbols: against NumPy's controller and SciPy's rotations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns against plain indexing of arrays that are put together block by block."""
+"""Columns and structures of the compiled code, and derivatives of its parameters against differences."""
 
 from __future__ import annotations
 

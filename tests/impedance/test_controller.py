@@ -1,4 +1,4 @@
-"""Control of the hand: its numbers, its files, and gains that nobody has measured."""
+"""Controllers: torques by hand, control of the hand, the default of a model, files."""
 
 from __future__ import annotations
 

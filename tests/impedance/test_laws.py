@@ -1,4 +1,4 @@
-"""Control laws: NumPy against CasADi."""
+"""Control laws: NumPy against CasADi, gains by hand, presets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes of torques: of what is known, and of steps."""
+"""Limits of joints and motors: usage by hand, peaks against whole strikes, changes of torques."""
 
 from __future__ import annotations
 

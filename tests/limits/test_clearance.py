@@ -1,4 +1,4 @@
-"""Whips that hang above a floor before a strike: against where they hang, and differences of the hand's height."""
+"""Clearance: whips that hang above a floor, arms on their path, and whole strikes."""
 
 from __future__ import annotations
 

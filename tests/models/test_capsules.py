@@ -1,4 +1,4 @@
-"""Distances of segments: against coal's capsules, and by hand where segments are points or parallel."""
+"""Capsules and distances of segments: against coal's shapes, and by hand for points and parallel segments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms in space in TOML files, by their links or by a robot's file."""
+"""Models and arms in TOML files: read back the same, every mistake named."""
 
 from __future__ import annotations
 

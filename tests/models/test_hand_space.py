@@ -1,4 +1,4 @@
-"""The hand's way from pose to pose: against SciPy's interpolation of rotations, and its slopes against differences."""
+"""Hand space: paths of the hand against SciPy's interpolation of rotations, and slopes against differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint trajectories for robots: the parts of one, limits, files."""
+"""Joint trajectories for robots: their parts, limits, files, and a hand as joints of a virtual arm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rotations and their vectors: against SciPy's interpolation, closed forms, and differences."""
+"""Kinematics and its inverse: against closed forms, SciPy's rotations, and differences."""
 
 from __future__ import annotations
 

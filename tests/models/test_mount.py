@@ -1,4 +1,4 @@
-"""Bases on walls and ceilings: against turning by hand, and gravity turned the other way."""
+"""Bases on walls and ceilings against turning by hand; sticks against bodies that are added up."""
 
 from __future__ import annotations
 

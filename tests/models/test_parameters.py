@@ -1,4 +1,4 @@
-"""Planar arms: links as uniform rods unless they say otherwise, numbers by name, checks at the door."""
+"""Models and planar arms: links as uniform rods by default, numbers by name, checks where they enter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Presets in space: published figures, and forward kinematics known from elsewhere."""
+"""Presets: published figures, and forward kinematics known from elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumping a continuous whip: what is kept, what it converges to, and that hats beat naive lumping."""
+"""Profiles of whips: what lumping keeps, what it converges to, and whips that are resized."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots' files that no parser should see are refused, whatever they are made of, and all others pass."""
+"""Robots' files that no parser should see are refused; chains of a robot are chosen by name."""
 
 from __future__ import annotations
 

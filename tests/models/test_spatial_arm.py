@@ -1,4 +1,4 @@
-"""Names of joints: the usual ones, what is taken, names from elsewhere, and their subscripts."""
+"""Arms in space: names of their joints, checks of their numbers, changes by name."""
 
 from __future__ import annotations
 

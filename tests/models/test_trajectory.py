@@ -1,4 +1,4 @@
-"""The closest approach, against a search along every segment, cross products, and curves with closed forms."""
+"""Trajectories, and closest approaches against a search along every segment and curves with closed forms."""
 
 from __future__ import annotations
 

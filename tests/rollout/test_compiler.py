@@ -1,4 +1,4 @@
-"""The cache of compiled libraries holds the user's own, whole libraries, or compiles again."""
+"""Compiling: the cache holds the user's own, whole libraries, or compiles again."""
 
 from __future__ import annotations
 

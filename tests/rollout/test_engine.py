@@ -1,4 +1,4 @@
-"""CasADi's interpreter and the compiled code agree."""
+"""Engines agree: CasADi's interpreter, scalar and SIMD code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effort against closed forms and MuJoCo; derivatives of effort and largest torque against differences."""
+"""Steps, effort and derivatives that rollouts have: against closed forms, MuJoCo and differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a model stands in, by MuJoCo's compiled model: nothing in it weighs, and its cameras look where they say."""
+"""Models in MuJoCo: their dynamics against ours, and scenes in which nothing weighs."""
 
 from __future__ import annotations
 

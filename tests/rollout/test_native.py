@@ -1,4 +1,4 @@
-"""Batches in parts on threads: all of a batch once, and memory that lives for as long as a thread uses it."""
+"""The compiled engine, and batches in parts on threads: all of a batch once, and memory that lives long enough."""
 
 from __future__ import annotations
 
