@@ -160,7 +160,7 @@ def test_a_bomb_is_refused_by_its_size_unpacked(tmp_path: Path, monkeypatch) -> 
     ("change", "said"),
     [
         ({"t": np.linspace(0, 1, 6)}, "T being 6"),
-        ({"t": np.zeros(5)}, "later than the one before"),
+        ({"t": np.zeros(5)}, "later than the previous time"),
         ({"t": np.full(5, np.nan)}, "finite time"),
         ({"q": np.ones(5)}, r"numbers of shape \(T, n\)"),
         ({"q": np.array(list("abcde"))}, r"numbers of shape \(T, n\)"),

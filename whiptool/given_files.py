@@ -138,7 +138,7 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     with archive.open(member) as file:
         shape, dtype = _announced(file)
     if dtype.hasobject:
-        raise InputError(member.filename, "pickled objects", "numbers or texts", "they are never read: allow_pickle")
+        raise InputError(member.filename, "pickled objects", "numbers or texts", "pickled objects are never read")
     if math.prod(shape) * dtype.itemsize > member.file_size:
         raise InputError(member.filename, f"the shape {shape}", f"what {member.file_size} bytes can hold")
     with archive.open(member) as file:

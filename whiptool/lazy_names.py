@@ -1,7 +1,7 @@
-"""What importing whiptool does, at no cost: names that are imported when first used, and the id of its environment.
+"""Names that are imported when first used, and registration of the Gymnasium environment, at no cost of import.
 
-Gymnasium 1.0 and later look for no entry points of packages: an id is known when the package that registers it has
-been imported.
+Gymnasium 1.0 and later do not read entry points of packages: an id exists once the package that registers it has been
+imported.
 """
 
 from __future__ import annotations

@@ -276,7 +276,7 @@ def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, m
     assert adapt.main(go_on) == adapt.AWAITS
     assert json.loads(capsys.readouterr().out) == asked
     assert adapt.main([*go_on, str(recorded)]) == 2
-    assert "another one than strike 0's" in capsys.readouterr().err
+    assert "another recording than that of strike 0" in capsys.readouterr().err
     recorded.write_text(recorded.read_text().replace(",0.5,", ",0.2,"))
     assert adapt.main([*go_on, str(recorded)]) == 1  # and the run is at its end
     assert json.loads(capsys.readouterr().out)["strikes"] == 1

@@ -323,9 +323,9 @@ def test_priors_of_what_may_be_zero_and_names_that_need_an_index(tmp_path):
     with pytest.raises(InputError, match="> 0"):
         read_prior(str(file), Plant(lemon), ("whip.k",))
     per_node = dataclasses.replace(lemon, whip=dataclasses.replace(lemon.whip, k=(0.2,) * 12))
-    with pytest.raises(InputError, match=r"whip\.k\[0\] and so on.*one per node"):
+    with pytest.raises(InputError, match=r"whip\.k\[0\] and so on.*a value per node"):
         full_name("k", Plant(per_node))
-    with pytest.raises(InputError, match=r"^--free: .*whip\.k\[0\] and so on.*one per node; or fit a --profile$"):
+    with pytest.raises(InputError, match=r"^--free: .*whip\.k\[0\] and so on.*a value per node; or fit a --profile$"):
         identify.full_names(("gravity", "k"), Plant(per_node))
     with pytest.raises(InputError, match=r"^--free: .*profile\.bending_stiffness.*the profile gives"):
         identify.full_names(("k",), Plant(lemon, profile=profile_of(lemon, "")))
@@ -474,7 +474,7 @@ def bare(tracks, tmp_path_factory):
         ("{good} --free", "--free: .*one value or more"),
         ("{good} --held-out 1", "--held-out: .*fewer than all"),
         ("{good} --held-out {good}", "--held-out: .*fewer than all"),
-        ("{good} {good}", "each one once"),
+        ("{good} {good}", "each path once"),
         ("{bare}/none.csv", "none.csv.*exists"),
         ("{bare}/notes.txt", "one of the formats"),
         ("{bare}/broken.npz", "broken.npz"),

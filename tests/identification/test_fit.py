@@ -328,10 +328,10 @@ def test_bad_input_is_named():
         "pieces": lambda: FitOptions(pieces=(0.3,)),
         "command": lambda: fit([dataclasses.replace(recording, strike=None)], PLANT, FREE),
         "measured joints": lambda: fit([no_log], PLANT, FREE, options=FitOptions(drive="joints")),
-        "base's motion is prescribed": lambda: fit([recording], PLANT, ["law.a"], options=FitOptions(drive="joints")),
+        "its base is prescribed": lambda: fit([recording], PLANT, ["law.a"], options=FitOptions(drive="joints")),
         "start of whip.b": lambda: fit([recording], Plant(AWAY.with_parameters({"whip.b": 0.0}), CONTROLLER), FREE),
         "different names": lambda: fit([recording], PLANT, ["delay"], options=FitOptions(per_recording=("delay",))),
-        "the free numbers": lambda: fit([recording], PLANT, FREE, options=about_l),
+        "the free parameters": lambda: fit([recording], PLANT, FREE, options=about_l),
         "per recording": lambda: fit([recording], PLANT, FREE, options=FitOptions(per_recording=("whip.k",))),
     }.items():  # fmt: skip
         with pytest.raises(InputError, match=message):

@@ -49,7 +49,7 @@ def test_something_is_fitted_and_nothing_twice():
     with pytest.raises(InputError, match="recordings: got 'a'"):
         split(("a", "b", "a"), None)
     for held_out in (("2",), ("3",), ("a", "b")):
-        with pytest.raises(InputError, match="one at least is to be fitted"):
+        with pytest.raises(InputError, match="at least one has to be fitted"):
             split(("a", "b"), held_out)
 
 
@@ -62,7 +62,9 @@ def test_short_names_are_looked_up():
     assert full_name("length", profiled) == "profile.length"
     with pytest.raises(InputError, match=r"^free parameter: .*; the profile gives"):
         full_name("k", profiled)
-    with pytest.raises(InputError, match=r"^free parameter: .* whip.k\[0\] and so on; this model has one per node$"):
+    with pytest.raises(
+        InputError, match=r"^free parameter: .* whip.k\[0\] and so on; this model has a value per node$"
+    ):
         full_name("k", Plant(profiled.model))
     with pytest.raises(InputError, match=r"^free parameter: got 'colour'; allowed: one of whip"):
         full_name("colour", PLANT)

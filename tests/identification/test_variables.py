@@ -188,7 +188,7 @@ def test_priors_are_checked():
     for bad in (np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([[1.0, 0.5], [0.0, 1.0]]), np.zeros((2, 2))):
         with pytest.raises(InputError, match="positive definite"):
             Prior(("a", "b"), (1.0, 2.0), bad)
-    with pytest.raises(InputError, match=r"one of the free numbers whip.k"):
+    with pytest.raises(InputError, match=r"one of the free parameters whip.k"):
         Prior(("whip.m",), (1.0,), np.eye(1)).rows([variable("whip.k", 0.3)])
 
 

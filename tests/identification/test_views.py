@@ -179,5 +179,5 @@ def test_one_log_for_two_cameras_is_counted_once(seen):
 
 def test_pixels_are_not_places(seen):
     film = dataclasses.replace(seen[0][0], strike=Strike((0.1, 0.2), (0.3, 0.4), 0.5))
-    with pytest.raises(InputError, match="places, for a model in the plane"):
+    with pytest.raises(InputError, match="positions, for a model in the plane"):
         Predictor([film], Plant(preset("lemon2024"), Controller()), drive="command", shared=["whip.k"])

@@ -34,7 +34,7 @@ def test_a_link_is_a_uniform_rod_unless_it_says_otherwise():
         ({"com": -0.1}, "com: got -0.1; allowed: a finite number >= 0"),
         ({"inertia": -1e-9}, "inertia"),
         ({"friction": -1}, "friction: got -1; allowed: a finite number >= 0"),
-        ({"com": 0, "inertia": 0}, "inertia: got 0; allowed: a number > 0 where com is 0"),
+        ({"com": 0, "inertia": 0}, "inertia: got 0; allowed: a number > 0 if com is 0"),
     ],
 )
 def test_bad_links_are_named(wrong, message):

@@ -357,7 +357,7 @@ def test_more_nodes_swing_alike():
 def test_an_uneven_whip_can_only_be_stretched():
     uneven = replace(EVEN, k=tuple(np.linspace(0.1, 0.3, 10)))
     assert resized(uneven, length=2.0).k == pytest.approx(np.linspace(0.05, 0.15, 10))
-    with pytest.raises(InputError, match=r"nodes: got 3; allowed: 10, as whip\.k is given node by node"):
+    with pytest.raises(InputError, match=r"nodes: got 3; allowed: 10, as whip\.k has a value per node"):
         resized(uneven, nodes=3)
     with pytest.raises(InputError, match=r"whip\.k: got 'a value per node'"):
         resized(uneven, taper=0.5)

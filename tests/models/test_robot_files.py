@@ -29,13 +29,13 @@ def read(folder: Path, text: str, suffix: str = "xml") -> object:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (MJCF.format("", '<replicate count="100000"><body/></replicate>'), "replicas counted"),
-        (MJCF.format("", "<replicate count='300'>" * 2 + "<body/>" + "</replicate>" * 2), "replicas counted"),
-        (MJCF.format("", '<body><flexcomp name="f" type="grid" count="1000 1000 1"/></body>'), "replicas counted"),
-        (MJCF.format("", '<body><composite type="cable" count="99999 1 1"/></body>'), "replicas counted"),
+        (MJCF.format("", '<replicate count="100000"><body/></replicate>'), "including replicas"),
+        (MJCF.format("", "<replicate count='300'>" * 2 + "<body/>" + "</replicate>" * 2), "including replicas"),
+        (MJCF.format("", '<body><flexcomp name="f" type="grid" count="1000 1000 1"/></body>'), "including replicas"),
+        (MJCF.format("", '<body><composite type="cable" count="99999 1 1"/></body>'), "including replicas"),
         (MJCF.format('<asset><texture builtin="flat" width="100000000" height="9"/></asset>', ""), "width 100000000"),
         (MJCF.format('<asset><hfield name="h" nrow="1000000" ncol="2" size="1 1 1 1"/></asset>', ""), "nrow 1000000"),
-        (MJCF.format("", "<body>" * 5000), "within elements"),
+        (MJCF.format("", "<body>" * 5000), "nested elements"),
         ("<!--" * 300_000, "MuJoCo compiles"),
         ("<a '" * 300_000, "MuJoCo compiles"),
         ('<a b="' * 300_000, "MuJoCo compiles"),
@@ -54,7 +54,7 @@ def test_mjcf_that_would_not_end_is_refused_at_once(text: str, said: str, tmp_pa
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("<robot>" + "<link>" * 5000 + "</link>" * 5000 + "</robot>", "within elements"),
+        ("<robot>" + "<link>" * 5000 + "</link>" * 5000 + "</robot>", "nested elements"),
         ('<!DOCTYPE r [<!ENTITY a "&b;&b;"><!ENTITY b "x">]><robot name="&a;"/>', "entities"),
         ("<robot>" + '<link name="a"/>' * 30_000 + "</robot>", "20000 elements"),
     ],

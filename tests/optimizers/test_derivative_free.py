@@ -209,7 +209,7 @@ def test_extreme_settings_that_are_allowed_run():
 
 
 def test_children_that_are_their_parents_end_the_search():
-    with pytest.raises(InputError, match=r"crossover, mutation: .*one of them > 0"):
+    with pytest.raises(InputError, match=r"crossover, mutation: .*at least one > 0"):
         GASettings(crossover=0, mutation=0)
     recorder = Recorder(3, first_gene)
     genetic_search(recorder, seed=0, settings=GASettings(crossover=1e-12, mutation=0))

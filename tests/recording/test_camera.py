@@ -139,7 +139,7 @@ def test_presets_have_the_field_of_view_of_the_data_sheet():
 
 def test_a_camera_behind_the_plane_or_looking_away_is_refused():
     for position, turn in (((0, 0, -1), np.eye(3)), ((0, 0, 1), Rotation.from_rotvec((0, np.pi, 0)).as_matrix())):
-        with pytest.raises(InputError, match="a camera before the plane, looking at it"):
+        with pytest.raises(InputError, match="a camera in front of the plane that faces it"):
             before_plane(position, turn)
     with pytest.raises(InputError, match="d435-color"):
         camera_preset("kinect")

@@ -115,7 +115,7 @@ def test_a_whole_run_goes_there_waits_strikes_and_comes_back(tmp_path):
     seen = build_recording(cycles, MODEL, track=dataclasses.replace(recording, markers=("tip", "handle")))
     assert seen.markers == ("tip", "handle")
     recording.save(tmp_path / "r.npz")
-    with pytest.raises(InputError, match="came to its strike"):
+    with pytest.raises(InputError, match="reached its strike"):
         build_recording(approach, MODEL)
 
 

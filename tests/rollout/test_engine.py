@@ -93,7 +93,7 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name):
 
 def test_models_outside_the_structure_are_refused():
     rollout = CompiledRollout(LEMON, Controller())
-    with pytest.raises(InputError, match="richest"):
+    with pytest.raises(InputError, match="all these terms"):
         rollout.approach(STRIKES_ENGINE[:2], TARGET, t_stay=0.3, models=[LEMON, everything()])
     with pytest.raises(InputError, match="shape"):
         rollout.approach(STRIKES_ENGINE[:2, :4], TARGET, t_stay=0.3)

@@ -165,7 +165,7 @@ class Adapter:
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
-            raise InputError("recording", f"one of strike {self.number}", "one of a strike that was requested")
+            raise InputError("recording", f"one of strike {self.number}", "the recording of a requested strike")
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:
@@ -332,8 +332,10 @@ class Adapter:
             if earlier is None or earlier.points.shape != recording.points.shape:
                 continue
             if np.array_equal(earlier.points, recording.points, equal_nan=True):
-                fix = "record the strike that was asked for"
-                raise InputError("recording", recording.source, f"another one than strike {step.number}'s", fix)
+                fix = "record the requested strike"
+                raise InputError(
+                    "recording", recording.source, f"another recording than that of strike {step.number}", fix
+                )
 
     def _kept(self) -> Seen | None:
         """What was seen of the next strike, if the folder has it."""
@@ -379,4 +381,6 @@ def _refuse_unused(learned: Learned, recording: StrikeRecording, fix: str) -> No
         InputError: Nothing was, and why.
     """
     if (reason := learned.refused.get(recording.source)) is not None:
-        raise InputError(recording.source, f"nothing to learn from: {reason}", "a recording of use", fix)
+        raise InputError(
+            recording.source, f"nothing to learn from: {reason}", "a recording with information on the whip", fix
+        )

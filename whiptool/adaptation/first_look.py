@@ -127,7 +127,9 @@ def _kept(belief: Belief, strikes: np.ndarray, bounds: StrikeBounds | None, keep
     slow = striker.admissible(strikes)
     kept = slow[striker.keep(slow)]
     if not len(kept):
-        raise InputError("wiggle", f"none of {len(strikes)} movements within the limits", "one", "give more candidates")
+        raise InputError(
+            "wiggle", f"none of {len(strikes)} movements within the limits", "at least one", "give more candidates"
+        )
     return kept
 
 

@@ -180,7 +180,7 @@ def importance_sample(
         mixture = _log_sum([p.logpdf(draws) for p in proposals], axis=0) - np.log(len(proposals))
         log_weights = log - mixture
         if not np.isfinite(log_weights).any():
-            raise InputError("posterior", "a density of zero at all draws", "draws that reach where it is not zero")
+            raise InputError("posterior", "a density of zero at all draws", "draws with a density above zero")
         weights = _tempered(log_weights, _ENOUGH * m)
         centre = weights @ draws
         off = draws - centre

@@ -371,7 +371,7 @@ def read_belief(
             fixed[name] = value
     left = knowing(belief, fixed)
     if not left.names and not given:
-        raise InputError(path, "every number known", "an error > 0 for one at least")
+        raise InputError(path, "every number known", "an error > 0 for at least one parameter")
     return _joined(left, given) if given else left
 
 

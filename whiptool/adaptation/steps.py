@@ -182,7 +182,7 @@ def checked(seen: Any, strike: Strike, number: int) -> Seen:
         return seen
     if not isinstance(recording, StrikeRecording):
         given = f"{type(recording).__name__} from strike {number}"
-        raise InputError("port: recording", given, "a StrikeRecording, or None where nothing was seen")
+        raise InputError("port: recording", given, "a StrikeRecording, or None if the tip was not seen")
     _refuse_pixels(recording)
     if "tip" not in recording.markers:
         raise InputError("port: markers", recording.markers, "the tip among them")
@@ -204,7 +204,7 @@ def _refuse_pixels(recording: StrikeRecording) -> None:
     """Refuse what one camera in space saw: one camera alone does not determine where the tip was."""
     if recording.view is not None:
         fix = "give the recordings of two cameras or more, or use motion capture"
-        raise InputError("recording", f"{recording.source or 'one'} in pixels", "places of the tip in m", fix)
+        raise InputError("recording", f"{recording.source or 'one'} in pixels", "positions of the tip in m", fix)
 
 
 @dataclass(frozen=True, repr=False)

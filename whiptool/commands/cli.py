@@ -139,7 +139,7 @@ def _refusal(event: Any, options: type[OptionGroup], words: list[str]) -> InputE
     if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
         kind = get_type_hints(options, include_extras=True).get(argument.field.intern_name)
         return InputError(name, _given(name, words), _kind_in_words(kind))
-    return InputError("command line", " ".join(words), "what --help shows")
+    return InputError("command line", " ".join(words), "options and values as in --help")
 
 
 def _check_words(words: Sequence[str]) -> None:

@@ -155,7 +155,7 @@ class FitRun:
             if self.bare:
                 raise InputError("recording", name, "angles of links, with --drive free")
             if self.model.dimension == 3 and film.view is None:
-                fix = 'say camera = "NAME" in its sidecar, and cameras = "FILE" or --cameras FILE'
+                fix = 'state camera = "NAME" in its sidecar, and cameras = "FILE" or --cameras FILE'
                 raise InputError("recording", name, "a film of a camera in space, for a model in space", fix)
             if self.model.dimension == 2 and film.view is not None:
                 rule = "a film whose strike plane is calibrated, for a model in the plane"
@@ -181,9 +181,9 @@ class FitRun:
 
         nodes = self.options.nodes
         if nodes and not self.held_out:
-            raise InputError("--nodes", nodes, "a recording held out, whose error chooses N", "give --held-out 1")
+            raise InputError("--nodes", nodes, "a held-out recording, whose error selects N", "give --held-out 1")
         if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
-            raise InputError("--prior", self.how.prior.names, "no numbers per node with --nodes", "give --profile")
+            raise InputError("--prior", self.how.prior.names, "no values per node with --nodes", "give --profile")
         self.plants = {N: self.plant.with_nodes(N) for N in nodes}
         self.plants = self.plants or {0 if self.bare else self.model.whip.N: self.plant}
         for plant in self.plants.values():

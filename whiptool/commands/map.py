@@ -112,7 +112,8 @@ class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
 
 
 _BUILD = (
-    "Build a map, which then returns a strike for any goal of a region without a search. "
+    "Build a map, which then returns a strike for any goal of a region without a search. The default region is most of "
+    "the reach of the model. "
     "Example: python -m whiptool.map build --zone-radius 0.3 --hit-radius 0.01"
 )
 _STRIKE = "Look up the strike for a goal in a map. Example: python -m whiptool.map strike lemon2024 --target 1.2 0.1"

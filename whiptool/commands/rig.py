@@ -111,7 +111,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
         if self.method in WITH_DERIVATIVES:
             raise InputError("--method", self.method, "a method that needs no derivatives, because a rig has none")
         if self.camera == "none":
-            raise InputError("--camera", self.camera, "one that sees the tip: a search needs the miss")
+            raise InputError("--camera", self.camera, "one that sees the tip, because a search needs the miss distance")
 
     def needs(self) -> tuple[str, ...]:
         """Return the modules of extras that the command imports with these options."""

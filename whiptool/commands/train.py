@@ -70,10 +70,10 @@ class TrainOptions(
     method: Learner = "sac"
     """Learning algorithm."""
     region: Path | None = None
-    """NPZ file with the region of targets (default: --zone-radius). whiptool.goals.zone.Region.save writes such
+    """NPZ file with the region of targets, in place of --zone-radius. whiptool.goals.zone.Region.save writes such
     files."""
     observation: Observation = "goal"
-    """What the policy observes."""
+    """Observation: the tip, tip minus target (relative), or tip and target (goal)."""
     reward: Annotated[str, Names("whiptool.rl.task:REWARDS")] = "paper"
     """Reward: paper (Eq. 17), or log: minus the logarithm of the miss distance in units of the hit radius."""
     strikes: int = 100

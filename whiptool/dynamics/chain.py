@@ -70,7 +70,7 @@ class Chain:
 def ride_on_end(
     mass: Scalar, com: Scalar, inertia: Scalar, length: Scalar, load: Scalar
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Mass, centre of mass and inertia of a link that carries a point mass `load` on its far end."""
+    """Return mass, centre of mass and inertia of a link with a point mass `load` on its far end."""
     total = mass + load
     c = (mass * com + load * length) / total
     return total, c, inertia + mass * (c - com) ** 2 + load * (length - c) ** 2

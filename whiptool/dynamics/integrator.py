@@ -1,10 +1,9 @@
 """The integrators, joint by joint: Rosenbrock-W methods of second and third order, and Runge-Kutta's.
 
-Verwer, Spee, Blom, Hundsdorfer (1999), SIAM J. Sci. Comput. 20(4), 1456-1480:
-`(1 - gamma h A) k1 = f(y)`, `(1 - gamma h A) k2 = f(y + h k1) - 2 k1`, `y+ = y + 3/2 h k1 + 1/2 h k2`, of order 2 for
-any A. Here A knows only `-M^-1 G`, G the joints' damping and the controller's velocity gain, so that a stage is one
-articulated-body pass with `gamma h G` added to the mass matrix. With `w = k2 + 2 k1` the second stage reads
-`(M + gamma h G) w = F + 2 gamma h G k1`.
+Verwer, Spee, Blom, Hundsdorfer (1999), SIAM J. Sci. Comput. 20(4), 1456-1480: `(1 - gamma h A) k1 = f(y)`, `(1 - gamma
+h A) k2 = f(y + h k1) - 2 k1`, `y+ = y + 3/2 h k1 + 1/2 h k2`, of order 2 for any A. Here A contains only `-M^-1 G`, G
+the joints' damping and the controller's velocity gain, so that a stage is one articulated-body pass with `gamma h G`
+added to the mass matrix. With `w = k2 + 2 k1` the second stage reads `(M + gamma h G) w = F + 2 gamma h G k1`.
 
 The method of third order has four stages `(1 - gamma h A) k_i = f(y + h sum a_ij k_j) + h A sum gamma_ij k_j`, and
 weights of second order and its own: their difference is the error of a step. Each is the pass of the second stage

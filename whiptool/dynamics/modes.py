@@ -133,7 +133,7 @@ def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
     if np.abs((d**2).sum(axis=1) - 1).max() > 1e-9:
         raise InputError("q0", directions.tolist(), "unit vectors, for rods")
     if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
-        raise InputError("v0", rates.tolist(), "rates across the rods' directions")
+        raise InputError("v0", rates.tolist(), "rates perpendicular to the rods' directions")
     return np.array([_least_turn(row)[:, :2] for row in d])
 
 

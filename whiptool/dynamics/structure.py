@@ -1,4 +1,4 @@
-"""The structure that decides which terms the compiled code has, its columns, and derivatives of its parameters."""
+"""Columns of the arrays of the compiled code, and the structure that decides which terms it has."""
 
 from __future__ import annotations
 
@@ -348,9 +348,11 @@ def _along_profile(row: np.ndarray, structure: Structure, model: Model, name: st
     """Put the derivatives by a number of the whip's profile into a row (P,)."""
     profile = lumped_from(model.whip, clamped=model.whip.clamped)
     if profile is None:
-        raise InputError("parameter", name, "numbers of a whip that is lumped from a profile without bead and waves")
+        raise InputError(
+            "parameter", name, "parameters of a whip that was computed from a profile without bead and waves"
+        )
     for block, slopes in profile_slopes(profile, model.whip.N, model.whip.clamped)[name].items():
         if block in structure.layout:
             row[structure.columns(block)] = slopes
         elif slopes.any():
-            raise InputError("parameter", name, "one whose terms are part of this rollout", f"name {block} in `free`")
+            raise InputError("parameter", name, "one whose terms this rollout has", f"name {block} in `free`")

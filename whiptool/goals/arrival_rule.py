@@ -158,7 +158,7 @@ class ArrivalRule:
     def _check_direction(self, target: Target, own: Goals) -> None:
         """Refuse a target whose direction, or the part of the velocity that counts for it, is not the rule's."""
         if own.directions is None:
-            raise InputError("direction", target.direction, "none, for only points were learned")
+            raise InputError("direction", target.direction, "none, because only points were learned")
         same = np.abs(own.directions[0] - np.array(target.direction)).max() <= _SAME
         if own.sights is not None:
             same &= target.sight is not None and np.abs(own.sights[0] - np.array(target.sight)).max() <= _SAME

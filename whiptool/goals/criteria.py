@@ -128,7 +128,7 @@ class Effort(Criterion):
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
         if struck.near.effort is None:
-            raise InputError("simulator", struck.rollout.engine, "one that knows the torques at every instant")
+            raise InputError("simulator", struck.rollout.engine, "one with torques over time")
         return struck.near.effort.sum(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:
@@ -251,7 +251,7 @@ def _robustness(bounds: StrikeBounds, noise: tuple[float, ...]) -> Robustness:
     """Return the criterion under noise of one number for all, or one each."""
     count = len(bounds.lower)
     if len(noise) not in (1, count):
-        raise InputError("noise", noise, f"one number, or {count}: one of each number of a strike")
+        raise InputError("noise", noise, f"one number, or {count}, one for each coordinate of a strike")
     found = Robustness(noise * (count if len(noise) == 1 else 1))
     if found.reach[-1] >= bounds.lower[-1]:
         least = found.noise[-1] * bounds.lower[-1] / found.reach[-1]

@@ -427,7 +427,7 @@ class Sector(Zone):
         inner, outer = self._rims(z)
         volumes = _integrals(self.aside * (outer - inner), z)
         if not volumes[-1] > 0:
-            raise InputError("sector", (self.near, self.far, self.low, self.high), "one that holds points")
+            raise InputError("sector", (self.near, self.far, self.low, self.high), "one that contains points")
         return z, volumes
 
     def _rims(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

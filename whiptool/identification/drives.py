@@ -170,7 +170,7 @@ class CommandDrive(Drive):
             raise InputError(
                 "controller",
                 None,
-                "the arm's controller, where the command drives the whip",
+                "the arm's controller, because the command drives the whip",
                 "give Plant(model, controller)",
             )
         plant.controller.check_fits(plant.model.arm)
@@ -244,7 +244,7 @@ class SwingDrive(Drive):
                 raise InputError(
                     f"free parameter {name}",
                     kind,
-                    "a number of the whip, where the base's motion is prescribed",
+                    "a parameter of the whip, because the motion of its base is prescribed",
                     "drive by command",
                 )
         if kind in ("robot", "hand") and plant.model.dimension == 2:
@@ -327,7 +327,7 @@ class SwingDrive(Drive):
             raise InputError(
                 "whip.k[0]",
                 "a spring or damper at the handle",
-                "a free hinge, where only the handle's place is known",
+                "a free hinge, because only the handle's position is known",
             )
         m = recording.markers.index("handle")
         seen = ~np.isnan(recording.points[:, m, 0])
@@ -414,7 +414,9 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
         fix = "record the arm's joints, or the hand's pose"
         raise InputError("drive", kind, "joints, robot, hand or command, for a model in space", fix)
     if unknown and rods:
-        raise InputError("free per recording", "start", "nothing of that kind, for a whip of rods", "let it hang still")
+        raise InputError(
+            "free per recording", "start", "nothing of that kind, for a whip of rods", "start with the whip at rest"
+        )
 
 
 class FreeDrive(Drive):

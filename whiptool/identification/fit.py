@@ -115,7 +115,7 @@ def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]
         raise InputError(
             "plant",
             ", ".join(f"{name} = {value:g}" for name, value in runs[0].start.items()),
-            f"numbers with which the recordings' strikes can be rolled out ({counted(len(runs), 'start')} diverged)",
+            f"parameters with which the recordings' strikes can be simulated ({counted(len(runs), 'start')} diverged)",
             "give others, or check the strikes: angles in radians, D in seconds",
         )
     if np.isfinite(best.cost) and (again := _refined(problem, best)) is not best:

@@ -42,7 +42,7 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     """
     if len(set(recordings)) < len(recordings):
         twice = next(name for name in recordings if recordings.count(name) > 1)
-        raise InputError("recordings", twice, "each one once")
+        raise InputError("recordings", twice, "each path once")
     if held_out is None:
         held_out = ("1",) if len(recordings) >= 3 else ("0",)
     if len(held_out) == 1 and held_out[0].isdigit():
@@ -51,7 +51,9 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     else:
         fitted, others = [name for name in recordings if name not in held_out], list(dict.fromkeys(held_out))
     if not fitted:
-        raise InputError("held out", " ".join(held_out), "fewer than all recordings: one at least is to be fitted")
+        raise InputError(
+            "held out", " ".join(held_out), "fewer than all recordings, because at least one has to be fitted"
+        )
     return fitted, others
 
 
@@ -71,7 +73,7 @@ def full_name(name: str, plant: Plant) -> str:
         raise InputError("free parameter", name, allowed, "the profile gives the whip's l, m, k and b")
     per_node = f"whip.{quantity}[0]"
     if per_node in found:
-        raise InputError("free parameter", name, f"{per_node} and so on", "this model has one per node")
+        raise InputError("free parameter", name, f"{per_node} and so on", "this model has a value per node")
     raise InputError("free parameter", name, "one of " + ", ".join(found or known))
 
 

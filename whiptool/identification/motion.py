@@ -36,7 +36,7 @@ def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: fl
     gaps, moved = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
     for i in np.flatnonzero((gaps > usual) & (moved > _MOVED) & (t[1:] > first) & (t[:-1] < last)):
         given = f"a hole of {gaps[i]:.3g} s from {t[i]:.3f} s, in which a joint moved by {moved[i]:.2g}"
-        raise InputError(name, given, "no hole while the arm moves", "cut the recording before it, or record it again")
+        raise InputError(name, given, "no gap while the arm moves", "cut the recording before it, or record it again")
     rule, fix = "a log from rest, to the last reading", "cut the recording to what the log holds, or record it again"
     if t[0] > first + usual and _moves(q, t <= t[0] + _SHORT):
         raise InputError(name, f"a start at {t[0]:.3f} s, with the arm moving; readings from {first:.3f} s", rule, fix)
@@ -259,23 +259,7 @@ class HandleMotion:
 
 
 class JointMotion:
-    """The base is the hand of an arm whose joints, or whose hand's pose, were measured: a spline through the joints.
-
-    The prior of its coefficients is the fit to the joint log.
-
-    Args:
-        t, q: Times (S,) [s] and positions (S, a) [rad] of the joint log.
-        arm: Arm with a joints.
-        instants: Times at which the base's motion is computed [s], (I,).
-        knots: Spacing of the spline's knots [s]; default: chosen by `cross_validated`.
-        at_rest: Whether the arm is at rest at the first instant.
-
-    Attributes:
-        start, rows, mean: As of a `BaseMotion`; joint i's coefficient j is entry j a + i.
-
-    Raises:
-        InputError: The log has another number of joints than the arm, or too few samples.
-    """
+    """Motion of the base as the hand of a planar arm whose joints were measured; it rotates with the last link."""
 
     def __init__(
         self,

@@ -84,7 +84,7 @@ class Predictor:
         if len(set(named)) < len(named):
             raise InputError("free parameters", named, "different names, each shared or per recording")
         if drive == "passive" and "delay" in named:
-            raise InputError("free parameters", named, "no delay, which a free first state takes up")
+            raise InputError("free parameters", named, "no delay, which is not distinguishable from a free first state")
         self._of_plant = [name for name in self.shared if name not in NUISANCE]
         self._adaptive = timestep is None and drive == "command"
         self.h = _interval(plant) if timestep is None else timestep
@@ -282,7 +282,7 @@ def _readings(recording: StrikeRecording, drive: Drive) -> Reading:
     which = [recording.markers.index(name) for name in known]
     d = 1 if recording.angular else drive.structure.dimension
     if recording.view is not None and d == 2:
-        raise InputError(f"{recording.called}: points", "a camera's pixels", "places, for a model in the plane")
+        raise InputError(f"{recording.called}: points", "a camera's pixels", "positions, for a model in the plane")
     points, t = recording.points[:, which, :d], recording.t_points[:, which]
     sigma = np.repeat(recording.sigma[:, which, None], points.shape[2], axis=2)
     if recording.depth is not None:

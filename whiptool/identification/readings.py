@@ -1,12 +1,12 @@
-"""How one recording reads a path: which marker when, averaged how long, in whose frame, and through which camera.
+"""Readings of a path by a recording: marker, time, exposure, frame and clock, and camera.
 
-Recorded places and times stand to the model's as those of a camera, or motion capture, that is scaled, turned and
-moved, with its own clock:
+Recorded positions and times are those of a camera or motion capture system with a scale, a rotation, a shift and a
+clock:
 
     measured = scale R position + shift
     stamped  = clock_rate time + delay
 
-R is in the plane a turn by `rotation`, in space `R = Rz Ry Rx` of turns about the axes.
+In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes.
 """
 
 from __future__ import annotations

@@ -138,7 +138,10 @@ def assess(
     rows = rows * units
     if not np.isfinite(rows).all():
         raise InputError(
-            "fit", "an end where the model diverges", "finite derivatives", "start nearer, or bound what is free"
+            "fit",
+            "an end where the model diverges",
+            "finite derivatives",
+            "start nearer to the solution, or set bounds",
         )
     s, directions = _by_singular_value(rows)
     flat = s < np.maximum(1 / FLAT, 1e-9 * s.max(initial=0.0))

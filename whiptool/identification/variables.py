@@ -217,7 +217,7 @@ class Prior:
         at = {v.name: i for i, v in enumerate(variables)}
         for name in self.names:
             if name not in at:
-                raise InputError("prior", name, "one of the free numbers " + ", ".join(at))
+                raise InputError("prior", name, "one of the free parameters " + ", ".join(at))
         columns = [at[name] for name in self.names]
         chosen = [variables[i] for i in columns]
         mean = np.zeros(len(variables))
@@ -266,5 +266,5 @@ def variables_of(
     """
     for name in bounds:
         if name not in names:
-            raise InputError(f"bounds of {name}", bounds[name], "bounds of free numbers: " + ", ".join(names))
+            raise InputError(f"bounds of {name}", bounds[name], "bounds of free parameters: " + ", ".join(names))
     return [variable(name, values[name], bounds.get(name), units.get(name)) for name in names]

@@ -277,10 +277,10 @@ class Aim:
         return self._seen[bin]
 
     def crossings(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the strikes' indices in the library, start times, and times of contact after the start [s], (B,) each,
-        of at most `count` most promising crossings.
+        """Return, for at most `count` points at which a tip path can best meet the target, the strike's index in the
+        library, its start time, and the time of contact after the start [s], (B,) each.
 
-        Each is of a different strike of the library.
+        Each point belongs to a different strike of the library.
         """
         lib = self.library
         t = np.arange(self.earliest, self.latest, 1 / _AHEAD)

@@ -127,8 +127,8 @@ class PendulumMotion(TargetMotion):
         return pivot + L[..., None] * np.stack([np.sin(theta), -np.cos(theta)], axis=-1)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return initial guesses (S, p): several string lengths along the bob's acceleration without gravity, or one
-        guess if the pivot is known.
+        """Return initial guesses (S, p): one if the pivot is known, else one for each of several string lengths, with
+        the pivot in the direction of the bob's acceleration without gravity.
         """
         order = min(2, len(t) - 1)
         terms = np.zeros((3, 2))

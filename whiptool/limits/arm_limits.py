@@ -1,4 +1,4 @@
-"""Limits of an arm's joints (position, velocity, acceleration, jerk, torque and its rate) and of its motors."""
+"""Limits of an arm's joints: position, velocity, acceleration, jerk, torque and rate of torque."""
 
 from __future__ import annotations
 

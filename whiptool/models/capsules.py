@@ -74,7 +74,7 @@ class Capsule:
         if not isinstance(self.flat, bool):
             raise InputError("flat", self.flat, "true or false")
         if self.flat and not (self.length and self.radius):
-            raise InputError("flat", self.flat, "false where start and end are the same, or the radius is 0")
+            raise InputError("flat", self.flat, "false if start and end are the same, or the radius is 0")
         if self.width is not None:
             object.__setattr__(self, "width", numbers("width", self.width, 3))
             along, across = np.subtract(self.end, self.start), np.array(self.width)

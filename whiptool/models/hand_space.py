@@ -253,7 +253,9 @@ class HandSpace:
         self.kinematics = HandKinematics(arm, home, orientation=orientation)
         if np.linalg.svd(self.kinematics.jacobian(home), compute_uv=False)[-1] < 1e-3:
             given = tuple(np.round(home, 4).tolist())
-            raise InputError("posture", given, "a posture in which the hand can move in all directions, not a singular")
+            raise InputError(
+                "posture", given, "a posture in which the hand can move in all directions, not a singular one"
+            )
 
     @property
     def kind(self) -> str:

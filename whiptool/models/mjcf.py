@@ -57,7 +57,7 @@ def refuse_tendons(
         held = [names[j] for j in movers if j in moved]
         if does and held:
             given = f"{does[0].removesuffix('poly')}, over {', '.join(names[j] for j in sorted(moved))}"
-            rule = "none that acts on joints between base and tip, which move on their own"
+            rule = "tendons without forces on the joints between base and tip"
             fix = f"take it out of the file, or lock {', '.join(held)} in a model file"
             raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
 
@@ -311,7 +311,7 @@ class _Robot:
             if couples and self.model.eq_active0[i] and self.model.eq_obj1id[i] in self.movers:
                 name, other = self.names[self.model.eq_obj1id[i]], int(self.model.eq_obj2id[i])
                 given = f"tied to {self.names[other]}" if other >= 0 else "held by an equality"
-                rule = "joints that move on their own, between base and tip"
+                rule = "joints between base and tip that no equality couples"
                 raise InputError(
                     f"joint {name}", given, rule, f"lock it in a model file: arm.locked = {{ {name} = 0 }}"
                 )

@@ -41,7 +41,7 @@ class ArmLink(NoArray, instead="its numbers by name"):
         com = length / 2 if self.com is None else number("com", self.com, low=0)
         inertia = mass * length**2 / 12 if self.inertia is None else number("inertia", self.inertia, low=0)
         if com == 0 and inertia == 0:
-            raise InputError("inertia", self.inertia, "a number > 0 where com is 0")
+            raise InputError("inertia", self.inertia, "a number > 0 if com is 0")
         for name, value in zip(("mass", "length", "com", "inertia"), (mass, length, com, inertia), strict=True):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "friction", number("friction", self.friction, low=0))

@@ -118,7 +118,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         known = self.numbers
         for name in changes:
             if name not in known:
-                raise InputError(name, changes[name], "one of the numbers " + ", ".join(known))
+                raise InputError(name, changes[name], "one of the parameters " + ", ".join(known))
         numbers = known | dict(changes)
         density, stiffness = (tuple(numbers.pop(f"{name}[{i}]") for i in range(WAVES)) for name in _WAVES)
         return WhipProfile(**numbers, density_waves=density, stiffness_waves=stiffness)
@@ -153,7 +153,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         """
         N = whole("N", N)
         if self.rest_curvature and KINDS[joints].dimension == 3:
-            raise InputError("rest_curvature", self.rest_curvature, "0 in space, where a bend has a direction, too")
+            raise InputError("rest_curvature", self.rest_curvature, "0 for a whip in space")
         blocks = lump(self.numbers, N, clamped=clamped)
         per_node = {name: tuple(column[:, 0].tolist()) for name, column in blocks.items()}
         return WhipParameters(
@@ -252,7 +252,7 @@ def graded(
 
 
 def shares(place: Any, N: int, constant: Callable[[np.ndarray], Any] = np.asarray) -> Any:
-    """Return the fractions of a mass between two of N + 1 equidistant points that each point carries, (N + 1, 1).
+    """Return the distribution of a mass over N + 1 equidistant points: the fraction at each, (N + 1, 1).
 
     Args:
         place: Position of the mass, as a fraction of the length.
@@ -346,8 +346,8 @@ def resized(
         profile = even_profile(whip)
     names = _POWERS if profile is None else _BESIDE_PROFILE
     if N != whip.N and (uneven := [name for name in names if isinstance(getattr(whip, name), tuple)]):
-        fix = "make the whip of a WhipProfile, which is lumped into any number"
-        raise InputError("nodes", nodes, f"{whip.N}, as whip.{uneven[0]} is given node by node", fix)
+        fix = "compute the whip from a WhipProfile, which allows any number"
+        raise InputError("nodes", nodes, f"{whip.N}, as whip.{uneven[0]} has a value per node", fix)
     scaled = {name: _times(getattr(whip, name), growth ** _POWERS[name]) for name in names}
     if profile is None:
         return replace(whip, N=N, **scaled)
@@ -363,7 +363,7 @@ def of_other_profile(whip: WhipParameters, changes: Mapping[str, float]) -> Whip
     """
     profile = lumped_from(whip, clamped=whip.clamped)
     if profile is None:
-        rule = "numbers of a whip that is lumped from a profile without bead and waves"
+        rule = "parameters of a whip that was computed from a profile without bead and waves"
         raise InputError("parameter", ", ".join(f"profile.{name}" for name in changes), rule)
     kept = {name: getattr(whip, name) for name in ("drag_ratio", *_BESIDE_PROFILE)}
     return replace(profile.changed(changes).lump(whip.N, joints=whip.joints, clamped=whip.clamped), **kept)

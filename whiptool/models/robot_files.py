@@ -65,7 +65,7 @@ def _check(path: Path, text: str, included: list[Path]) -> None:
         made = copies[-1] * (_count(attributes) if name in _MAKING else 1)
         elements += made
         if elements > _MOST:
-            raise InputError("file", str(path), f"XML of at most {_MOST} elements, replicas counted")
+            raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
         _check_pixels(path, attributes)
         if name == "include":
             _check_included(path, attributes, included)
@@ -76,7 +76,7 @@ def _check(path: Path, text: str, included: list[Path]) -> None:
         if not closed:
             copies.append(made)
         if len(copies) > _DEEPEST:
-            raise InputError("file", str(path), f"XML of at most {_DEEPEST} elements within elements")
+            raise InputError("file", str(path), f"XML of at most {_DEEPEST} nested elements")
 
 
 def _count(attributes: str) -> int:
@@ -87,7 +87,11 @@ def _count(attributes: str) -> int:
 def _check_pixels(path: Path, attributes: str) -> None:
     for name in _PIXELS:
         if re.fullmatch(r"\d{6,}", value := _value(attributes, name)):
-            raise InputError("file", f"{name} {value[:20]}", f"pictures and height fields below 100000 ({path})")
+            raise InputError(
+                "file",
+                f"{name} {value[:20]}",
+                f"pictures and height fields of fewer than 100000 pixels a side ({path})",
+            )
 
 
 def _check_included(path: Path, attributes: str, included: list[Path]) -> None:
@@ -143,7 +147,7 @@ class ArmChoice:
         object.__setattr__(self, "locked", locked)
         for name in self.moving or ():
             if name in locked:
-                raise InputError("locked", name, "joints that do not move", "it is among those that do")
+                raise InputError("locked", name, "joints that do not move", "this joint is among those that move")
         outward = np.array(numbers("outward", self.outward, 3))
         if not outward.any():
             raise InputError("outward", self.outward, "a direction, which is not 0 0 0")

@@ -132,7 +132,7 @@ def kept_free(share: object) -> float:
     """
     value = number("keep free", share, low=0, high=1)
     if value == 1:
-        raise InputError("keep free", share, "a share >= 0 and < 1")
+        raise InputError("keep free", share, "a fraction >= 0 and < 1")
     return value
 
 
@@ -233,7 +233,7 @@ def _checked_inertia(given: object, mass: float) -> tuple[float, ...]:
     if principal[0] < -1e-9 * principal[2]:
         raise InputError("inertia", given, "Ixx Iyy Izz Ixy Ixz Iyz of a body: its principal moments are >= 0")
     if mass == 0 and any(moments):
-        raise InputError("inertia", given, "zeros where mass is 0")
+        raise InputError("inertia", given, "zeros if mass is 0")
     return moments
 
 
@@ -415,7 +415,11 @@ class SpatialArm(JointedArm):
             rule = "only for an arm without collision shapes, which belong to links of given lengths"
             raise InputError("lengths", given.tolist(), rule)
         if ((now == 0) & (given > 0)).any():
-            raise InputError("lengths", given.tolist(), f"0 where two joints are at one point: now {now.tolist()}")
+            raise InputError(
+                "lengths",
+                given.tolist(),
+                f"0 between two joints at the same point; the present lengths are {now.tolist()}",
+            )
         growth = np.divide(given, now, out=np.ones(self.n), where=now > 0)
         ends = [*(f"position[{i}]" for i in range(1, self.n)), "hand_position"]  # of the links
         changes: dict[str, float] = {}

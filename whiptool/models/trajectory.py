@@ -371,7 +371,9 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
         arrays: dict[str, Any] = read_arrays(path, "trajectory", _SHAPES)
         t = arrays["t"]
         if not len(t) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
-            raise InputError(f"{path}: t", f"{len(t)} times", "one finite time or more, each later than the one before")
+            raise InputError(
+                f"{path}: t", f"{len(t)} times", "one or more finite times, each later than the previous time"
+            )
         named = {name: arrays[name] for name in _SHAPES}
         names = arrays.get("names", np.empty((0, 2), str))  # files of older versions have none
         if names.shape not in ((0, 2), (named["q"].shape[1], 2)) or names.dtype.kind != "U":

@@ -166,7 +166,7 @@ def _robot(text: str) -> ET.Element:
 def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
     """Links and the joints that they hang on, checked to be one tree."""
     if robot.tag != "robot":
-        raise InputError("file", f"<{robot.tag}>", "a URDF file, which is a <robot>", "expand xacro first")
+        raise InputError("file", f"<{robot.tag}>", "a URDF file with the root element <robot>", "expand xacro first")
     parents: dict[str, ET.Element | None] = {link.get("name", ""): None for link in robot.findall("link")}
     if not parents:
         raise InputError("links", "none", "a <robot> with one or more <link>", "expand xacro first")
@@ -183,9 +183,7 @@ def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
             raise InputError(f"joint {name}", f"type {kind}", ", ".join(_TYPES))
     roots = [link for link, joint in parents.items() if joint is None]
     if len(roots) != 1:
-        raise InputError(
-            "links", roots or "a ring of links", "one root, on which all others hang: no loop, no part apart"
-        )
+        raise InputError("links", roots or "a ring of links", "a single tree of links, without loops")
     return parents
 
 
@@ -218,7 +216,7 @@ def _check_moving(joint: ET.Element) -> None:
     """Refuse a joint that cannot be moved on its own."""
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
     if mimic is not None:
-        rule = "joints that move on their own, between base and tip"
+        rule = "joints between base and tip that no equality couples"
         fix = f"a tip before it, or arm.locked = {{ {name} = 0 }} in a model file"
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     if joint.get("type") == "continuous":

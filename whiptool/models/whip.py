@@ -191,7 +191,9 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         """
         now = self.common(name)
         if now == 0:
-            raise InputError(f"whip.{name}", mean, "a value per node, where all are 0 now", f"such as whip.{name}[1]")
+            raise InputError(
+                f"whip.{name}", mean, "a value per node, because all values are 0", f"such as whip.{name}[1]"
+            )
         return tuple(mean / now * x for x in self.per_node(name).tolist())
 
     @property

@@ -222,7 +222,9 @@ def search(
         objective = Objective(objective, target, **ends | options)
     elif target is not None or options:
         given = ["target"] * (target is not None) + list(options)
-        raise InputError("search", ", ".join(given), "nothing but method, seed and first: an Objective has the rest")
+        raise InputError(
+            "search", ", ".join(given), "only method, seed and first, because an Objective has all other options"
+        )
     method = usual_method(objective.rollout) if method is None else _spelled(method, METHODS)
     return run_search(objective, find_method(method), method, seed=seed, first=first)
 

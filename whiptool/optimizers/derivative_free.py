@@ -111,7 +111,9 @@ class GASettings:
         for name in ("crossover", "mutation"):
             number(name, getattr(self, name), low=0, high=1)
         if self.crossover == self.mutation == 0:
-            raise InputError("crossover, mutation", (0, 0), "one of them > 0", "children would be like their parents")
+            raise InputError(
+                "crossover, mutation", (0, 0), "at least one > 0", "otherwise children equal their parents"
+            )
         for name in ("crossover_eta", "mutation_eta"):
             number(name, getattr(self, name), low=0, high=1e3)
         if self.d_max is not None:

@@ -326,7 +326,7 @@ def before_plane(position: Sequence[float], turn: np.ndarray | None = None) -> d
     x, up, distance = position
     if not distance > 0 or rotation[2, 1] <= 0:
         raise InputError(
-            "position and turn", [*position, rotation.tolist()], "a camera before the plane, looking at it"
+            "position and turn", [*position, rotation.tolist()], "a camera in front of the plane that faces it"
         )
     return {"rotation": rotation, "position": np.array([x, -distance, up])}
 
@@ -380,7 +380,7 @@ def read_cameras(path: str | Path) -> dict[str, Camera]:
         raise InputError(str(path), ", ".join(table) or "nothing", f"tables [{TABLE}.NAME], one for each camera")
     for name, of_camera in cameras.items():
         if not isinstance(of_camera, dict) or "name" in of_camera:
-            raise InputError(f"{TABLE}.{name}", of_camera, "a table of a camera, whose name stands in its head")
+            raise InputError(f"{TABLE}.{name}", of_camera, "a table of one camera, headed [cameras.NAME]")
     return {name: camera_of(f"{TABLE}.{name}", {**of_camera, "name": name}) for name, of_camera in cameras.items()}
 
 

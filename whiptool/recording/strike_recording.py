@@ -149,7 +149,9 @@ class StrikeRecording(NoArray, instead="its t and points"):
         if self.first_state is not None:
             begun, count = float_array("first_state", self.first_state), len(self.markers)
             if begun.shape != (2, count) or not self.angular or not np.isfinite(begun).all():
-                raise InputError("first_state", begun.shape, f"finite angles and rates, (2, {count}), of angles")
+                raise InputError(
+                    "first_state", begun.shape, f"finite angles and rates, (2, {count}), of a recording of angles"
+                )
             self._put(first_state=begun)
         if self.up not in ("", *TURNED):
             raise InputError("up", self.up, "the axis that points up, y or z, or empty")
@@ -309,7 +311,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """
         if self.angular:
             fix = "angles are those of an arm without a whip: drive free"
-            raise InputError(f"{self.called}: points", "angles", f"places of {d} coordinates", fix)
+            raise InputError(f"{self.called}: points", "angles", f"positions with {d} coordinates", fix)
         if self.view is None and self.points.shape[2] < d:
             rule = f"{d} coordinates, places in space (columns t, tip_x, tip_y, tip_z; z up), for a model in space"
             fix = "record motion capture or two cameras, or take a model in the plane"
@@ -445,7 +447,7 @@ def _poses(value: object, count: int) -> np.ndarray:
     if poses.shape != (count, 7) or not np.isfinite(poses).all():
         raise InputError("hand_pose", f"shape {poses.shape}", f"finite numbers of shape ({count}, 7)")
     if not (farthest := np.abs(poses[:, :3]).max()) <= FARTHEST:
-        raise InputError("hand_pose", float(farthest), f"places within {FARTHEST:g} m", "are these millimetres?")
+        raise InputError("hand_pose", float(farthest), f"positions within {FARTHEST:g} m", "are these millimetres?")
     size = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
     if np.abs(size - 1).max() > 1e-2:
         raise InputError("hand_pose", float(size[np.abs(size - 1).argmax(), 0]), "quaternions (x, y, z, w) of length 1")
@@ -498,7 +500,7 @@ def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
     try:
         return np.broadcast_to(array, shape).copy()
     except ValueError:
-        raise InputError(name, f"shape {array.shape}", f"shape {shape}, or what broadcasts to it") from None
+        raise InputError(name, f"shape {array.shape}", f"shape {shape}, or one that broadcasts to it") from None
 
 
 def _plain_table(value: object) -> dict:

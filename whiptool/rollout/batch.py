@@ -1,11 +1,4 @@
-"""Input and results of an engine for a batch of strikes, and the choice of each strike's steps.
-
-The tolerance bounds the error of each step but not its growth over the strike: a whip that is about to crack amplifies
-small differences. Each strike is therefore simulated with two tolerances with the ratio RATIO. Their distances differ
-by the error with the coarser tolerance; the error with the finer one is estimated as RATIO times smaller. A strike with
-too large an estimate is simulated with the next finer tolerance. As the steps of both have bounded errors, two wrong
-simulations do not agree by chance, as those with two fixed steps may.
-"""
+"""Input and results of an engine for a batch of strikes, and the division of strikes into time steps."""
 
 from __future__ import annotations
 

@@ -466,7 +466,7 @@ class CompiledRollout(Rollout):
                 "model or controller of a batch",
                 str(needs),
                 f"one within {self.structure}",
-                "make the rollout with the richest of them",
+                "construct the rollout with a model and controller that have all these terms",
             )
 
     def _forward_batch(

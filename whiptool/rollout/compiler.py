@@ -1,7 +1,7 @@
-"""Compiles generated code with the system's compiler, and keeps the libraries in a private folder.
+"""Compilation of generated code with the system's compiler, and the cache of libraries in a private folder.
 
-A library is machine code that this process runs, and one that was cut ends the process when it is loaded. So nothing is
-loaded that another user could have written, or whose content does not match its name, which holds its hash.
+A library is executed in this process, and a truncated library crashes it. Files that another user could have written,
+or whose content does not match the hash in their name, are therefore not loaded.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What follows from the states of a strike: references, gains and the tip's path."""
+"""References, gains and the tip's path from the states of a strike."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Building of a strike map: random strikes, then rounds in which missed goals are refined and added.
-
-A run of `whiptool map build` is built from its configuration, part by part, and its map is opened from its folder.
-"""
+"""Building of a strike map: random strikes, then rounds in which missed goals are refined and added."""
 
 from __future__ import annotations
 

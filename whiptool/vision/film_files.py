@@ -191,7 +191,7 @@ class RecordedCamera:
             InputError: The camera is not open, or an image cannot be decoded or is of another kind than stated.
         """
         if self._images is None:
-            raise InputError("camera", "closed", "an open one", "call open() first")
+            raise InputError("camera", "closed", "an open camera", "call open() first")
         image = next(self._images, None)
         if image is None or self._next >= len(self.video):
             return None

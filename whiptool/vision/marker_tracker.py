@@ -1,10 +1,9 @@
-"""Following one marker from image to image: a Kalman filter, mean-shift, search, and confidence.
+"""Tracking of one marker from image to image: a Kalman filter, mean-shift, search, and confidence.
 
-Plain mean-shift loses a fast tip for good: at 60 frames/s a tip at 20 m/s jumps 60 pixels. So a filter of constant
-acceleration, disturbed by white jerk, predicts where the marker will be, mean-shift starts there inside a gate, and
-where that fails the whole image is searched by connected components. A marker keeps its light whatever its blur, so a
-blob's light tells whether all of it is seen: what is hidden, cut off or something else gets a low confidence and no
-position.
+Mean-shift alone loses a fast tip: at 60 frames/s a tip at 20 m/s moves 60 pixels. A filter for constant acceleration
+with white-noise jerk therefore predicts the position, mean-shift starts there inside a gate, and if it fails the whole
+image is searched by connected components. The total brightness of a marker does not depend on blur and shows whether
+the marker is completely visible: hidden or cut blobs and other objects get a low confidence and no position.
 """
 
 from __future__ import annotations

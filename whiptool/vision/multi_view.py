@@ -1,10 +1,10 @@
-"""Several cameras that saw one strike: points in space from their pixels, and whether they still agree.
+"""Several cameras that recorded one strike: triangulation of points, and a check of the camera poses.
 
-A fit compares the model with each camera's own pixels, at that camera's own times, so that it needs none of this. It is
-for display, for frames that no model of the whip explains, and for adaptation, which judges a strike by the tip's path.
+Triangulation is used for display, for frames that no model of the whip explains, and for adaptation, which needs the
+tip's path. A fit needs none, as it compares the model with the pixels of each camera at that camera's times.
 
-Two lines of sight to one marker meet; those of a camera that was moved or turned pass each other. What a turn shifts
-along the plane of both lines is not seen: a board is better (`space_calibration.agree`), but tracks are always there.
+Two lines of sight to one marker meet, unless a camera was moved or rotated. A shift within the plane of both lines is
+not detected: a board is better (`space_calibration.agree`), but tracks are always available.
 """
 
 from __future__ import annotations

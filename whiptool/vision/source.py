@@ -181,7 +181,7 @@ class RealSenseCamera:
             InputError: The camera is not open.
         """
         if self._pipeline is None:
-            raise InputError("camera", "closed", "an open one", "call open() first")
+            raise InputError("camera", "closed", "an open camera", "call open() first")
         there, frames = self._pipeline.try_wait_for_frames(max(1, round(1e3 * timeout)))
         if not there:
             return None

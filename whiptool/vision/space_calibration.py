@@ -104,7 +104,9 @@ def calibrate_lens(views: Sequence[Corners], board: Board, *, width: int, height
     if not (sigma[:2] < LOOSEST * np.diag(K)[:2]).all():
         focal = ", ".join(f"{f:.0f} +- {s:.0f}" for f, s in zip(np.diag(K)[:2], sigma[:2], strict=True))
         fix = "tilt the board by 30 to 45 degrees, in all directions, at several distances"
-        raise InputError("views", f"focal lengths of {focal} pixels", f"views that fix them to {LOOSEST:.0%}", fix)
+        raise InputError(
+            "views", f"focal lengths of {focal} pixels", f"views that determine them to {LOOSEST:.0%}", fix
+        )
     return Lens(width, height, K, tuple(distortion.tolist()), float(residual), sigma)
 
 
@@ -118,7 +120,7 @@ def board_pose(lens: Lens | Camera, view: Corners, board: Board) -> Pose:
     lens_model = (lens.camera_matrix, np.array(lens.distortion))
     found, turned, place = cv2.solvePnP(board.points[view.ids], view.pixels, *lens_model, flags=cv2.SOLVEPNP_IPPE)
     if not found:
-        raise InputError("view", f"{len(view.ids)} corners", "corners of a board that fix its pose")
+        raise InputError("view", f"{len(view.ids)} corners", "corners of a board that determine its pose")
     turned, place = cv2.solvePnPRefineLM(board.points[view.ids], view.pixels, *lens_model, turned, place)
     return Pose(Rotation.from_rotvec(np.ravel(turned)), np.ravel(place))
 

@@ -178,7 +178,7 @@ def _followed(
         if camera is None:
             camera, at_work = frame.settings, trackers(frame.settings)
         elif frame.t <= t[-1]:
-            raise InputError("frames", frame.t, f"times after {t[-1]:g} s, that of the frame before")
+            raise InputError("frames", frame.t, f"times after {t[-1]:g} s, that of the previous frame")
         seen.append([tracker.update(frame) for tracker in at_work])
         t.append(frame.t)
     if camera is None:

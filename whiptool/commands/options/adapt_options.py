@@ -107,7 +107,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
             raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
         if self.wiggle and not self.still:
             raise InputError(
-                "--no-still", "together with --wiggle", "one of them", "--wiggle is a look before the first strike, too"
+                "--no-still",
+                "together with --wiggle",
+                "one of them",
+                "--wiggle also measures the whip before the first strike",
             )
         _stock(self)
         if self.least_speed is not None:
@@ -122,7 +125,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     def _check_space(self, model: Model) -> None:
         """Refuse servos and images of an arm in space, and directions in the plane."""
         if model.dimension == 3 and self.port != ROBOT and (self.port, self.camera) != ("twin", "tip"):
-            raise InputError("--model", self.model, "a model in the plane, but with --port robot or --camera tip")
+            raise InputError(
+                "--model", self.model, "a model in the plane, unless --port robot or --camera tip is given"
+            )
 
     def build_target(self, model: Model | None = None) -> Target:
         """Return the target with direction and speed of arrival; a least speed of 0 requires no speed."""

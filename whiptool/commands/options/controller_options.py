@@ -111,8 +111,10 @@ class LawOptions(OptionGroup):
         except InputError as error:
             raise InputError("--controller", error.given, f"{error.allowed}, or a .toml file") from None
         except TypeError:
-            fix = "write a file with its numbers"
-            raise InputError("--controller", self.law_or_file, "a law whose numbers all have defaults", fix) from None
+            fix = "write a file with its parameters"
+            raise InputError(
+                "--controller", self.law_or_file, "a law whose parameters all have defaults", fix
+            ) from None
 
     @property
     def _constant(self) -> str:

@@ -36,7 +36,7 @@ class LimitOptions(OptionGroup):
     """Limits of a motor (xm430) or of the joints (arm: default if any). xm430 is the speed-torque line of that motor.
     optimize counts strikes that exceed a limit as misses; simulate reports them."""
     keep_free: float = 0.0
-    """Fraction of those limits that strikes do not use, such as 0.1 (default: 0)."""
+    """Fraction of the limits that strikes leave unused, such as 0.1 (default: 0)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
     """Height of the floor above the base [m], or none. The base of a planar arm is its shoulder; a floor below it has a
     negative height. Default: 0 for a robot that stands on its base, otherwise none."""

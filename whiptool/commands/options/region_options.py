@@ -26,7 +26,7 @@ class RegionOptions(ZoneGoalOptions):
     }
 
     region: Path | None = None
-    """NPZ file with the region of targets (default: --zone-radius). whiptool.goals.zone.Region.save writes such
+    """NPZ file with the region of targets, in place of --zone-radius. whiptool.goals.zone.Region.save writes such
     files."""
     sector: tuple[float, ...] | None = None
     """Region of targets: NEAR FAR LOW HIGH [m] ANGLE [degrees]. NEAR and FAR are distances from the base, LOW and HIGH
@@ -39,5 +39,5 @@ class RegionOptions(ZoneGoalOptions):
         super().check()
         if self.sector is not None:
             if len(self.sector) != 5:
-                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH DEGREES")
+                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH ANGLE")
             named_sector(self.sector)

@@ -1,7 +1,7 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
-How each format looks stands in its module: `tracks` (CSV, also of DeepLabCut), `angles`, `mat`, `c3d`, `lerobot`,
-`rosbag`, `footage`, and `StrikeRecording.save` (NPZ); what the TOML file next to any of them may hold, in `sidecar`.
+The module of each format describes it: `tracks` (CSV, also of DeepLabCut), `angles`, `mat`, `c3d`, `lerobot`, `rosbag`,
+`footage`, and `StrikeRecording.save` (NPZ); `sidecar` describes the TOML file next to a recording.
 """
 
 from __future__ import annotations
@@ -189,5 +189,5 @@ def _checked(reader: Callable[..., Any], options: dict[str, Any]) -> dict[str, A
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return options
     for key in set(options) - set(parameters):
-        raise InputError("option " + key, options[key], "none; this format says everything itself")
+        raise InputError("option " + key, options[key], "none, because this format has no options")
     return options

@@ -59,15 +59,15 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
         units = str(data["units"]).strip().lower()
         units = SPELLED.get(units.rstrip("s"), units)
         if units not in UNITS and "units" not in side.table:
-            raise InputError("POINT:UNITS", units, "one of " + ", ".join(UNITS), "say units in the sidecar file")
+            raise InputError("POINT:UNITS", units, "one of " + ", ".join(UNITS), "state units in the sidecar file")
         forward, up = (str(data[key]).strip() for key in ("forward", "up"))
         axes = _axes(forward, up)
         if axes is None and "axes" not in side.table:
             raise InputError(
                 "POINT:Y_SCREEN",
                 None,
-                "which axis points up",
-                'say axes in the sidecar file, such as axes = ["x", "z", "-y"]',
+                "the axis that points up",
+                'state axes in the sidecar file, such as axes = ["x", "z", "-y"]',
             )
         t = (int(data["first_frame"]) + np.arange(len(points))) / rate - side.start
         nowhere = (points == 0).all(axis=2)

@@ -1,17 +1,17 @@
 """Folders of LeRobotDataset v3: one episode as a recording, or its cameras as images for the tracker.
 
-What is read: `meta/info.json` (version, rate, names of features), `meta/episodes/chunk-*/file-*.parquet` (where an
-episode's rows and images are), its rows of `data/chunk-*/file-*.parquet`, and the MP4 files that `video_path` names,
+The reader uses `meta/info.json` (version, rate, names of features), `meta/episodes/chunk-*/file-*.parquet` (positions
+of an episode's rows and images), its rows of `data/chunk-*/file-*.parquet`, and the MP4 files that `video_path` names,
 which hold several episodes each. Features, besides `timestamp` and `episode_index`:
 
 - `observation.state`: joints of the arm, by their `names` in `info.json`, without those of grippers. Names that end
   with `.pos` are those of LeRobot's motors, whose units `joint_units` has to state: `deg`, or `normalized` (-100 to
   100).
-- `observation.whip` (or `observation.markers`): places of markers; its `names` in `info.json` are columns such as
-  `tip_x, tip_y, handle_x, handle_y`, perhaps with `tip_sigma`. A dataset without it is filmed: track its cameras.
+- `observation.whip` (or `observation.markers`): positions of markers; its `names` in `info.json` are columns such as
+  `tip_x, tip_y, handle_x, handle_y`, optionally with `tip_sigma`. Without it the images have to be tracked.
 
-The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` over the rest for what differs. Its keys in
-addition to the common ones: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras
+The sidecar is `whiptool.toml` in the folder, with a table `[episode.3]` for values that differ in an episode. Its keys
+in addition to the common keys: `markers_feature`, `joints_feature`, `units`, `axes`, `origin`, `sigma`, and for cameras
 those of `whiptool.recording.readers.footage`.
 """
 
@@ -262,5 +262,5 @@ def _joints(data: Episode, side: Sidecar) -> JointLog | None:
     log = joint_log(data.t, table, names, side.joint_columns, feature, of="timestamp")
     if any(name.endswith(".pos") for name in log.columns) and "joint_units" not in side.table:
         rule = "deg, or normalized with joint_ranges: the dataset does not say in which units LeRobot drove its motors"
-        raise InputError(f"{side.place}joint_units", None, rule, "say it in the sidecar, whiptool.toml in the folder")
+        raise InputError(f"{side.place}joint_units", None, rule, "state it in the sidecar, whiptool.toml in the folder")
     return log

@@ -120,7 +120,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
     if len(stamps) < 2:
         raise InputError(str(path), f"{len(stamps)} images on {topic}", "at least two")
     if len(shapes) > 1:
-        raise InputError(str(path), f"images of {len(shapes)} sizes or encodings", "all alike")
+        raise InputError(str(path), f"images of {len(shapes)} sizes or encodings", "images of one size and encoding")
     if "timestamps" in side.table:
         clock = frame_clock(side, len(stamps))
     else:
@@ -153,8 +153,8 @@ def _best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray,
             continue
         others = "".join(f"; not by {other}" for other in said)
         return np.where(keep, stamps, np.nan), whose + others
-    fix = "say the key timestamps"
-    raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing ones", fix)
+    fix = "state the key timestamps"
+    raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing stamps", fix)
 
 
 @contextmanager

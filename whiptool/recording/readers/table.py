@@ -82,7 +82,7 @@ def refuse_foreign(path: Path, head: bytes) -> None:
     """
     for form in FOREIGN:
         if form.matches(path, head):
-            raise InputError(str(path), form.what, "a recording of a format that is read", form.cure)
+            raise InputError(str(path), form.what, "a recording in a supported format", form.cure)
 
 
 AXES = ("x", "y", "z")  # of a marker's columns
@@ -318,7 +318,9 @@ def _found(names: Sequence[str], place: str) -> tuple[tuple[str, ...], tuple[str
     joints = [name for name in found if not said[name].holds]
     if not joints:
         rule = "t [s] and one column per joint [rad], named after it"
-        raise InputError(place, f"columns {', '.join(names)[:200] or 'none'}", rule, "say joint_columns in the sidecar")
+        raise InputError(
+            place, f"columns {', '.join(names)[:200] or 'none'}", rule, "state joint_columns in the sidecar"
+        )
     aside = [name for name in found if said[name].holds]
     order = in_numbers(joints)
     if order is not None and not any(said[name].jointed for name in joints):

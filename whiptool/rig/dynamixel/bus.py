@@ -242,7 +242,7 @@ def _encode(r: Register, value: int) -> bytes:
     try:
         return int(value).to_bytes(r.size, "little", signed=r.signed)
     except OverflowError:
-        raise InputError(r.name, value, f"what fits {r.size} byte{'s' * (r.size > 1)}") from None
+        raise InputError(r.name, value, f"a value that fits {r.size} byte{'s' * (r.size > 1)}") from None
 
 
 __all__ = ["BLOCK", "BusError", "Damaged", "DynamixelBus", "NoReply", "Refused", "Unplugged"]

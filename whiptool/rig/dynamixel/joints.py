@@ -64,7 +64,7 @@ class Joints:
         self._zero = np.array([2048 * units.fineness] * n if zero is None else zero)
         self._sign = np.array([1] * n if direction is None else direction)
         if len(self._zero) != n or len(self._sign) != n or not np.isin(self._sign, (-1, 1)).all():
-            raise InputError("zero, direction", (zero, direction), f"{n} counts, and {n} times +1 or -1")
+            raise InputError("zero, direction", (zero, direction), f"{n} zero counts, and {n} directions of +1 or -1")
         self._per_torque = self._sign / (torque_constant * units.current)
         self.torque_constant = torque_constant
         self.quantum = torque_constant * units.current  # [N m], torque of one count

@@ -183,9 +183,9 @@ def _link(link: Path, device: str) -> None:
             link.unlink()
         link.symlink_to(device)
     except FileExistsError:
-        raise InputError("link", str(link), "a name that nothing has yet", "take another, or remove it") from None
+        raise InputError("link", str(link), "a path that does not exist yet", "take another, or remove it") from None
     except OSError as error:
-        raise InputError("link", str(link), f"where a symbolic link can be made ({error.strerror})") from None
+        raise InputError("link", str(link), f"a path at which a symbolic link can be made ({error.strerror})") from None
 
 
 def _leads_to(link: Path, device: str) -> bool:
