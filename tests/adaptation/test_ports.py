@@ -209,7 +209,7 @@ def test_what_two_cameras_saw_comes_back_as_one_recording_of_places(tmp_path):
     true = np.array([0.5, -0.2, 0.4]) + seen.t_points * [0.3, 0.4, 0.2]
     assert np.nanmax(np.abs(seen.points[:, 0] - true)) < 1e-3
     assert np.isfinite(seen.points).mean() > 0.8
-    with pytest.raises(InputError, match="pixels'; allowed: places of the tip"):
+    with pytest.raises(InputError, match="pixels'; allowed: positions of the tip"):
         checked(Seen(film, None), STRIKE_ROBOT_PORT, 1)
 
 
@@ -297,7 +297,7 @@ def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"model": "ur5e", "target": (1.0, 0.2, 0.6)}, "--model: got 'ur5e'; allowed: a model in the plane, but with"),
+        ({"model": "ur5e", "target": (1.0, 0.2, 0.6)}, "--model: got 'ur5e'; allowed: a model in the plane, unless"),
         ({"port": "robot", "latency": 0.002}, "--latency.*only without --port robot"),
         ({"port": "robot", "camera": "twin"}, "--camera.*only without --port robot"),
         ({"port": "robot", "family": "kin"}, "--family.*only with --port twin"),
