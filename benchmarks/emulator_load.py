@@ -26,7 +26,7 @@ from pathlib import Path
 import dynamixel_sdk as sdk
 import numpy as np
 
-from whiptool.commands.dynamixel import main as scan_command
+from whiptool.commands.servos import main as scan_command
 from whiptool.rig.emulator import Emulator, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode
 

@@ -40,7 +40,7 @@ from whiptool.optimizers import run_search
 from whiptool.optimizers.derivative_free import cmaes_search
 from whiptool.optimizers.pareto_search import ParetoFront, dominated_by, oriented, pareto_search
 from whiptool.rollout import CompiledRollout
-from whiptool.viz.plots_front import plot_front
+from whiptool.viz.plots_search import plot_front
 from whiptool.viz.style import COLORS, STYLE, save_figure
 from whiptool.whole_files import write_whole
 

@@ -23,9 +23,10 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel import DynamixelBus, Joints, Units
+from whiptool.rig.dynamixel.joints import Guards
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions
 from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.safety import Guards, Safety
+from whiptool.rig.safety import Safety
 from whiptool.rollout.reference import ReferenceRollout
 
 MODEL = wt.preset("lemon2024")

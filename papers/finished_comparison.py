@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from papers.reproduce import ReproduceOptions
-from whiptool.commands.cli import stored_options
 from whiptool.commands.compare import CompareOptions
+from whiptool.commands.run_folders import stored_options
 from whiptool.comparison.plan import LEARNERS, PAPER_METHODS, Comparison
 from whiptool.comparison.series import Series, collect
 from whiptool.comparison.units import older_results, unit_file

@@ -15,7 +15,7 @@ from tyro.conf import arg
 
 from whiptool.commands import cli
 from whiptool.commands.compare import QUICK, ComparisonOptions, open_folder
-from whiptool.commands.options.option_group import MANY_TARGETS, refuse_idle, whole
+from whiptool.commands.options.option_group import MANY_TARGETS, Count, Ranges
 from whiptool.commands.options.search_options import Methods, Observation, spell_methods
 from whiptool.errors import InputError
 from whiptool.goals.zone import usual_disc
@@ -45,6 +45,7 @@ class ReproduceOptions(ComparisonOptions):
 
     first: ClassVar[tuple[str, ...]] = ("what", "space", "quick")
     may_be_empty: ClassVar[tuple[str, ...]] = ("further_zones",)
+    ranges: ClassVar[Ranges] = dict.fromkeys(("whips", "whip_targets"), Count(high=MANY_TARGETS))
 
     what: tyro.conf.Positional[Part] = "all"
     """Part to reproduce (--help-all describes each). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere;
@@ -75,13 +76,10 @@ class ReproduceOptions(ComparisonOptions):
         spell_methods(self, "further_methods")
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.comparison.target_scene import check_zone
         from whiptool.optimizers import find_method
 
         super().check()
-        whole("--whips", self.whips, high=MANY_TARGETS)
-        whole("--whip-targets", self.whip_targets, high=MANY_TARGETS)
         for method in self.further_methods:
             find_method(method)
         model = self.build_model()
@@ -93,22 +91,20 @@ class ReproduceOptions(ComparisonOptions):
                 check_zone(zone, target.position, reach)
             except InputError as error:
                 raise error.renamed("--further-zones") from None
-        usual = ReproduceOptions(**QUICK) if self.quick else None
         if self.what in OTHERS:
             idle = {f.name for f in fields(self)} - _OF_ANY_PAPER - set(_OF_ADAPT)
-            refuse_idle(self, dict.fromkeys(sorted(idle), f"only without {self.what}, which has its own"), usual)
+            self.refuse_given(f"only without {self.what}, which has its own", *sorted(idle))
         if self.what != "adapt":
-            refuse_idle(self, dict.fromkeys(_OF_ADAPT, "nothing but with adapt"))
+            self.refuse_given("nothing but with adapt", *_OF_ADAPT)
         if self.space and "rig" in self.rows:
             raise InputError("--rows", "rig", "only without --space: the servos are those of a planar arm")
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
-            refuse_idle(self, dict.fromkeys(further, "nothing but with fig6 or all"), usual)
+            self.refuse_given("nothing but with fig6 or all", *further)
         elif not self.further_zones:
-            refuse_idle(self, dict.fromkeys(further[1:], "only with --further-zones"), usual)
+            self.refuse_given("only with --further-zones", *further[1:])
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         parts = set(_OF_PARTS) - set(OTHERS) if self.what == "all" else {self.what}
         needed = [module for part, modules in _OF_PARTS.items() if part in parts for module in modules]
         if self.what == "adapt" and "rig" in self.rows:

@@ -111,7 +111,7 @@ from whiptool.optimizers import find_method
 from whiptool.adaptation import default_prior
 from whiptool.adaptation.twins import FAMILIES
 from whiptool.commands.optimize import OptimizeOptions, main
-from whiptool.commands.options.adapt_options import AdaptOptions
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.goals.criteria import find_criterion
 
 assert wt.load_model("Short_Whip").whip.length == wt.preset("lemon2024").with_whip(length=0.5).whip.length

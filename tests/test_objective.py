@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 
-from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.strike_options import LimitOptions
 from whiptool.errors import InputError
 from whiptool.goals.criteria import Effort, PeakTorque, Speed
 from whiptool.goals.goals import probability_within

@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,6 @@ from search_words import SEARCH
 import whiptool as wt
 from whiptool.commands import cli, optimize
 from whiptool.commands.options.option_group import OutputOptions, ResumableOptions
-from whiptool.commands.pictures import StrikePictures
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.impedance.laws import LAWS
 from whiptool.models.presets import PRESETS
@@ -70,10 +68,9 @@ def plain():
     """Searches without figures and MuJoCo, for speed."""
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(StrikePictures, "__enter__", lambda self: self)
-        patch.setattr(StrikePictures, "draw", lambda self: [])
+        patch.setattr("whiptool.commands.pictures.draw_here", lambda *_, **__: [])
         patch.setattr(optimize.SearchRun, "_replay", lambda *_: {"miss_distance": None, "difference": None})
-        patch.setattr("whiptool.viz.plots.save_convergence", lambda *_, **__: None)
+        patch.setattr("whiptool.viz.plots_search.save_convergence", lambda *_, **__: None)
         yield
 
 
@@ -235,7 +232,7 @@ def test_no_command_writes_where_another_does(command: str, tmp_path: Path, caps
     ).save("strike.npz")
     module, *word = command.split()
     with RunFolder.create(Path("run"), {"command": "mine"}) as folder:
-        assert import_module(f"whiptool.commands.{module}").main([*word, *COMMANDS[command], "--out", "run"]) == 2
+        assert cli.main_of(module)([*word, *COMMANDS[command], "--out", "run"]) == 2
         said = capsys.readouterr().err.splitlines()[-1]
         assert said.startswith("whiptool: --out: got 'run'")
         assert f"process {os.getpid()} on " in said

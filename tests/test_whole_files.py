@@ -82,7 +82,7 @@ def test_an_error_without_a_number_names_the_file_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("room", [True, False])
 def test_a_film_is_whole_or_not_there(room: bool, tmp_path: Path) -> None:
-    from whiptool.viz.frames import write_film
+    from whiptool.viz.animation import write_film
 
     frames = (np.full((64, 64, 3), 40 * i, np.uint8) for i in range(5))
     expected = nullcontext() if room else pytest.raises(OSError, match=r"strike\.mp4: .* the disk may be full")

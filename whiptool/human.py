@@ -2,7 +2,7 @@
 
 import sys
 
-from whiptool.commands.papers import of_papers
+from whiptool.commands.papers import human, of_papers
 
 
 def __getattr__(name: str) -> object:
@@ -16,6 +16,4 @@ def __dir__() -> list[str]:
 
 
 if __name__ == "__main__":
-    from whiptool.commands.human import main
-
-    sys.exit(main())
+    sys.exit(human())

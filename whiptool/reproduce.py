@@ -2,8 +2,7 @@
 
 import sys
 
-from whiptool.commands.papers import of_papers
-from whiptool.commands.reproduce import main
+from whiptool.commands.papers import of_papers, reproduce
 
 
 def __getattr__(name: str) -> object:
@@ -13,4 +12,4 @@ def __getattr__(name: str) -> object:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(reproduce())

@@ -23,8 +23,8 @@ from whiptool.comparison.target_scene import SPEED, fast_region
 from whiptool.rl.trained import one_torch_thread
 from whiptool.strike_map.building import built
 from whiptool.strike_map.strike_map import StrikeMap
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE
 
 REPLAYS = 20
 

@@ -11,8 +11,8 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from whiptool.commands import cli
-from whiptool.commands.options.option_group import ResumableOptions, whole
+from whiptool.commands import cli, run_folders
+from whiptool.commands.options.option_group import Count, Ranges, ResumableOptions
 from whiptool.errors import NOTHING, InputError
 from whiptool.whole_files import write_whole
 
@@ -25,6 +25,14 @@ class HumanOptions(ResumableOptions):
     """People's whip throws compared with planned strikes, as one HTML file."""
 
     changeable: ClassVar[tuple[str, ...]] = ("workers",)
+    ranges: ClassVar[Ranges] = {
+        "resamples": Count(0, 10_000),
+        "seeds": Count(high=10_000),
+        "trials": Count(20, 1_000_000),
+        "whips": Count(0, 10_000),
+        "draws": Count(10, 1_000_000),
+        "workers": Count(high=64),
+    }
 
     folder: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]] = None
     """Folder with trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their original names."""
@@ -43,18 +51,7 @@ class HumanOptions(ResumableOptions):
     quick: bool = False
     """Run a small version in a minute, unless the options are given."""
 
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        whole("--resamples", self.resamples, low=0, high=10_000)
-        whole("--seeds", self.seeds, high=10_000)
-        whole("--trials", self.trials, low=20, high=1_000_000)
-        whole("--whips", self.whips, low=0, high=10_000)
-        whole("--draws", self.draws, low=10, high=1_000_000)
-        whole("--workers", self.workers, high=64)
-
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return ("h5py", "statsmodels", "torch")
 
 
@@ -72,7 +69,7 @@ def run(args: Sequence[str] | None) -> int:
     from papers.human.reading import read_people
 
     with cli.options_named(options):
-        cli.check_out(options)
+        run_folders.check_out(options)
         people = read_people(options.folder)
         return _tell(options, people)
 
@@ -86,7 +83,7 @@ def _tell(options: HumanOptions, people: Any) -> int:
     from whiptool.viz.report import to_html, without_verdicts
 
     effort = Effort(options.seeds, options.trials, options.whips, options.draws)
-    with cli.open_folder(options, "human", cli.configuration(options, "human")) as folder:
+    with run_folders.open_folder(options, "human", run_folders.configuration(options, "human")) as folder:
         result, sections = report(people, options.resamples, effort, Store(folder.path, workers=options.workers))
         if options.quick:
             sections = without_verdicts(sections, "the quick form is too short to judge by")

@@ -12,8 +12,8 @@ from papers.lemon2024.printed import HIT_RADIUS, TARGETS, ZONE_RADIUS, compared
 from whiptool import Disc, Objective, Target, Trajectory, search
 from whiptool.comparison import TargetScene
 from whiptool.models.kinematics import joint_points
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted
 
 _PATH_COLORS = [COLORS[name] for name in ("blue", "vermilion", "green", "pink", "black")]

@@ -17,8 +17,8 @@ from whiptool.comparison.plan import LEARNERS
 from whiptool.comparison.series import NAMES
 from whiptool.comparison.trial_plots import plot_rewards
 from whiptool.rl.settings import TrainingPlan
-from whiptool.viz.plots import STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
+from whiptool.viz.style import STYLE
 from whiptool.words import counted, times
 
 LAST = 0.1  # share of the episodes over which a final reward is taken

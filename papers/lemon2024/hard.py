@@ -14,8 +14,8 @@ from whiptool.comparison.plan import CHUNK, deterministic
 from whiptool.comparison.series import main_table
 from whiptool.comparison.target_scene import QUICK_STRIKES, SPEED, STRIKES, fast_region
 from whiptool.goals.zone import Region
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted
 
 HIT_RADIUS = 0.01  # [m]

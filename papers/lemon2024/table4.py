@@ -12,8 +12,8 @@ from papers.context import Context
 from papers.lemon2024.printed import compared
 from whiptool import OIAC, CompiledRollout, ConstantImpedance, Controller, Model, Strike, Trajectory, oiac_preset
 from whiptool.models.strike import T_STAY
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted
 
 NAMES = ("position shoulder", "position elbow", "velocity shoulder", "velocity elbow")

@@ -16,7 +16,7 @@ from whiptool import Trajectory
 from whiptool.models.kinematics import joint_points
 from whiptool.models.presets import NAH2023
 from whiptool.models.strike import strike_names
-from whiptool.viz.plots import COLORS, STYLE
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted
 
 TARGET_COLORS = tuple(COLORS[name] for name in ("blue", "vermilion", "green", "pink", "orange", "sky"))

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from papers.context import Context
 from papers.unknown.study import MATERIALS, PLANE, REGIONS, ROPE, SPACE, WAYS, WhipUnit, families
 from whiptool import Target
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted, fixed, rounded
 
 BINS = 5  # of stated probabilities

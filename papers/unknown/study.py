@@ -24,7 +24,8 @@ from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.steps import Port, Seen
 from whiptool.adaptation.twins import FAMILIES, Twin
-from whiptool.commands.options.adapt_options import AdaptOptions, prepare
+from whiptool.commands.adapt import prepare
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.comparison.units import Unit
 from whiptool.errors import WhiptoolError
 from whiptool.given_files import read_json

@@ -19,7 +19,7 @@ from whiptool.adaptation.prior import Learned, default_prior
 from whiptool.adaptation.steps import Seen, checked, seen_of
 from whiptool.adaptation.twins import draw_twin
 from whiptool.commands import adapt
-from whiptool.commands.options.adapt_options import AdaptOptions
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, constant_preset, oiac_preset

@@ -10,7 +10,7 @@ import pytest
 from command_line import called
 from processes import HANG
 
-from whiptool.commands.pictures import StrikePictures
+from whiptool.commands.pictures import StrikeRun
 from whiptool.progress import Progress
 
 RANDOM = ("--method", "random", "--seed", 1, "--preset", "printed", "--timestep", 0.002)
@@ -19,10 +19,10 @@ STRIKE = ("--strike", -1.2, 0.9, 1.2, 0.3, 0.4, "--preset", "printed", "--timest
 
 @pytest.fixture
 def no_pictures(monkeypatch):
-    def draw(self):
+    def write_page(self, folder):
         raise OSError("no room for pictures")
 
-    monkeypatch.setattr(StrikePictures, "draw", draw)
+    monkeypatch.setattr(StrikeRun, "write_page", write_page)
 
 
 @pytest.mark.parametrize("command", [("optimize", *RANDOM), ("simulate", *STRIKE)])
@@ -53,9 +53,8 @@ def test_progress_is_told_unless_a_command_is_to_be_quiet(quiet, tmp_path):
 
 USED = """
 import sys
-from whiptool.commands import optimize
-from whiptool.commands.pictures import StrikePictures
-StrikePictures.__enter__ = lambda self: print(*sys.modules, file=sys.stderr) or sys.exit(0)
+from whiptool.commands import optimize, pictures
+pictures.nullcontext = lambda: print(*sys.modules, file=sys.stderr) or sys.exit(0)
 optimize.main(sys.argv[1:])
 """
 

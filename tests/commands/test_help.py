@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import fields, replace
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
+from whiptool.commands import cli
 from whiptool.commands.help import SCREEN, help_text
 from whiptool.commands.optimize import OptimizeOptions
-from whiptool.commands.options.adapt_options import AdaptOptions
 from whiptool.commands.options.identify_options import IdentifyOptions
 from whiptool.commands.options.option_group import flag
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.commands.simulate import SimulateOptions
 from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
@@ -25,7 +25,7 @@ MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "
 def said_by(words: str, capsys) -> str:
     command, *rest = words.split()
     with pytest.raises(SystemExit) as end:
-        import_module(f"whiptool.commands.{command}").main(rest)
+        cli.main_of(command)(rest)
     assert end.value.code == 0
     return capsys.readouterr().out
 

@@ -98,3 +98,21 @@ def test_a_fit_that_did_not_converge_ends_with_its_own_status(tmp_path, capsys, 
     assert not json.loads(printed.out)["converged"]
     assert "not converged: the largest number of iterations" in printed.err
     assert (tmp_path / "run" / "identified.toml").exists()
+
+
+def test_a_pendulum_that_is_given_as_a_model_of_a_whip_is_told_to_be_one(tmp_path, capsys):
+    """The refusals named tables and keys of the files, and not what to give instead."""
+    write_bare_arm(TWO.model, tmp_path / "two.toml")
+    (tmp_path / "config.toml").write_text('command = "identify"\n[options]\ndrive = "free"\n')
+    np.savez(tmp_path / "swing.npz", dt=0.01, angle=np.zeros((30, 2)))
+    fitted = f"the pendulum that this run fitted is {tmp_path / 'identified.toml'}, for --drive free"
+    for model, more, said in (
+        ("two.toml", [], "this file is a pendulum's: add --drive free"),
+        ("config.toml", [], fitted),
+        ("config.toml", ["--drive", "free"], fitted),
+    ):
+        assert identify.main([str(tmp_path / "swing.npz"), "--model", str(tmp_path / model), *more]) == 2
+        printed = capsys.readouterr().err
+        assert printed.startswith("whiptool: --model: got ")
+        assert said in printed
+        assert len(printed.splitlines()) == 1

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from repository import ROOT
 
-from whiptool.commands import human, papers, reproduce
-from whiptool.commands.papers import of_papers
+from whiptool.commands import papers
+from whiptool.commands.papers import human, of_papers, reproduce
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def test_the_folder_is_found_beside_the_package():
 @pytest.mark.parametrize(("command", "words"), [(reproduce, ["fig6"]), (human, ["data"]), (reproduce, ["--help"])])
 def test_an_installation_without_the_folder_says_how_to_get_it(monkeypatch, capsys, tmp_path, command, words):
     monkeypatch.setattr(papers, "CHECKOUT", tmp_path)
-    assert command.main(words) == 2
+    assert command(words) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.startswith("whiptool: papers: got an installation")

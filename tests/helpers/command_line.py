@@ -6,9 +6,10 @@ import contextlib
 import io
 import subprocess
 import sys
-from importlib import import_module
 
 from processes import HANG
+
+from whiptool.commands.cli import main_of
 
 
 def whiptool(command: str, *args: object, cwd, **options) -> subprocess.CompletedProcess:
@@ -20,7 +21,7 @@ def whiptool(command: str, *args: object, cwd, **options) -> subprocess.Complete
 def called(command: str, *args: object, cwd) -> subprocess.CompletedProcess:
     """Call a command in this process: the same without the seconds in which a process imports."""
     words, out, err = list(map(str, args)), io.StringIO(), io.StringIO()
-    main = import_module(f"whiptool.commands.{command}").main
+    main = main_of(command)
     with contextlib.chdir(cwd), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         status = main(words)
     return subprocess.CompletedProcess([command, *words], status, out.getvalue(), err.getvalue())

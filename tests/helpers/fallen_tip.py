@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rig.control_loop import Run
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
-from whiptool.rig.session import Struck
+from whiptool.rig.struck import Run, Struck
 
 
 def cycles(*, phases: tuple[Phase, ...] = (Phase.APPROACH, Phase.STRIKE)) -> Cycles:

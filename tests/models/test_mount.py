@@ -10,7 +10,7 @@ import pytest
 from random_space import pinocchio_arm_of
 from spatial_arms import ARMS, random_arm
 
-from whiptool.commands.options.target_options import ModelOptions
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.errors import InputError
 from whiptool.models import JointLimits, Model, SpatialArm, WhipParameters, in_space, preset
 from whiptool.models.kinematics import arm_frames

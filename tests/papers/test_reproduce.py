@@ -10,7 +10,7 @@ import pytest
 from command_line import called, whiptool
 
 from papers.parts import PARTS
-from whiptool.commands import reproduce
+from whiptool.commands import papers
 
 
 @pytest.mark.slow
@@ -47,13 +47,13 @@ def _text_of(page: str) -> str:
 
 def test_unknown_zone_gets_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert reproduce.main(["fig6", "--further-zones", "0.3", "slow"]) == 2
+    assert papers.reproduce(["fig6", "--further-zones", "0.3", "slow"]) == 2
     assert capsys.readouterr().err.startswith("whiptool: --further-zones: got 'slow'; allowed: radii > 0 in m, or fast")
 
 
 def test_unknown_part_gets_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert reproduce.main(["fig99"]) == 2
+    assert papers.reproduce(["fig99"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("whiptool: what: got 'fig99'")
     assert all(name in error for name in PARTS)

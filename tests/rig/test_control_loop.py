@@ -11,13 +11,12 @@ import pytest
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller
-from whiptool.rig.caps import CappedLoop
 from whiptool.rig.control_loop import RigLoop, StepClock, WallClock, move
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
 from whiptool.rig.dynamixel import Joints, Units
+from whiptool.rig.dynamixel.joints import Guards
 from whiptool.rig.emulator import Emulator, Motor, TwinOptions
-from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.safety import Guards
+from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rollout.reference import ReferenceRollout
 
 pytest.importorskip("dynamixel_sdk")
@@ -100,7 +99,7 @@ def test_a_whole_run_goes_there_waits_strikes_and_comes_back(tmp_path):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(cycles, name))
     assert loaded.about == {"strike": STRIKE.vector.tolist(), "rate": 500.0}
 
-    from whiptool.rig.record import build_recording
+    from whiptool.rig.struck import build_recording
 
     recording = build_recording(cycles, MODEL, target=(1.2, 0.1))
     assert recording.strike == STRIKE
@@ -181,7 +180,7 @@ class Machine:
 
 
 def test_wall_clock_loop_keeps_its_rate(monkeypatch):
-    monkeypatch.setattr("whiptool.rig.loop_clock.time", Machine())
+    monkeypatch.setattr("whiptool.rig.control_loop.time", Machine())
     options = TwinOptions(start=(0.1, 0.1), period=0.01, timestep=5e-4, integrator="implicitfast")
     strike = wt.Strike((0.1, 0.1), (0.3, 0.2), 0.5)
     with Emulator(options) as twin, twin.bus() as bus:
@@ -236,3 +235,17 @@ def test_reference_of_the_loop_is_the_strikes():
     np.testing.assert_allclose(
         loop.torque(0.0, np.array(STRIKE.q_i), np.zeros(2)), loop.arm.gravity_compensation(np.array(STRIKE.q_i))
     )
+
+
+pytest.importorskip("dynamixel_sdk")
+
+
+def test_clocks_do_not_go_back():
+    clock = StepClock()
+    clock.sleep_until(1.0)
+    clock.sleep_until(0.5)
+    assert clock.now() == 1.0
+    wall = WallClock()
+    start = wall.now()
+    wall.sleep_until(start + 0.01)
+    assert wall.now() - start >= 0.01

@@ -12,10 +12,9 @@ from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
-from whiptool.rig.caps import CappedLoop
+from whiptool.rig.dynamixel.joints import Guards
 from whiptool.rig.emulator.physics import Physics
-from whiptool.rig.guards import Guards
-from whiptool.rig.loop_options import LoopOptions
+from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rig.rehearsal import CHATTER, _chatter, _verdict, rehearse
 from whiptool.rollout import CompiledRollout
 

@@ -16,15 +16,15 @@ import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, oiac_preset
 from whiptool.limits.arm_limits import XM430, limits_preset
-from whiptool.rig.caps import CappedLoop, Caps, default_caps
 from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.cyclelog import Flag, Phase
 from whiptool.rig.dynamixel import Joints, JointSample
+from whiptool.rig.dynamixel.joints import Guards, Watch
 from whiptool.rig.emulator import Emulator, Fault, Motor, TwinOptions, random_faults
-from whiptool.rig.loop_options import LoopOptions
+from whiptool.rig.loop_options import CappedLoop, Caps, LoopOptions, default_caps
 from whiptool.rig.rehearsal import rehearse
-from whiptool.rig.safety import Guards, Safety, SafetyError, State, Watch
-from whiptool.rig.stops import Locked
+from whiptool.rig.safety import Safety, State
+from whiptool.rig.stops import Locked, SafetyError
 
 pytest.importorskip("dynamixel_sdk")
 

@@ -15,9 +15,10 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.impedance.controller import controller_to_table
 from whiptool.objective import Objective
 from whiptool.optimizers import search
+from whiptool.rig.emulator.physics import TwinTruth
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.rehearsal import rehearse
-from whiptool.rig.session import RigRollout, TwinRig, TwinTruth
+from whiptool.rig.session import RigRollout, TwinRig
 
 pytest.importorskip("dynamixel_sdk")
 pytest.importorskip("cv2")

@@ -30,7 +30,7 @@ from whiptool.optimizers import METHODS, search
 from whiptool.recording.camera import camera_preset
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig import session as sessions
-from whiptool.rig import stop_signals
+from whiptool.rig import stops
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.emulator import Emulator
 from whiptool.rig.filming import Filming
@@ -63,7 +63,7 @@ MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
 @pytest.fixture(autouse=True)
 def usual_signals():
     """As in a terminal: who starts tests in the background may have them ignore signals."""
-    before = {n: signal.signal(n, signal.default_int_handler) for n in stop_signals.SIGNALS}
+    before = {n: signal.signal(n, signal.default_int_handler) for n in stops.SIGNALS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -125,10 +125,10 @@ def test_torque_is_told_in_words() -> None:
 # -- signals -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", stop_signals.SIGNALS)
+@pytest.mark.parametrize("number", stops.SIGNALS)
 def test_signals_are_noted_and_none_of_many_raises(number: int) -> None:
     before = signal.getsignal(number)
-    with stop_signals.StopSignals() as signals:
+    with stops.StopSignals() as signals:
         for _ in range(3):
             os.kill(os.getpid(), number)
         assert signals.received == signal.Signals(number).name
@@ -144,7 +144,7 @@ def test_signals_wait_for_a_block_and_then_come() -> None:
     done = []
 
     def off() -> None:
-        with stop_signals.signals_held():
+        with stops.signals_held():
             for _ in range(3):
                 os.kill(os.getpid(), signal.SIGINT)
             done.append("torque off")
@@ -154,7 +154,7 @@ def test_signals_wait_for_a_block_and_then_come() -> None:
     assert done == ["torque off"]
 
 
-class Handlers(stop_signals.Listener):
+class Handlers(stops.Listener):
     """Of a program around a strike; they note what they are told."""
 
     def __init__(self) -> None:
@@ -170,14 +170,14 @@ class Handlers(stop_signals.Listener):
 def test_a_signal_that_is_answered_is_noted_outside_and_another_comes_again() -> None:
     outside = Handlers()
     signal.signal(signal.SIGINT, outside.on_signal)
-    with stop_signals.StopSignals() as signals:
+    with stops.StopSignals() as signals:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
         signals.answered = True
     assert outside.noted == [signal.SIGINT]
 
     def unanswered() -> None:
-        with stop_signals.StopSignals():
+        with stops.StopSignals():
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):

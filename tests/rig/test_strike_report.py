@@ -15,14 +15,12 @@ from whiptool.goals.target import Target
 from whiptool.limits.arm_limits import XM430
 from whiptool.models import preset
 from whiptool.recording.filmed_approach import Frames, Judgement, judge_frames
-from whiptool.rig import session
-from whiptool.rig.control_loop import Run
 from whiptool.rig.cyclelog import Phase
-from whiptool.rig.guards import SafetyError
-from whiptool.rig.session import Struck
+from whiptool.rig.dynamixel.joints import SafetyError
 from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
-from whiptool.viz.plots import STYLE
+from whiptool.rig.struck import Run, Struck
 from whiptool.viz.report import Picture, Table, Text, to_html
+from whiptool.viz.style import STYLE
 
 MODEL = preset("lemon2024")
 TARGET = Target((0.9, 0.0), hit_radius=0.05)
@@ -144,7 +142,7 @@ def test_a_strike_is_judged_once_for_each_target(monkeypatch: pytest.MonkeyPatch
         asked.append(target)
         return judge_frames(frames, target)
 
-    monkeypatch.setattr(session, "judge_frames", judge)
+    monkeypatch.setattr("whiptool.rig.struck.judge_frames", judge)
     one, further = struck(), Target((0.9, 0.1), hit_radius=0.05)
     sections(one, MODEL, TARGET, draw(one, MODEL, TARGET))
     assert asked == [TARGET]

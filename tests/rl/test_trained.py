@@ -6,9 +6,10 @@ import math
 
 import pytest
 
+from whiptool.commands import run_folders
+
 pytest.importorskip("torch")
 
-from whiptool.commands import cli
 from whiptool.commands.train import TrainOptions
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.zone import Disc
@@ -19,8 +20,10 @@ from whiptool.rl.trained import task_of, training_of
 
 def configuration(**given) -> dict:
     options = TrainOptions(**given)
-    settings = cli.as_plain(settings_for(options.method, **options.hyperparameters()))
-    return cli.configuration(options, "train", options.build_model(), options.build_controller(), settings=settings)
+    settings = run_folders.as_plain(settings_for(options.method, **options.hyperparameters()))
+    return run_folders.configuration(
+        options, "train", options.build_model(), options.build_controller(), settings=settings
+    )
 
 
 def test_the_task_is_that_of_the_run_though_the_model_file_has_changed(tmp_path):

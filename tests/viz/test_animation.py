@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import base64
 import re
+from typing import Any
 
 import imageio_ffmpeg
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
@@ -16,8 +19,8 @@ from whiptool.impedance import ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike
 from whiptool.rollout import CompiledRollout
-from whiptool.viz.animation import FPS, animate
-from whiptool.viz.plots import STYLE
+from whiptool.viz.animation import FPS, StrikeAnimation, animate
+from whiptool.viz.style import STYLE
 
 LEMON = preset("lemon2024")
 STRIKE = Strike.from_vector([-1.36, 0.47, 1.73, 1.41, 0.95])
@@ -78,3 +81,40 @@ def test_bad_input_is_refused(trajectory):
     for wrong in ({"speed": 0.0}, {"width": float("nan")}, {"dpi": -1.0}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             animate(trajectory, LEMON, (1.3, 0.0), **wrong)
+
+
+ENDS = np.array([[0.1, 0.2, 0.3], [0.9, 0.5, 0.1], [0.4, 0.8, 0.9]])
+
+
+def line_and_words(flat: bool) -> tuple[Figure, Any, Any]:
+    """A figure with a grid, a line from the origin, and words above it."""
+    figure = Figure((3, 2), dpi=60)
+    ax: Any = figure.add_subplot(projection=None if flat else "3d")
+    ax.grid(True)
+    ax.set(xlim=(0, 1), ylim=(0, 1), **({} if flat else {"zlim": (0, 1)}))
+    (line,) = ax.plot(*([[]] * (2 if flat else 3)), "o-", linewidth=3)
+    return figure, line, ax.set_title(" ")
+
+
+def put(line: Any, words: Any, i: int, flat: bool) -> None:
+    places = np.stack([np.zeros(3), ENDS[i]])[:, : 2 if flat else 3]
+    (line.set_data if flat else line.set_data_3d)(*places.T)
+    words.set_text(f"at {i}")
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_frames_are_what_a_whole_drawing_shows(flat):
+    figure, line, words = line_and_words(flat)
+    frames = list(StrikeAnimation(figure, [line, words], len(ENDS), lambda i: put(line, words, i, flat), 25).frames())
+    assert len(frames) == len(ENDS)
+    for i, frame in enumerate(frames):
+        whole, line, words = line_and_words(flat)
+        put(line, words, i, flat)
+        canvas = FigureCanvasAgg(whole)
+        canvas.draw()
+        expected = np.asarray(canvas.buffer_rgba())[..., :3]
+        assert frame.shape == expected.shape == (120, 180, 3)
+        assert (expected != 255).any()
+        differing = (np.abs(frame.astype(int) - expected) > 8).any(axis=-1)
+        assert differing.mean() < 1e-3
+    assert (frames[0] != frames[1]).any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,10 @@ from spatial_arms import of_universal_nodes
 
 from whiptool.goals.target import Target
 from whiptool.objective import Outcome, Trial
-from whiptool.viz import plots
 from whiptool.viz.animation import animate
 from whiptool.viz.film import film_of
 from whiptool.viz.page import strike_data, strike_page
+from whiptool.viz.plots_search import plot_convergence, save_convergence
 from whiptool.viz.style import COLORS
 
 UR5E = of_universal_nodes("ur5e")
@@ -87,11 +88,11 @@ def trial(number: int, miss: float, *, hit: bool = False, diverged: bool = False
 def test_the_convergence_counts_hits_as_they_are_judged():
     """Trial 2 passes the point the wrong way, trial 4 as asked."""
     trials = [trial(1, 0.4), trial(2, 0.01), trial(3, 0.2), trial(4, 0.05, hit=True)]
-    ax = plots.plot_convergence(Figure().subplots(), trials, Target((1.3, 0.0), 0.06, direction=(0, 1)))
+    ax = plot_convergence(Figure().subplots(), trials, Target((1.3, 0.0), 0.06, direction=(0, 1)))
     assert ax.get_title() == "first hit in trial 4, nearest 10 mm"
     (hits,) = (line for line in ax.lines if line.get_label() == "hit")
     assert np.array_equal(hits.get_xydata(), [[4, 0.05]])
-    ax = plots.plot_convergence(Figure().subplots(), trials[:2], Target((1.3, 0.0), 0.06, direction=(0, 1)))
+    ax = plot_convergence(Figure().subplots(), trials[:2], Target((1.3, 0.0), 0.06, direction=(0, 1)))
     assert ax.get_title() == "no hit in 2 trials, nearest 10 mm"
 
 
@@ -104,8 +105,16 @@ def test_the_convergence_says_why_trials_have_no_result():
     ]
     kinds = [kind for count, kind in lost for _ in range(count)]
     trials = [trial(1, 0.4), *(trial(i, 9.0, **kind) for i, kind in enumerate(kinds, start=2))]
-    ax = plots.plot_convergence(Figure().subplots(), trials, (1.3, 0.0))
+    ax = plot_convergence(Figure().subplots(), trials, (1.3, 0.0))
     assert ax.get_ylabel() == "miss distance [m]"
     said = [text.get_text() for text in ax.get_legend().get_texts()]
     reasons = "3 diverged, 2 beyond the joints' limits, 4 would collide, 1 beyond the arm's reach"
     assert f"trial (not shown: {reasons})" in said
+
+
+def test_a_search_whose_strikes_were_all_refused_for_many_reasons_is_drawn(tmp_path):
+    """The list of reasons was wider than the figure, and left no room for the axes."""
+    reasons = ("motor", "joint", "clearance", "unreachable")
+    trials = [trial(i + 1, np.nan, refused=reasons[i % len(reasons)]) for i in range(300)]
+    with warnings.catch_warnings(action="error"):
+        save_convergence(tmp_path, trials, PLACE, label="lemon2024, OIAC table4, directl")

@@ -5,14 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from approaches import approaches
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.objective import Outcome, Trial
-from whiptool.viz.plots import COLORS
-from whiptool.viz.plots_search import axis_label, plot_landscape, plot_trials
+from whiptool.viz.plots_search import (
+    axis_label,
+    plot_front,
+    plot_landscape,
+    plot_learning,
+    plot_trials,
+    running_mean,
+    save_front,
+    save_learning,
+)
+from whiptool.viz.style import COLORS
 
 NAMES = ("q_sf", "D")
 GOAL = Target((1.0, 0.0), 0.5)
@@ -103,3 +112,62 @@ def test_trials_stand_where_they_struck_and_hits_are_filled():
     assert lines["miss"].get_markerfacecolor() == "none"
     assert lines["hit"].get_markerfacecolor() == COLORS["vermilion"]
     assert ax.get_xlabel() == "$q_{sf}$ [rad]"
+
+
+FRONT = np.array([[1.0, 0.06], [2.0, 0.03], [4.0, 0.0]])
+TRIED = np.array([[1.5, 0.06], [90.0, 0.05]])
+LABELS = ("effort [N² m² s]", "miss distance [m]")
+
+
+def test_the_front_and_other_hits_are_drawn_with_units_and_the_front_fills_the_axes():
+    ax = plot_front(Figure().subplots(), FRONT, TRIED, labels=LABELS)
+    others, line = ax.lines
+    np.testing.assert_array_equal(line.get_xydata(), FRONT)
+    assert line.get_drawstyle() == "steps-post"
+    np.testing.assert_array_equal(others.get_xydata(), TRIED)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == LABELS
+    assert ax.get_xlim()[0] < 1 < 4 < ax.get_xlim()[1] < 90
+    assert ax.get_ylim()[0] < 0 < 0.06 < ax.get_ylim()[1]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["other hits", "Pareto front"]
+
+
+def test_a_front_of_one_hit_has_axes(tmp_path):
+    assert save_front(tmp_path, FRONT[:1], TRIED, labels=LABELS, title="one").stat().st_size > 1000
+
+
+NAN = np.nan
+COLUMNS = {
+    "number": np.arange(1.0, 11.0),
+    "mean_reward": np.linspace(-5, 40, 10),
+    "share_hit": np.linspace(0, 0.9, 10),
+    "held_out_hit": np.array([NAN, NAN, NAN, NAN, 0.5, NAN, NAN, NAN, NAN, 0.75]),
+}
+
+
+def test_the_curve_shows_rewards_shares_and_the_best_policy():
+    reward, hits = Figure().subplots(2, 1)
+    plot_learning(reward, hits, COLUMNS, trials=100, best=10)
+    np.testing.assert_array_equal(reward.lines[0].get_ydata(), COLUMNS["mean_reward"])
+    raw, _, held_out, best = hits.lines
+    np.testing.assert_allclose(raw.get_ydata(), 100 * COLUMNS["share_hit"])
+    assert held_out.get_xydata().tolist() == [[5, 50], [10, 75]]
+    assert best.get_xydata().tolist() == [[10, 75]]
+    assert {to_hex(line.get_color()).upper() for line in (raw, held_out)} <= set(COLORS.values())
+    assert raw.get_color() != held_out.get_color()
+    assert (reward.get_ylabel(), hits.get_ylabel()) == ("mean reward of a strike", "hits [%]")
+    assert hits.get_xlabel() == "episode of 100 strikes"
+    assert [text for _, text in zip(*hits.get_legend_handles_labels(), strict=True)] == [
+        "exploring strikes, running mean",
+        "first strikes at held-out goals",
+        "best policy, episode 10",
+    ]
+
+
+def test_a_training_without_held_out_goals_has_a_curve_too(tmp_path):
+    columns = {**COLUMNS, "held_out_hit": np.full(10, NAN)}
+    path = save_learning(tmp_path / "c.png", columns, trials=2, random_episodes=3, best=None, title="PPO")
+    assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_running_mean_is_of_the_values_before():
+    assert running_mean(np.array([1.0, 3.0, 5.0, 7.0]), 2) == pytest.approx([1, 2, 4, 6])

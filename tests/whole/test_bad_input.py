@@ -23,7 +23,7 @@ import pytest
 import tomli_w
 from processes import HANG
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.option_group import OptionGroup
 from whiptool.errors import InputError
 from whiptool.models import preset, write_model
@@ -49,8 +49,8 @@ OPTIONS = {
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
     "strike": ("whiptool.commands.rig", "RigStrikeOptions"),
     "learn": ("whiptool.commands.rig", "LearnOptions"),
-    "servos": ("whiptool.commands.dynamixel", "ServoOptions"),
-    "emulator": ("whiptool.commands.emulator", "EmulatorOptions"),
+    "servos": ("whiptool.commands.servos", "ServoOptions"),
+    "emulator": ("whiptool.commands.servos", "EmulatorOptions"),
 }
 NEEDS = {
     "strike": f"--strike {STRIKE}",
@@ -735,8 +735,12 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.map import main
 
         return lambda words: main([command.removeprefix("map-"), *words])
+    if command == "emulator":
+        from whiptool.commands.servos import emulator
+
+        return emulator
     home = OPTIONS[command][0]
-    return import_module(home if home.startswith("whiptool.") else f"whiptool.commands.{command}").main
+    return import_module(home).main if home.startswith("whiptool.") else cli.main_of(command)
 
 
 def flags(command: str) -> set[str]:
@@ -977,7 +981,7 @@ def test_what_a_run_was_begun_with_is_kept(tmp_path: Path) -> None:
     from whiptool.runs import RunFolder
 
     begun = OptimizeOptions(video=False, max_time=3.0)
-    folder = RunFolder.create(tmp_path / "run", {"command": "optimize", "options": cli.as_plain(begun)})
+    folder = RunFolder.create(tmp_path / "run", {"command": "optimize", "options": run_folders.as_plain(begun)})
     del folder
 
     def resumed(*words: str) -> OptimizeOptions:

@@ -22,8 +22,8 @@ from whiptool.identification.variables import with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.filmed_approach import approach_seen
 from whiptool.rollout.compiled import CompiledRollout
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted, rounded
 
 SHOWN = 6  # numbers that are listed after each strike and have a colour: those that narrowed most

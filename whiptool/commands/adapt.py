@@ -14,12 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
-from whiptool.adaptation.ports import AwaitsRecording, RobotPort
-from whiptool.commands import cli
-from whiptool.commands.interruptions import tell_when_interrupted
-from whiptool.commands.options.adapt_options import ROBOT, AdaptOptions, prepare
-from whiptool.commands.options.option_group import OptionGroup
-from whiptool.commands.options.rig_options import ask_to_release
+from whiptool.adaptation.ports import AwaitsRecording, RobotPort, truth_of
+from whiptool.commands import cli, run_folders
+from whiptool.commands.cli import tell_when_interrupted
+from whiptool.commands.options.option_group import (
+    OptionGroup,
+)
+from whiptool.commands.options.rig_options import (
+    ROBOT,
+    AdaptOptions,
+    ask_to_release,
+    hardware_rig,
+    loop_options,
+)
 from whiptool.errors import InputError
 from whiptool.progress import note
 from whiptool.whole_files import write_whole
@@ -28,8 +35,10 @@ if TYPE_CHECKING:
     from whiptool.adaptation.loop import Adaptation
     from whiptool.adaptation.prior import Belief
     from whiptool.adaptation.steps import Step
+    from whiptool.models import Model
     from whiptool.models.strike import Strike
     from whiptool.recording.strike_recording import StrikeRecording
+    from whiptool.rig.stops import Interlock
 
 REPORT = "report.html"
 AWAITS = 3  # exit status
@@ -47,6 +56,140 @@ _NEXT = (
 NEXT = "next"
 
 
+SLOW = 0.9  # [s], shortest movement within a motor's limits
+UNFELT = 0.01  # part of a motor's line that is left for the drag and dry friction that a check leaves out
+
+
+def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
+    """Return the adaptation that the options describe, ready to run.
+
+    Args:
+        options: Options of the command; `out`, `resume` and `json` are ignored.
+        folder: Run folder; None: nothing is kept.
+
+    Raises:
+        InputError: An option is out of range.
+    """
+    from whiptool.adaptation.adapter import Options
+    from whiptool.adaptation.loop import Adaptation
+    from whiptool.adaptation.prior import read_belief
+    from whiptool.limits.all_limits import default_limits
+    from whiptool.limits.arm_limits import limits_preset
+    from whiptool.models.strike import StrikeBounds, default_bounds
+    from whiptool.recording.readers import read_recording
+    from whiptool.rig.emulator.servo import HARDWARE, Motor
+    from whiptool.rig.stops import Interlock
+
+    tip = (options.port == "twin" and options.camera == "tip") or options.port == ROBOT  # no motors of ours
+    stock = options.build_stock()
+    model = options.build_model() if stock is None else stock.owned(options.build_model())
+    target = options.build_target(model)
+    controller = _controller(options, model)
+    target.check_reach(model)
+    motor = options.limits or (None if tip else "xm430")
+    motors = () if motor is None else (limits_preset(motor),)
+    usual = default_bounds(model.arm)
+    slow = StrikeBounds((*usual.lower[:-1], SLOW), usual.upper)
+    loop = Options(
+        max_strikes=options.max_strikes,
+        starts=options.starts,
+        seed=options.seed,
+        t_stay=options.t_stay,
+        limits=(*motors, *default_limits(model, prescribed=True)),
+        bounds=slow if motors else usual,
+        check=None if tip else lambda strike, believed: _refusal(options, model, controller, strike, believed),
+        still=options.still,
+        wiggle=options.wiggle,
+        **_efforts(model, limited=bool(motors)),
+    )
+    known = [read_recording(path).for_model(model) for path in options.known]
+    drive = None if tip else HARDWARE if options.friction else Motor()
+    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=drive, stock=stock)
+    interlock = Interlock()
+    port = _port(options, model, controller, stock, interlock)
+    _check_known(known, prior.plant.controller)
+    return Adaptation(prior, port, target, loop, folder, recordings=known, interlock=interlock)
+
+
+def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:
+    """How hard strikes are looked for: harder within the motors' limits, hardest where they are aimed in space."""
+    from whiptool.adaptation.planner import FIRST, FIRST_IN_SPACE, NEXT, NEXT_IN_SPACE, RETRIES_IN_SPACE
+
+    if model.dimension == 3:
+        return {"first": FIRST_IN_SPACE, "later": NEXT_IN_SPACE, "retries": RETRIES_IN_SPACE}
+    if limited:
+        return {"first": replace(FIRST, pool=1024), "later": replace(NEXT, pool=512)}
+    return {"first": FIRST, "later": NEXT}
+
+
+def _check_known(recordings, controller) -> None:
+    """Earlier strikes are learned from as if this controller had struck them."""
+    from whiptool.identification.inputs import check_controllers
+
+    try:
+        check_controllers(recordings, controller)
+    except InputError as error:
+        fix = "give the --model and --controller that it was struck with"
+        raise InputError(f"--known {error.name}", error.given, error.allowed, fix) from None
+
+
+def _controller(options: AdaptOptions, model):
+    """The controller; a rig's holds the torque for a cycle, and compensates the weights that it is given."""
+    controller = options.build_controller()
+    if options.camera == "tip" or options.port == ROBOT:
+        return controller
+    return replace(controller, control_period=1 / options.rate).reckoning_with(model)
+
+
+def _refusal(options: AdaptOptions, model, controller, strike, believed) -> str | None:
+    """Return why the control loop would refuse a strike, None if it would not.
+
+    The rehearsal leaves out drag and dry friction of the whip, which an arm hardly feels and which take small steps.
+    """
+    from whiptool.rig.rehearsal import rehearse
+
+    smooth = replace(believed, whip=replace(believed.whip, drag=0.0, dry_friction=0.0))
+    loop = loop_options(options)
+    kept_free = replace(loop, margin=loop.margin + UNFELT)
+    return rehearse(model, controller, strike, kept_free, believed=smooth).refused
+
+
+def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock):
+    """The port: a twin at the tip, a twin of the whole rig, or the rig."""
+    from whiptool.adaptation.ports import RigPort, RobotPort, TipPort
+    from whiptool.adaptation.twins import draw_twin
+    from whiptool.rig.emulator.servo import HARDWARE, Motor
+    from whiptool.rig.session import TwinRig
+
+    goal = options.build_target(model)
+    target = goal.position
+    if options.port == ROBOT:
+        return RobotPort(model, goal, t_stay=options.t_stay)
+    if options.port != "twin":
+        rig = hardware_rig(options, model, controller, loop_options(options), interlock)
+        return RigPort(lambda number: rig, target)
+    twin = draw_twin(options.family, options.seed, model, controller, stock)
+    if options.camera == "tip":
+        return TipPort(twin, target, t_stay=options.t_stay)
+    camera = "d435-infrared" if options.camera == "twin" else options.camera
+    loop = loop_options(options)
+
+    def make(number: int) -> TwinRig:
+        seed = 1000 * options.seed + number
+        return TwinRig(
+            model,
+            twin.controller,
+            truth=replace(truth_of(twin, HARDWARE if options.friction else Motor()), seed=seed),
+            camera=camera,
+            target=target,
+            options=loop,
+            at_once=True,
+            interlock=interlock,
+        )
+
+    return RigPort(make, target)
+
+
 @dataclass(frozen=True, kw_only=True)
 class NextOptions(OptionGroup):
     """Options of `whiptool adapt next`, which reads a recording and prints the next strike."""
@@ -62,14 +205,13 @@ class NextOptions(OptionGroup):
     """Print one JSON object."""
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         from whiptool.recording.readers import needed_for
 
         return needed_for(self.recordings)
 
 
 def _next(options: NextOptions) -> int:
-    begun = cli.options_of_run(AdaptOptions, options.run, command="adapt")
+    begun = run_folders.options_of_run(AdaptOptions, options.run, command="adapt")
     if begun.port != ROBOT:
         raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT}")
     if options.cameras is not None and len(options.recordings) < 2:
@@ -85,7 +227,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
         told: Recordings of the robot's last requested strike.
     """
     adaptation = prepare(options)
-    with cli.open_folder(options, "adapt", cli.configuration(options, "adapt")) as folder:
+    with run_folders.open_folder(options, "adapt", run_folders.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
         tell_when_interrupted(lambda: _torque(adaptation))
         ask_to_release(adaptation.interlock, folder.path)
@@ -102,7 +244,7 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
             return _ask(waits, folder.path, as_json=options.json)
         summary = _summary(steps)
         folder.write_result(summary)
-        cli.tell(options, summary, _conclusion(summary, folder.path))
+        options.tell(summary, _conclusion(summary, folder.path))
         note("drawing ...")
         write_whole(folder.path / REPORT, _page(adaptation, steps, options))
         return 0 if summary["hit"] else 1

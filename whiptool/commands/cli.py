@@ -1,48 +1,111 @@
-"""Functions that all command lines share: parsing, run folders, and errors in one line."""
+"""Functions of all commands: parsing, running, errors in one line, and an orderly end after Ctrl-C or SIGTERM."""
 
 from __future__ import annotations
 
 import dataclasses
 import errno
 import io
-import json
 import os
-import pathlib
+import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, Union, get_args, get_origin, get_type_hints
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
+from types import FrameType
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from whiptool.commands.help import HELP, HELP_ALL, help_text
-from whiptool.commands.interruptions import INTERRUPTED, Interruptions, with_state
+from whiptool.commands.help import help_text
 from whiptool.commands.options.option_group import (
-    JsonOptions,
+    HELP,
+    HELP_ALL,
     OptionGroup,
-    OutputOptions,
     ResumableOptions,
     flag,
-    names_of,
     of_run,
     options_named,
     renaming,
 )
-from whiptool.commands.spelling import choices, usual_words
-from whiptool.errors import NOTHING, InputError, WhiptoolError, alike
+from whiptool.commands.parsing import check_words, given_flags, options_from, partial_options, usual_words
+from whiptool.commands.run_folders import as_plain, options_of_run
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.progress import Progress
+from whiptool.rig.stops import Listener
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from whiptool.impedance import Controller
-    from whiptool.models import Model
-    from whiptool.runs import RunFolder
-
 T = TypeVar("T", bound=OptionGroup)
-_LONGEST_WORD, _DEEPEST = 4000, 200  # [characters], [folders]
-_COUNTS = {2: "two", 3: "three"}
+INTERRUPTED = 130  # exit status, of either signal
+TOGETHER = 0.5  # [s] signals of one kind within this time are one: `timeout` tells a process, and then its group
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_state: list[Callable[[], str]] = []  # of the command that runs
+
+
+def tell_when_interrupted(state: Callable[[], str]) -> None:
+    """Set a function whose text is added to the command's last line if a signal ends it, such as whether torque is
+    off."""
+    _state[:] = [state]
+
+
+def with_state(said: str) -> str:
+    """Return the last line of an interrupted command with the texts of `tell_when_interrupted` added, each once."""
+    return "; ".join([said, *(state for tell in _state if (state := tell()) not in said)])
+
+
+class Interruptions(Listener):
+    """Signal handlers of a command, installed within a `with` block.
+
+    The first signal raises KeyboardInterrupt. A second one, while the command saves and ends, ends the process at once;
+    an exception would interrupt the clean-up with a traceback. Signals of the same kind that arrive together with the
+    first count as one. While servos may be on, the handlers of `whiptool.rig.stops` replace these, so that
+    torque-off is completed; they call `note`.
+
+    Args:
+        clock: Returns the present time [s].
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._over = clock, False
+        self._first: tuple[int, float] | None = None  # which signal, and when
+        self._before: dict[int, Any] = {}
+
+    @property
+    def came(self) -> bool:
+        """Whether a signal has come."""
+        return self._first is not None
+
+    def note(self, number: int) -> None:
+        """Record a signal that has already interrupted the command, so that the next one counts as the second."""
+        self._first = self._first or (number, self._clock())
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        if self._first is None:
+            self.note(number)
+            raise KeyboardInterrupt
+        first, came = self._first
+        if number == first and self._clock() - came <= TOGETHER:
+            return
+        os.write(2, (with_state("whiptool: ended at once by a second signal") + "\n").encode())
+        os._exit(INTERRUPTED)
+
+    def end(self) -> None:
+        """Ignore further signals: all results are saved, and the process is about to end."""
+        self._over = True
+        for number in self._before:
+            signal.signal(number, signal.SIG_IGN)  # also while the interpreter ends
+
+    def __enter__(self) -> Interruptions:
+        _state.clear()
+        heard = [n for n in _SIGNALS if signal.getsignal(n) != signal.SIG_IGN]  # a shell's background jobs ignore some
+        self._before = {number: signal.signal(number, self._on_signal) for number in heard}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._over:
+            for number, handler in self._before.items():
+                signal.signal(number, handler)
 
 
 def parse(options: type[T], *, prog: str, description: str, args: Sequence[str] | None, default: T | None = None) -> T:
@@ -68,145 +131,12 @@ def _parsed(
 ) -> T:
     """As `parse`, values not checked: those of a run to be resumed are in its folder."""
     words = usual_words(sys.argv[1:] if args is None else args, options)
-    _check_words(words)
+    check_words(words)
     if {*HELP, HELP_ALL} & set(words):
-        known = _known(options, [word for word in words if word not in (*HELP, HELP_ALL)])
+        known = partial_options(options, [word for word in words if word not in (*HELP, HELP_ALL)])
         print(help_text(known, prog=prog, description=description, whole=HELP_ALL in words))
         raise SystemExit(0)
-    return _typed(options, words, default)
-
-
-def _known(options: type[T], words: list[str]) -> T:
-    """Return options as far as words give them; where these are wrong, as if none were given."""
-    if words:
-        try:
-            return _typed(options, words)
-        except (InputError, SystemExit):
-            pass
-    found = object.__new__(options)
-    for f in dataclasses.fields(options):
-        object.__setattr__(found, f.name, None if f.default is dataclasses.MISSING else f.default)
-    return found
-
-
-def _typed(options: type[T], words: list[str], default: T | None = None) -> T:
-    """Return the options that words give, or the error of the first that is wrong."""
-    import tyro
-    from tyro import _errors as tyro_errors
-
-    def refuse(event: Any) -> None:
-        raise _refusal(event, options, words)
-
-    given = given_flags(words)
-    with tyro_errors.on_parse_error(refuse):
-        extra: dict[str, Any] = {} if default is None else {"default": default}
-        parsed = tyro.cli(options, args=words, add_help=False, **extra)
-    for f in dataclasses.fields(parsed):
-        needs = f.name not in options.named("may_be_empty")
-        if needs and flag(f.name) in given and getattr(parsed, f.name) == ():
-            raise InputError(flag(f.name), NOTHING, "one value or more")
-    return _spelled(parsed, given)
-
-
-def _spelled(parsed: T, given: Sequence[str]) -> T:
-    """Return options with the names that are given in the spelling of the library, which has to know them."""
-    found: dict[str, Any] = {}
-    for name, kind in get_type_hints(type(parsed), include_extras=True).items():
-        if flag(name) in given and (names := names_of(kind)):
-            value, option = getattr(parsed, name), flag(name)
-            one = isinstance(value, str)
-            found[name] = names.name(option, value) if one else tuple(names.name(option, x) for x in value or ())
-    return dataclasses.replace(parsed, **found) if found else parsed
-
-
-def _refusal(event: Any, options: type[OptionGroup], words: list[str]) -> InputError:
-    """Return the error that says what tyro found wrong."""
-    from tyro import _errors as tyro_errors
-
-    argument: Any = getattr(event, "argument", None)
-    name = argument.lowered.name_or_flags[0] if argument is not None else "command line"
-    if isinstance(event, tyro_errors.UnrecognizedArgs):
-        unknown = next((x for x in event.tokens if x.startswith("-")), "command line")
-        return InputError(unknown, " ".join(event.tokens), "the options that --help lists", _meant(unknown, options))
-    if isinstance(event, tyro_errors.MissingArgs):
-        return _missing(event.missing_arguments[0].arg)
-    if isinstance(event, tyro_errors.InvalidChoice):
-        allowed = choices(get_type_hints(options)[event.argument.field.intern_name])
-        return InputError(name, event.value, ", ".join(map(str, allowed)))
-    if isinstance(event, tyro_errors.BadValue):
-        given = NOTHING if event.offending_value is None else event.offending_value
-        return InputError(name, given, "a value (see --help)")
-    if isinstance(event, tyro_errors.InstantiationFailure) and argument is not None:
-        kind = get_type_hints(options, include_extras=True).get(argument.field.intern_name)
-        return InputError(name, _given(name, words), _kind_in_words(kind))
-    return InputError("command line", " ".join(words), "options and values as in --help")
-
-
-def _check_words(words: Sequence[str]) -> None:
-    """Refuse words that are not text in the terminal's encoding, and words that are too long for a path.
-
-    Raises:
-        InputError: There is such a word.
-    """
-    for word in words:
-        if len(word) > _LONGEST_WORD or word.count("/") > _DEEPEST:
-            rule = f"words of at most {_LONGEST_WORD} characters, paths of at most {_DEEPEST} folders"
-            raise InputError("command line", word, rule)
-        if any("\ud800" <= x <= "\udfff" for x in word):
-            raise InputError("command line", word, "text in the terminal's encoding", "export LC_ALL=C.UTF-8")
-
-
-def _kind_in_words(kind: Any) -> str:
-    """Return what an option of a type takes, such as `a number` or `two of miss, effort`."""
-    if get_origin(kind) in (UnionType, Union):
-        return _kind_in_words(next(part for part in get_args(kind) if part is not NoneType))
-    registered = names_of(kind)
-    if get_origin(kind) is tuple:
-        parts = get_args(kind)
-        names = ", ".join(registered.known() if registered else map(str, choices(parts[0])))
-        count = "" if Ellipsis in parts else f"{_COUNTS.get(len(parts), len(parts))} "
-        return f"{count or 'one or more '}of {names}" if names else f"{count}numbers with a space or comma between them"
-    names = ", ".join(registered.known() if registered else map(str, choices(kind)))
-    return names or {int: "a whole number", float: "a number"}.get(kind, "a value of its type")
-
-
-def _meant(unknown: str, options: type[OptionGroup]) -> str:
-    """Return the question which option was meant; empty where none is like what was given.
-
-    `--zone` is short for `--zone-radius`, and `--no-videos` a misspelling of `--no-video`.
-    """
-    kinds = get_type_hints(options)
-    known = ["help", HELP_ALL[2:], *(flag(f.name)[2:] for f in dataclasses.fields(options))]
-    known += [f"no-{name}" for name in known if kinds.get(name.replace("-", "_")) is bool]
-    given = unknown.split("=")[0].replace("_", "-").lstrip("-")
-    longer = [name for name in known if set(given.split("-")) <= set(name.split("-"))]
-    meant = longer[:3] or [name for name in [alike(given, known)] if name]
-    return f"did you mean {' or '.join(f'--{name}' for name in meant)}?" if meant else ""
-
-
-def _missing(argument: Any) -> InputError:
-    """Return the error that says which argument is missing, and what it means."""
-    field = argument.field
-    positional = field.argconf.metavar or field.intern_name.upper()
-    name = positional if argument.is_positional() else argument.lowered.name_or_flags[0]
-    meaning = field.helptext() if callable(field.helptext) else field.helptext
-    return InputError(name, NOTHING, (meaning or "a value").rstrip("."), "--help tells more")
-
-
-def given_flags(words: Sequence[str]) -> list[str]:
-    """Return the options on a command line, `--no-video` as `--video`.
-
-    Raises:
-        InputError: An option is given twice.
-    """
-    found: list[str] = []
-    for word in words:
-        if word.startswith("--"):
-            given = flag(word.split("=")[0].removeprefix("--").replace("_", "-").removeprefix("no-"))
-            if given in found:
-                raise InputError(given, "twice", "an option once")
-            found.append(given)
-    return found
+    return options_from(options, words, default)
 
 
 def parse_resumable(
@@ -259,192 +189,6 @@ def parse_resumable(
                 "leave it out, or start a new run",
             )
     return again
-
-
-def options_of_run(options: type[T], run_folder: Path, *, command: str) -> T:
-    """Return the options that a command left in its run folder.
-
-    Raises:
-        InputError: The folder is of another command, or its configuration is damaged.
-    """
-    from whiptool.runs import config_of
-
-    return stored_options(options, config_of(run_folder, command)["options"], run_folder)
-
-
-def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
-    """Return the options that a run folder holds; an optional one that is missing is None, which TOML cannot express.
-
-    Raises:
-        InputError: The folder has options of another command.
-    """
-    kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
-    fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
-    fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
-    for name in (name for name, kind in kinds.items() if "observation" in name and fields.get(name) is not None):
-        fields[name] = _named_now(fields[name])
-    paths = [name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None]
-    try:
-        fields |= {name: pathlib.Path(fields[name]) for name in paths}
-        return options(**fields)
-    except TypeError as error:
-        raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None
-
-
-def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:
-    """Return one or several observations of a stored run under the names that they have now."""
-    from whiptool.rl.task import OLD_OBSERVATIONS
-
-    if isinstance(observation, tuple):
-        return tuple(OLD_OBSERVATIONS.get(name, name) for name in observation)
-    return OLD_OBSERVATIONS.get(observation, observation)
-
-
-def configuration(
-    options: OptionGroup, command: str, model: Model | None = None, controller: Controller | None = None, **parts: Any
-) -> dict[str, Any]:
-    """Return the configuration that a run folder stores: options, model and controller, without the code's version.
-
-    Args:
-        options: Options of the command; those that concern only this call (`of_this_call`) are left out.
-        command: Name of the command, as in `python -m whiptool.COMMAND`.
-        model, controller: Model and controller that the options describe; None: they are stored elsewhere.
-        parts: Further resolved parts, as plain TOML data.
-    """
-    from whiptool.impedance.controller import controller_to_table
-    from whiptool.models.files import model_to_table
-
-    config = {"command": command, "options": as_plain(options.kept()), **parts}
-    if model is not None:
-        config["model"] = model_to_table(model)
-    if controller is not None:
-        config["controller"] = controller_to_table(controller)
-    return config
-
-
-def new_folder(options: OutputOptions, name: str, config: dict[str, Any]) -> RunFolder:
-    """Make the folder of a new run, as `--out` says, or below `runs`.
-
-    Args:
-        options: Options that name the folder.
-        name: Name of the folder, unless `--out` gives another.
-        config: See `configuration`.
-
-    Raises:
-        InputError: The folder cannot be made, is not empty, or another process writes in it.
-    """
-    from whiptool.runs import RunFolder, code_version, default_folder
-
-    check_matplotlib()
-    resumable = hasattr(options, "resume")
-    with renaming({"run_folder": "run folder"}, fix="give --out"):
-        path = options.out or default_folder(name)
-    with _out_named(resumable):
-        note = _go_on(path) if resumable else ""
-        return RunFolder.create(path, {"version": code_version(), **config}, on_interrupt=note)
-
-
-def check_out(options: OutputOptions) -> None:
-    """Refuse an `--out` that `new_folder` would refuse, without changing it.
-
-    Raises:
-        InputError: The folder is not empty, or another process writes in it.
-    """
-    from whiptool.runs import check_new
-
-    if options.out is not None:
-        with _out_named(resumable=hasattr(options, "resume")):
-            check_new(options.out)
-
-
-@contextmanager
-def _out_named(resumable: bool) -> Iterator[None]:
-    from whiptool.runs import FolderTaken
-
-    with renaming({"run_folder": "--out"}):
-        try:
-            yield
-        except FolderTaken as error:
-            raise error.renamed(error.name, "to go on with a killed run, give --resume" if resumable else "") from None
-
-
-def _go_on(path: Path) -> str:
-    return f"go on with --resume {path}"
-
-
-def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) -> RunFolder:
-    """Return the run folder of a command: a new one, or that of the run to resume.
-
-    Args:
-        options: Options that name the folder.
-        name: Name of a new folder, unless `--out` names it.
-        config: The configuration as it is resolved now, see `configuration`.
-
-    Raises:
-        InputError: The folder cannot be made, another process writes in it, or it holds a run with another
-            configuration.
-    """
-    from whiptool.runs import RunFolder
-
-    if options.resume is None:
-        return new_folder(options, name, config)
-    with renaming({"run_folder": "--resume"}):
-        folder = RunFolder.open(options.resume, on_interrupt=_go_on(options.resume))
-    check_same_run(folder, config)
-    return folder
-
-
-def check_same_run(folder: RunFolder, config: dict) -> None:
-    """Refuse to resume a run whose stored configuration differs from that of its options in this version.
-
-    Raises:
-        InputError: A part differs; it is named.
-    """
-    from whiptool.runs import begun_by
-
-    stored = folder.config
-    for part, value in config.items():
-        if part != "options" and stored.get(part) != value:  # `parse_resumable` compares these one by one
-            fix = f"the {part} differs from when the run began{begun_by(stored)}; begin a new run"
-            raise InputError("--resume", str(folder.path), f"a run of the same {part}", fix)
-
-
-def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
-    """Return whether a run's stored model or controller is the present one; older versions wrote fewer keys."""
-    from whiptool.impedance.controller import controller_from_table, controller_to_table
-    from whiptool.models.files import model_from_table, model_to_table
-
-    try:
-        if part == "model":
-            return model_to_table(model_from_table(stored)) == now
-        return controller_to_table(controller_from_table(stored)) == now
-    except InputError:
-        return False
-
-
-def _given(flag: str, words: list[str]) -> str:
-    """What stood behind a flag on the command line."""
-    joined = next((word for word in words if word.startswith(flag + "=")), None)
-    if joined is not None:
-        return joined.partition("=")[2]
-    if flag not in words:
-        return ""
-    behind = words[words.index(flag) + 1 :]
-    return " ".join(behind[: next((i for i, word in enumerate(behind) if word.startswith("--")), len(behind))])
-
-
-def check_matplotlib() -> None:
-    """Refuse settings with which matplotlib cannot be imported, before anything is computed for its figures.
-
-    Raises:
-        InputError: matplotlib refuses its settings; the environment variable or file is named.
-    """
-    try:
-        import matplotlib  # noqa: F401
-    except (ValueError, OSError) as error:
-        name = "matplotlibrc" if isinstance(error, (UnicodeDecodeError, OSError)) else "MPLBACKEND"
-        place = os.environ.get(name, os.environ.get("MATPLOTLIBRC", "matplotlibrc"))
-        raise InputError(name, place, f"settings that matplotlib takes ({str(error)[:160]})") from None
 
 
 def run(command: Callable[[], int]) -> int:
@@ -556,11 +300,6 @@ def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = ""
     return main
 
 
-def tell(options: JsonOptions, summary: Mapping[str, Any], text: str) -> None:
-    """Print a result: one JSON object, or lines of text."""
-    print(json.dumps(summary, allow_nan=False) if options.json else text, flush=True)
-
-
 COMMANDS = {
     "optimize": "find a strike that hits a target",
     "identify": "fit a whip's parameters to recorded strikes",
@@ -575,12 +314,11 @@ COMMANDS = {
     "rig": "strike with a real arm, or with its simulated twin",
     "doctor": "check the installation and this machine",
 }
+_OF_PAPERS = ("reproduce", "human")  # commands in `whiptool.commands.papers`
 
 
 def main() -> int:
     """Run `whiptool COMMAND ...`, which is the same as `python -m whiptool.COMMAND ...`."""
-    from importlib import import_module
-
     args = sys.argv[1:]
     if args[:1] == ["--version"]:
         print(f"whiptool {__version__}")
@@ -592,23 +330,14 @@ def main() -> int:
         return 0
     if args[0] not in COMMANDS:
         return run(lambda: _unknown("command", args[0], COMMANDS))
-    return import_module(f"whiptool.commands.{args[0]}").main(args[1:])
+    return main_of(args[0])(args[1:])
+
+
+def main_of(name: str) -> Main:
+    """Return the `main` of a command of `COMMANDS`."""
+    module, main = ("papers", name) if name in _OF_PAPERS else (name, "main")
+    return getattr(import_module(f"whiptool.commands.{module}"), main)
 
 
 def _unknown(name: str, given: str, known: Iterable[str], fix: str = "") -> int:
     raise InputError(name, given, ", ".join(known), fix)
-
-
-def as_plain(options: Any) -> dict:
-    """Return options as plain TOML data, without those that are None."""
-    plain = {}
-    for f in dataclasses.fields(options):
-        value = getattr(options, f.name)
-        if isinstance(value, os.PathLike):
-            plain[f.name] = os.path.abspath(value)  # noqa: PTH100
-        elif value is not None:
-            plain[f.name] = list(value) if isinstance(value, tuple) else value
-    for name in ("model", "controller"):
-        if str(plain.get(name, "")).endswith(".toml"):  # the same file, wherever the run is resumed
-            plain[name] = os.path.abspath(plain[name])  # noqa: PTH100
-    return plain

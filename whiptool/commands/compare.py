@@ -10,9 +10,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
-from whiptool.commands.options.option_group import MANY_TARGETS, Condition, Conditions, ResumableOptions, unless, whole
+from whiptool.commands.options.model_options import ModelOptions
+from whiptool.commands.options.option_group import (
+    MANY_TARGETS,
+    Condition,
+    Conditions,
+    Count,
+    Ranges,
+    ResumableOptions,
+    unless,
+)
 from whiptool.commands.options.search_options import (
     Methods,
     Observation,
@@ -20,9 +29,8 @@ from whiptool.commands.options.search_options import (
     learned_with,
     spell_methods,
 )
-from whiptool.commands.options.simulator_options import StepOptions
-from whiptool.commands.options.target_options import ModelOptions, ZoneOptions
-from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
+from whiptool.commands.options.strike_options import StepOptions
+from whiptool.commands.options.target_options import ZoneGoalOptions, ZoneOptions
 from whiptool.errors import InputError
 from whiptool.runs import CITATIONS
 from whiptool.whole_files import write_whole
@@ -49,10 +57,6 @@ LEARNING = ("observation", "episodes", "trials", "random_episodes", "hindsight")
 _LEARNED = Condition("only with a learner among --methods", lambda o: bool(learned_with(o.methods)))
 
 
-def _sees_more_than_the_tip(options: CompareOptions) -> bool:
-    return set(options.observation) != {"tip"}
-
-
 @dataclass(frozen=True, kw_only=True)
 class ComparisonOptions(
     ResumableOptions,
@@ -68,6 +72,14 @@ class ComparisonOptions(
     changeable: ClassVar[tuple[str, ...]] = ("workers", "cluster")
     heading: ClassVar[str] = "comparison"
     only_with: ClassVar[Conditions] = {"workers": unless("cluster", why=", which has its own")}
+    ranges: ClassVar[Ranges] = {
+        "targets": Count(high=MANY_TARGETS),
+        "target_seed": Count(0),
+        "seeds": Count(high=10_000),
+        "max_trials": Count(high=MANY_TARGETS),
+        "further_episodes": Count(),
+        "workers": Count(),
+    }
     first: ClassVar[tuple[str, ...]] = (
         "targets",
         "seeds",
@@ -96,24 +108,14 @@ class ComparisonOptions(
     given."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         widest = self.hit_radius
         for radius in self.tighter:
             if not 0 < radius < widest or self.tighter.count(radius) > 1:
                 allowed = f"different hit radii between 0 and --hit-radius, {widest:g} m"
                 raise InputError("--tighter", radius, allowed)
-        whole("--targets", self.targets, high=MANY_TARGETS)
-        whole("--target-seed", self.target_seed, low=0)
-        whole("--seeds", self.seeds, high=10_000)
-        whole("--max-trials", self.max_trials, high=MANY_TARGETS)
-        if self.further_episodes is not None:
-            whole("--further-episodes", self.further_episodes)
-        if self.workers is not None:
-            whole("--workers", self.workers)
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return () if self.cluster is None else ("ray",)
 
     def usual(self, name: str) -> object:
@@ -170,7 +172,10 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     in_space: ClassVar[bool] = True
     only_with: ClassVar[Conditions] = {
         **dict.fromkeys(LEARNING, _LEARNED),
-        "further_episodes": (_LEARNED, Condition("only with an observation other than tip", _sees_more_than_the_tip)),
+        "further_episodes": (
+            _LEARNED,
+            Condition("only with an observation other than tip", lambda o: set(o.observation) != {"tip"}),
+        ),
         **dict.fromkeys(ZoneOptions.of_disc, unless("zone", "fast")),
     }
 
@@ -187,7 +192,6 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
         spell_methods(self, "methods")
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.optimizers import find_method
 
         super().check()
@@ -195,7 +199,6 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
             find_method(method)
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return (*super().needs(), *learned_with(self.methods))
 
 
@@ -245,7 +248,7 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
     about = f"{targets}{asked}. {difficulty_sentence(task)}"
     text = save(folder.path, series, about)
     files = f"run folder {folder.path} (table.csv, table.md, bars.png, ecdf.png, {CITATIONS})"
-    cli.tell(options, summary, f"{text}\n{files}")
+    options.tell(summary, f"{text}\n{files}")
     return 0
 
 
@@ -256,7 +259,9 @@ def open_folder(command: str, options: ComparisonOptions, comparison: Comparison
         InputError: The folder cannot be made, or holds a run with another configuration.
     """
     scene = comparison.scene
-    return cli.open_folder(options, command, cli.configuration(options, command, scene.model, scene.controller))
+    return run_folders.open_folder(
+        options, command, run_folders.configuration(options, command, scene.model, scene.controller)
+    )
 
 
 def save(folder: Path, series: Sequence[Series], about: str) -> str:

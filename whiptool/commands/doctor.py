@@ -38,7 +38,7 @@ def _work(options: DoctorOptions) -> int:
     lines = [
         f"{'!' if f.fix else ' '} {f.name:22s} {f.found}" + (f"\n{'':25s}-> {f.fix}" if f.fix else "") for f in findings
     ]
-    cli.tell(options, {f.name: {"found": f.found, "fix": f.fix} for f in findings}, "\n".join(lines))
+    options.tell({f.name: {"found": f.found, "fix": f.fix} for f in findings}, "\n".join(lines))
     return int(any(f.name in CORE and f.fix for f in findings))
 
 

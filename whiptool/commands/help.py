@@ -16,11 +16,10 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from whiptool.commands.options.option_group import Names, OptionGroup, flag
+from whiptool.commands.options.option_group import HELP_ALL, Names, OptionGroup, flag
 from whiptool.errors import WhiptoolError
 from whiptool.words import counted
 
-HELP, HELP_ALL = ("-h", "--help"), "--help-all"
 SCREEN = 40  # [lines]; a command with more in all has its most used options on the first screen
 _WIDTH, _COLUMN = 100, 30  # [characters]
 _METAVARS = {float: "X", int: "N", str: "NAME", Path: "PATH"}
@@ -66,7 +65,7 @@ def _without_effect(given: OptionGroup) -> dict[str, str]:
             broken = given.broken_condition(f.name)
         except (WhiptoolError, OSError, TypeError):  # what is given is wrong, or not all of it
             continue
-        if broken is not None and getattr(given, f.name) == given.usual(f.name):
+        if broken is not None and not given.given(f.name):
             found[f.name] = broken.words
     return found
 

@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.identify_options import IDENTIFIED, RECORDINGS, REPORT, IdentifyOptions
-from whiptool.commands.options.option_group import refuse_idle
 from whiptool.errors import InputError
 from whiptool.progress import note
 from whiptool.runs import CITATIONS
@@ -82,7 +81,7 @@ class FitRun:
         self.assumed = controller is None and options.drive == "command"
         if controller is not None:
             held = "only for recordings without their controller"
-            refuse_idle(options, dict.fromkeys(("controller", "preset"), held))
+            options.refuse_given(held, "controller", "preset")
         self.plant = Plant(self.model, None if self.bare else controller or fallback, profile, options.clamp)
         self.free = full_names(options.free, self.plant)
         self.how = FitOptions(
@@ -213,7 +212,7 @@ class FitRun:
             {"source": r.source, "sha256": r.sha256, "held_out": out, "file": f"{RECORDINGS}/{file}"}
             for (r, out), file in zip(pairs, files, strict=True)
         ]
-        config = cli.configuration(
+        config = run_folders.configuration(
             self.options,
             "identify",
             None if self.bare else self.plant.model,  # an arm without a whip is in the file of --model
@@ -221,7 +220,7 @@ class FitRun:
             free=list(self.free),
             recordings=recordings,
         )
-        return cli.open_folder(self.options, "identify", config)
+        return run_folders.open_folder(self.options, "identify", config)
 
     def write_recordings(self, folder: RunFolder) -> None:
         """Store the recordings that are fitted, and print how each was read."""
@@ -291,7 +290,7 @@ class FitRun:
             self._say(f"{number} of {tried} failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
-        cli.tell(self.options, summary, self._text(summary, path))
+        self.options.tell(summary, self._text(summary, path))
         note("drawing ...")
         from whiptool.identification.fit_report import sections
         from whiptool.viz.report import to_html
@@ -427,7 +426,7 @@ def _file_names(sources: list[str]) -> list[str]:
 
 
 def _work(options: IdentifyOptions) -> int:
-    cli.check_out(options)  # before hours of film are tracked
+    run_folders.check_out(options)  # before hours of film are tracked
     run = FitRun(options)
     with run.open_folder() as folder:
         run.write_recordings(folder)

@@ -11,26 +11,23 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from tyro.conf import Positional
 
-from whiptool.commands import cli
-from whiptool.commands.limits_told import with_cure
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
-from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
     Condition,
     Conditions,
+    Count,
     OutputOptions,
+    Ranges,
     ResumableOptions,
     SeedOptions,
-    flag,
-    whole,
 )
-from whiptool.commands.options.region_options import RegionOptions
-from whiptool.commands.options.simulator_options import StepOptions
-from whiptool.commands.options.target_options import GoalOptions, ModelOptions
-from whiptool.commands.options.trajectory_options import TrajectoryOptions
+from whiptool.commands.options.strike_options import LimitOptions, StepOptions, TrajectoryOptions
+from whiptool.commands.options.target_options import GoalOptions, RegionOptions
 from whiptool.commands.pictures import StrikeRun, tell_strike
-from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines
+from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines, with_cure
 from whiptool.extras import optional
 
 if TYPE_CHECKING:
@@ -63,6 +60,11 @@ class BuildOptions(
     )
     in_space: ClassVar[bool] = True
 
+    ranges: ClassVar[Ranges] = {
+        **dict.fromkeys(("random_strikes", "room", "goals", "tests"), Count(high=MANY_TARGETS)),
+        **dict.fromkeys(("rounds", "gate_strikes"), Count(0, MANY_TARGETS)),
+    }
+
     random_strikes: int = 8192
     """Number of random strikes. The map begins with the points of the region that they pass."""
     room: int = 2
@@ -78,16 +80,7 @@ class BuildOptions(
     tests: int = 300
     """Number of random goals on which the finished map is tested."""
 
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        for name in ("random_strikes", "room", "goals", "tests"):
-            whole(flag(name), getattr(self, name), high=MANY_TARGETS)
-        for name in ("rounds", "gate_strikes"):
-            whole(flag(name), getattr(self, name), low=0, high=MANY_TARGETS)
-
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return ("torch",) if self.gate_strikes else ()
 
 
@@ -124,14 +117,14 @@ def _build(options: BuildOptions) -> int:
 
     if options.gate_strikes:
         optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
-    config = cli.configuration(options, "map", options.build_model(), options.build_controller())
+    config = run_folders.configuration(options, "map", options.build_model(), options.build_controller())
     building = building_of(config)
-    with cli.open_folder(options, "map", config) as folder:
+    with run_folders.open_folder(options, "map", config) as folder:
         start = time.monotonic()
         strike_map = built(building, folder.path)
         summary = _tested(options, strike_map, time.monotonic() - start)
         folder.write_result(summary)
-        cli.tell(options, summary, _text(summary, folder.path))
+        options.tell(summary, _text(summary, folder.path))
     return 0
 
 
@@ -190,7 +183,7 @@ def _strike(options: MapStrikeOptions) -> int:
     from whiptool.runs import code_version
     from whiptool.strike_map.building import load_map
 
-    cli.check_out(options)
+    run_folders.check_out(options)
     strike_map = load_map(options.run)
     striker = strike_map.striker
     rollout, model, limits = striker.rollout, striker.rollout.model, striker.limits.members
@@ -209,10 +202,10 @@ def _strike(options: MapStrikeOptions) -> int:
     lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
     summary = {"strike": named, **outcome_table(outcome, target), "refined": options.refine, "beyond": beyond}
     summary |= {"model": model.name, "version": code_version()}
-    config = cli.configuration(options, "map strike", model, rollout.controller)
+    config = run_folders.configuration(options, "map strike", model, rollout.controller)
     if not options.run.exists():  # a map of the package, whose name is not a path
         config["options"]["run"] = options.run.name
-    with cli.new_folder(options, "map-strike", config) as folder:
+    with run_folders.new_folder(options, "map-strike", config) as folder:
         tell_strike(
             options,
             folder,

@@ -9,24 +9,31 @@ from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar
 
-from whiptool.commands import cli
-from whiptool.commands.limits_told import limit_lines, limits_table, refuse_unheld, with_cure
-from whiptool.commands.options.criteria_options import CriteriaOptions
-from whiptool.commands.options.limit_options import LimitOptions
-from whiptool.commands.options.option_group import Conditions, ResumableOptions, SeedOptions, unless
+from whiptool.commands import cli, run_folders
+from whiptool.commands.options.controller_options import SpaceOptions
+from whiptool.commands.options.model_options import ModelOptions
+from whiptool.commands.options.option_group import Conditions, Interval, Ranges, ResumableOptions, SeedOptions, unless
 from whiptool.commands.options.search_options import (
     METHODS,
     WITH_DERIVATIVES,
+    CriteriaOptions,
     SearchOptions,
     learned_with,
+    refuse_unheld,
     spell_methods,
 )
-from whiptool.commands.options.simulator_options import SimulatorOptions
-from whiptool.commands.options.space_options import SpaceOptions
-from whiptool.commands.options.target_options import GoalOptions, ModelOptions
-from whiptool.commands.options.trajectory_options import TrajectoryOptions
-from whiptool.commands.pictures import StrikeRun, drawing_process, tell_strike
-from whiptool.commands.strike_lines import finite, outcome_lines, outcome_table, strike_lines
+from whiptool.commands.options.strike_options import LimitOptions, SimulatorOptions, TrajectoryOptions
+from whiptool.commands.options.target_options import GoalOptions
+from whiptool.commands.pictures import PictureProcess, StrikeRun, tell_strike
+from whiptool.commands.strike_lines import (
+    finite,
+    limit_lines,
+    limits_table,
+    outcome_lines,
+    outcome_table,
+    strike_lines,
+    with_cure,
+)
 from whiptool.errors import InputError
 from whiptool.progress import Progress
 from whiptool.words import counted
@@ -58,6 +65,8 @@ class OptimizeOptions(
         "pareto": unless("simulator", "reference", why=", which has no derivatives"),
     }
 
+    ranges: ClassVar[Ranges] = {"max_time": Interval(0, strict=True)}
+
     method: Annotated[str, METHODS] | None = None
     """Search method (default: directl, for an arm in space gradient). nlopt:NAME is any of NLopt's global algorithms,
     such as nlopt:GN_CRS2_LM."""
@@ -75,8 +84,6 @@ class OptimizeOptions(
             spell_methods(self, "method")
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
         from whiptool.optimizers import find_method
 
         super().check()
@@ -84,11 +91,8 @@ class OptimizeOptions(
             find_method(self.method)
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
             raise InputError("--method", self.method, "one that uses no derivatives: --simulator reference has none")
-        if self.max_time is not None:
-            number("--max-time", self.max_time, low=0, strict=True)
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return learned_with([self.method] if self.method else [])
 
 
@@ -109,7 +113,7 @@ class SearchRun:
         self.target = options.build_target(self.model)
         self.target.check_reach(self.model)
         self.controller.check_fits(self.model.arm)
-        self.drawing = drawing_process() if options.video else None  # it imports meanwhile
+        self.drawing = PictureProcess() if options.video else None  # it imports meanwhile
         from whiptool.objective import Objective
         from whiptool.optimizers import usual_method
         from whiptool.optimizers.trial_log import TRIALS, TrialLog
@@ -132,13 +136,13 @@ class SearchRun:
         refuse_unheld(self.model, self.controller, self.objective.limits, self.objective.bounds)
         self.version = code_version()
         box = {name: list(values) for name, values in asdict(bounds).items()}
-        config = cli.configuration(options, "optimize", self.model, self.controller, bounds=box)
+        config = run_folders.configuration(options, "optimize", self.model, self.controller, bounds=box)
         self.method = "pareto" if options.pareto is not None else options.method or usual_method(self.rollout)
         if self.method == "map":
             from whiptool.optimizers.gradient_search import map_for
 
             map_for(self.objective)
-        self.folder = cli.open_folder(options, self.method.replace(":", "-"), config)
+        self.folder = run_folders.open_folder(options, self.method.replace(":", "-"), config)
         arriving = not self.objective.goals.only_points
         names = [criterion.name for criterion in self.objective.criteria]
         self.log = TrialLog(
@@ -209,7 +213,9 @@ class SearchRun:
         options, joints = self.options, self.model.arm.joints
         trajectory = self.rollout.trajectory(result.strike, t_stay=options.t_stay)
         table = limits_table(self.objective.limits, trajectory, result.strike, joints)
-        table |= self._refusals(result) if table else {}
+        if table:
+            by = Counter(trial.outcome.refused for trial in result.trace if trial.outcome.refused is not None)
+            table |= {"n_refused": by.total(), "refused": dict(by)}
         summary = self._summary(result) | table
         label, beyond = options.controller_label(), table.get("beyond")
 
@@ -236,42 +242,34 @@ class SearchRun:
 
     def _further(self, result, label: str) -> list[str]:
         """Draw how the search converged, and its front if there is one; return what that is, for people."""
-        from whiptool.viz.plots import save_convergence
+        from whiptool.viz.plots_search import save_convergence
 
         label = f"{self.model.name}, {label}, {result.method}"
         save_convergence(self.folder.path, result.trace, self.target, label=label)
-        return self._save_front(result, label)
+        return [] if self.options.pareto is None else [self._save_front(result, label)]
 
-    def _save_front(self, result, label: str) -> list[str]:
-        """Write the Pareto front as JSON, CSV and figure, if one was asked for; return what that is, for people."""
-        if self.options.pareto is None:
-            return []
+    def _save_front(self, result, label: str) -> str:
+        """Write the Pareto front as JSON, CSV and figure; return what that is, for people."""
         import numpy as np
 
         from whiptool.models.strike import strike_names
-        from whiptool.viz.plots_front import save_front
+        from whiptool.optimizers.pareto_search import ParetoFront
+        from whiptool.viz.plots_search import save_front
         from whiptool.whole_files import write_whole
 
-        front, names, folder = self._front(result), strike_names(self.model.arm), self.folder.path
+        first, second = self.objective.criteria
+        front, names, folder = (
+            ParetoFront.of((first, second), result.trace),
+            strike_names(self.model.arm),
+            self.folder.path,
+        )
         write_whole(folder / "front.json", json.dumps(front.table(names), indent=2, allow_nan=False) + "\n")
         write_whole(folder / "front.csv", front.csv(names))
         if front.trials:
             tried = np.array([trial.outcome.values for trial in result.trace if trial.outcome.hit])
             labels = [f"{x.words} [{x.unit}]" for x in front.criteria]
             save_front(folder, front.values, tried, labels=labels, title=label)
-        return [f"front of {counted(len(front.trials), 'hit')}"]
-
-    def _front(self, result):
-        """Return the Pareto front of what was tried."""
-        from whiptool.optimizers.pareto_search import ParetoFront
-
-        first, second = self.objective.criteria
-        return ParetoFront.of((first, second), result.trace)
-
-    def _refusals(self, result) -> dict:
-        """How many strikes were refused, and how many by each of the limits, for JSON."""
-        by = Counter(trial.outcome.refused for trial in result.trace if trial.outcome.refused is not None)
-        return {"n_refused": by.total(), "refused": dict(by)}
+        return f"front of {counted(len(front.trials), 'hit')}"
 
     def _judged(self, result) -> list[dict] | None:
         """What the best strike is judged by, for JSON; None: by the miss alone."""
@@ -389,15 +387,10 @@ def _in_mujoco(reference: dict, outcome) -> str:
     if reference["miss_distance"] is None:
         said = "not computed for such a strike" if outcome.lost else "not confirmed: no result in MuJoCo"
         return f"  reference      {said}"
-    difference = f"a difference of {1e3 * reference['difference']:+.3f} mm{_arrival_in_mujoco(reference)}"
-    return f"  reference      {reference['miss_distance']:.4f} m in MuJoCo, {difference}"
-
-
-def _arrival_in_mujoco(reference: dict) -> str:
-    """How the tip arrived in MuJoCo, for people, behind its miss distance."""
-    said = [] if reference["angle"] is None else [f"{math.degrees(reference['angle']):.2f} degrees"]
-    said += [] if reference["speed"] is None else [f"{reference['speed']:.1f} m/s"]
-    return f"; arrives at {', '.join(said)}" if said else ""
+    arrival = [] if reference["angle"] is None else [f"{math.degrees(reference['angle']):.2f} degrees"]
+    arrival += [] if reference["speed"] is None else [f"{reference['speed']:.1f} m/s"]
+    said = f"{reference['miss_distance']:.4f} m in MuJoCo, a difference of {1e3 * reference['difference']:+.3f} mm"
+    return f"  reference      {said}{'; arrives at ' * bool(arrival)}{', '.join(arrival)}"
 
 
 def _work(options: OptimizeOptions) -> int:

@@ -1,12 +1,14 @@
-"""Import of modules from the folder `papers` of the repository, which an installed wheel does not have."""
+"""The commands of the folder `papers` of the repository, which an installed wheel does not have."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from whiptool.commands import cli
 from whiptool.errors import InputError
 
 CHECKOUT = Path(__file__).resolve().parents[2]  # where the repository is, unless whiptool was installed from a wheel
@@ -34,3 +36,13 @@ def of_papers(module: str) -> ModuleType:
             raise
         fix = "in a clone of the repository of whiptool: pip install --editable ."
         raise InputError("papers", _NoFolder(), "an editable installation", fix) from None
+
+
+def human(args: Sequence[str] | None = None) -> int:
+    """People's whip throws compared with planned strikes; returns the exit status of `cli.run`."""
+    return cli.run(lambda: of_papers("human.command").run(args))
+
+
+def reproduce(args: Sequence[str] | None = None) -> int:
+    """The figures and tables of papers as one report; returns the exit status of `cli.run`."""
+    return cli.run(lambda: of_papers("reproduce").run(args))

@@ -1,13 +1,17 @@
-"""End of a command that made a strike: save and print the result, then draw its pictures."""
+"""End of a command that made a strike: save and print the result, then draw its pictures in a separate process."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from whiptool.commands import cli
+from whiptool.errors import WhiptoolError
 from whiptool.progress import note
 from whiptool.runs import CITATIONS
 
@@ -16,7 +20,6 @@ if TYPE_CHECKING:
     from whiptool.models import Model
     from whiptool.models.trajectory import Trajectory
     from whiptool.runs import RunFolder
-    from whiptool.viz.picture_process import PictureProcess
 
 TRAJECTORY, VIDEO, PAGE = "trajectory.npz", "strike.mp4", "strike.html"
 
@@ -45,56 +48,99 @@ class StrikeRun:
         page = strike_page(self.model, self.trajectory, self.target, label=self.label, beyond=self.beyond)
         write_whole(folder / PAGE, page)
 
+    def write_figures(self, folder: Path) -> None:
+        """Write the figures, see `whiptool.viz.plots.save_strike_figures`."""
+        from whiptool.viz.plots import save_strike_figures
 
-def drawing_process() -> PictureProcess:
-    """Return a separate process, just started, that draws pictures."""
-    from whiptool.viz.picture_process import PictureProcess
+        title = self.label + (", beyond its limits" if self.beyond else "")
+        save_strike_figures(folder, self.trajectory, self.model, self.target, title)
 
-    return PictureProcess()
+    def write_video(self, folder: Path) -> None:
+        """Write the film, in which a strike beyond its limits is shown as no hit."""
+        from whiptool.viz.video import render_video
+
+        beyond = self.beyond is not None
+        render_video(folder / VIDEO, self.trajectory, self.model, self.target, beyond=beyond)
 
 
-class StrikePictures:
-    """Saves the trajectory of a strike immediately, and draws its pictures.
+class PictureProcess:
+    """A separate process that imports the drawing libraries at once, and draws film and figures of a strike.
 
-    Used as a context manager, the object starts a separate process that draws video and figures, and waits for it at
-    the end.
-
-    Args:
-        folder: Run folder.
-        strike: The strike; if it exceeds its limits, it is not shown as a hit.
-        video: Whether to render a video.
-        process: Process that draws; None: a new one.
+    It ends with this process, or, if nothing was sent to it, when this object is no longer referenced. As a context
+    manager it waits for the pictures, or after an error it stops the process.
     """
 
-    def __init__(self, folder: Path, strike: StrikeRun, *, video: bool, process: PictureProcess | None = None) -> None:
-        self._folder, self._strike, self._wanted, self._process = folder, strike, video, process
-        title = strike.label + (", beyond its limits" if strike.beyond else "")
-        self._drawn = (strike.trajectory, strike.model, strike.target, title)
-        strike.trajectory.save(folder / TRAJECTORY)
+    def __init__(self) -> None:
+        fresh = multiprocessing.get_context("spawn")  # a forked process would share OpenGL and threads with this one
+        self._pipe, there = fresh.Pipe()
+        self._process = fresh.Process(target=_draw, args=(there,), daemon=True)
+        with _interrupts_held():
+            self._process.start()
+        there.close()
+
+    def draw(self, folder: Path, strike: StrikeRun) -> None:
+        """Start to draw the pictures of a strike into a folder."""
+        with suppress(BrokenPipeError):  # it died, as `wait` says
+            self._pipe.send((folder, strike))
+
+    def wait(self) -> None:
+        """Wait until all pictures are written.
+
+        Raises:
+            OSError: A file cannot be written.
+            WhiptoolError: The process ended unexpectedly, such as by a crash of a graphics driver.
+        """
+        try:
+            error = self._pipe.recv()
+        except (EOFError, ConnectionResetError):
+            self._process.join()
+            code = self._process.exitcode
+            raise WhiptoolError(f"the process that draws ended with status {code}; give --no-video") from None
+        self._process.join()
+        if error is not None:
+            raise error
+
+    def stop(self) -> None:
+        """Terminate the process, whether it has finished or not."""
+        self._process.terminate()
+        self._process.join()
 
     def __enter__(self) -> Self:
-        if self._wanted:
-            from whiptool.viz.picture_process import Pictures
-
-            self._process = self._process or drawing_process()
-            beyond = self._strike.beyond is not None
-            self._process.draw(Pictures(self._folder, self._folder / VIDEO, *self._drawn, beyond=beyond))
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if self._process is not None:
-            self._process.stop() if error is not None else self._process.wait()
+        self.stop() if error is not None else self.wait()
 
-    def draw(self) -> list[str]:
-        """Write the page, and the figures unless a process does; return a description of the files."""
-        note("drawing ...")
-        self._strike.write_page(self._folder)
-        if self._process is None:
-            from whiptool.viz.plots import save_strike_figures
 
-            save_strike_figures(self._folder, *self._drawn)
-            return ["trajectory", "figures", "page"]
-        return ["trajectory", "figures", "page", "video"]
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold a terminal's Ctrl-C back, also from processes that are started meanwhile, which is for this one alone."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _draw(pipe: Connection) -> None:
+    """Draw in this process what is asked for, and send the error that came of it; None: all is written."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it could not be held back
+    from whiptool.viz import plots, video  # noqa: F401  # imported before anything is to be drawn
+
+    try:
+        folder, strike = pipe.recv()
+    except EOFError:  # nothing was to be drawn in the end
+        return
+    try:
+        strike.write_video(folder)
+        strike.write_figures(folder)
+    except (OSError, WhiptoolError) as error:
+        pipe.send(error)
+    else:
+        pipe.send(None)
 
 
 def tell_strike(
@@ -118,17 +164,31 @@ def tell_strike(
         lines: The result as lines of text.
         later: Function that returns further results and lines, which take longer, while a process draws.
         further: Function that draws more pictures, and returns lines about them.
-        process: See `StrikePictures`.
+        process: Process that draws video and figures; None: a new one. Without a video there is none.
     """
     folder.write_result(summary)  # whatever happens below
     if later is None or not options.json:
-        cli.tell(options, summary, "\n".join(lines))
-    with StrikePictures(folder.path, strike, video=options.video, process=process) as pictures:
+        options.tell(summary, "\n".join(lines))
+    strike.trajectory.save(folder.path / TRAJECTORY)
+    drawing = (process or PictureProcess()) if options.video else None
+    with drawing or nullcontext():
+        if drawing is not None:
+            drawing.draw(folder.path, strike)
         if later is not None:
             more, line = later()
             summary |= more
             folder.write_result(summary)
-            cli.tell(options, summary, line)
-        files = [*pictures.draw(), *further()]
+            options.tell(summary, line)
+        files = [*draw_here(folder.path, strike, figures=drawing is None), *further()]
     if not options.json:
         print(f"  run folder     {folder.path} ({', '.join([*files, CITATIONS])})")
+
+
+def draw_here(folder: Path, strike: StrikeRun, *, figures: bool) -> list[str]:
+    """Write the page, and the figures if no process does; return a description of the files."""
+    note("drawing ...")
+    strike.write_page(folder)
+    if not figures:
+        return ["trajectory", "figures", "page", "video"]
+    strike.write_figures(folder)
+    return ["trajectory", "figures", "page"]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands import cli
-from whiptool.commands.interruptions import INTERRUPTED, tell_when_interrupted, with_state
+from whiptool.commands import cli, run_folders
+from whiptool.commands.cli import INTERRUPTED, tell_when_interrupted, with_state
+from whiptool.commands.options.model_options import ModelName
 from whiptool.commands.options.option_group import Conditions, ResumableOptions, when
 from whiptool.commands.options.rig_options import ArmOptions, ask_to_release, hardware_rig, loop_options
 from whiptool.commands.options.search_options import (
@@ -21,7 +22,7 @@ from whiptool.commands.options.search_options import (
     learned_with,
     spell_methods,
 )
-from whiptool.commands.options.target_options import LONGEST_STAY, ModelName
+from whiptool.commands.options.target_options import LONGEST_STAY
 from whiptool.errors import InputError
 from whiptool.progress import note
 from whiptool.words import counted
@@ -32,8 +33,9 @@ if TYPE_CHECKING:
     from whiptool.models.strike import StrikeBounds
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import Result
-    from whiptool.rig.session import Rig, Struck
+    from whiptool.rig.session import Rig
     from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
+    from whiptool.rig.struck import Struck
     from whiptool.runs import RunFolder
 
 REPORT = "report.html"
@@ -53,7 +55,6 @@ class RigOptions(ArmOptions):
     """Model of the simulated twin, if it differs from that of the controller; default: --model."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if self.port != "twin":
             _check_camera(self.camera)
@@ -73,8 +74,7 @@ class RigStrikeOptions(RigOptions):
     q_ef (at the end) and D."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
+        from whiptool.models.parameters import number
         from whiptool.models.strike import Strike
 
         super().check()
@@ -103,7 +103,6 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
         spell_methods(self, "method")
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.optimizers import find_method
 
         super().check()
@@ -114,7 +113,6 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
             raise InputError("--camera", self.camera, "one that sees the tip, because a search needs the miss distance")
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return (*super().needs(), *learned_with([self.method]))
 
 
@@ -130,9 +128,10 @@ _LEARN = (
 def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     """The rig that the options describe; everything is checked before anything moves."""
     from whiptool.models.files import load_model
-    from whiptool.rig.caps import default_caps
-    from whiptool.rig.emulator.motor import HARDWARE, Motor
-    from whiptool.rig.session import TwinRig, TwinTruth
+    from whiptool.rig.emulator.physics import TwinTruth
+    from whiptool.rig.emulator.servo import HARDWARE, Motor
+    from whiptool.rig.loop_options import default_caps
+    from whiptool.rig.session import TwinRig
 
     loop = loop_options(options)
     if options.cap:
@@ -183,7 +182,7 @@ def _strike(options: RigStrikeOptions) -> int:
     interlock = Interlock()
     tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)
-    with cli.new_folder(options, "rig", cli.configuration(options, "rig strike")) as folder:
+    with run_folders.new_folder(options, "rig", run_folders.configuration(options, "rig strike")) as folder:
         ask_to_release(interlock, folder.path)
         stopped: StrikeStopped | StrikeInterrupted | None = None
         try:
@@ -200,13 +199,13 @@ def _strike(options: RigStrikeOptions) -> int:
         except KeyboardInterrupt as interruption:
             folder.write_result(summary)
             if options.json:
-                cli.tell(options, summary, "")
+                options.tell(summary, "")
             raise stopped or interruption from None  # a fault is raised, also if its report was not waited for
         summary["report"] = str(folder.path / REPORT)
         folder.write_result(summary)
     kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
     seen = f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}"
-    cli.tell(options, summary, "\n".join([*_lines(struck, summary, target), seen]))
+    options.tell(summary, "\n".join([*_lines(struck, summary, target), seen]))
     if stopped is not None:
         raise stopped
     return 0
@@ -280,7 +279,7 @@ def _lines(struck, summary: dict, target) -> list[str]:
 
 def _learn(options: LearnOptions) -> int:
     """Search on the rig, and say what came of it."""
-    from whiptool.commands.limits_told import refuse_unheld
+    from whiptool.commands.options.search_options import refuse_unheld
     from whiptool.limits.all_limits import AllLimits
     from whiptool.limits.arm_limits import XM430
     from whiptool.rig.stops import Interlock
@@ -299,8 +298,8 @@ def _learn(options: LearnOptions) -> int:
             return rig
         return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller, interlock)
 
-    config = cli.configuration(options, "rig learn")
-    with cli.open_folder(options, "rig-" + options.method, config) as folder:
+    config = run_folders.configuration(options, "rig learn")
+    with run_folders.open_folder(options, "rig-" + options.method, config) as folder:
         ask_to_release(interlock, folder.path)
         return _search(options, make, model, bounds, folder, interlock)
 
@@ -349,7 +348,7 @@ def _search(
         }
         folder.write_result(summary)
         if options.json:
-            cli.tell(options, summary, "")
+            options.tell(summary, "")
         stopped.add_note(f"kept in {folder.path}: {counted(len(objective.trials), 'strike')}")
         raise
     summary = _learned(objective, options.method, result.status.value)
@@ -358,7 +357,7 @@ def _search(
         summary["torque_off"] = interlock.torque_off
         lines[0] = with_state(lines[0])
     folder.write_result(summary)
-    cli.tell(options, summary, "\n".join(lines))
+    options.tell(summary, "\n".join(lines))
     return INTERRUPTED if result.status is Status.INTERRUPTED else 0
 
 

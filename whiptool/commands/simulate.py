@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 import tyro
 
-from whiptool.commands import cli
-from whiptool.commands.limits_told import limit_lines, limits_table
-from whiptool.commands.options.limit_options import LimitOptions
+from whiptool.commands import cli, run_folders
+from whiptool.commands.options.controller_options import SpaceOptions
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import Condition, Conditions, OutputOptions, check_place, unless
-from whiptool.commands.options.simulator_options import SimulatorOptions
-from whiptool.commands.options.space_options import SpaceOptions
-from whiptool.commands.options.target_options import GoalOptions, ModelOptions
-from whiptool.commands.options.trajectory_options import TrajectoryOptions
+from whiptool.commands.options.strike_options import LimitOptions, SimulatorOptions, TrajectoryOptions
+from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import StrikeRun, tell_strike
-from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines
+from whiptool.commands.run_folders import folder_of, is_policy
+from whiptool.commands.strike_lines import limit_lines, limits_table, outcome_lines, outcome_table, strike_lines
 from whiptool.errors import NOTHING, InputError
 from whiptool.whole_files import write_whole
 
@@ -75,7 +74,6 @@ class SimulateOptions(
     """Render the strike as a video."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.models.strike import Strike
 
         super().check()
@@ -95,8 +93,6 @@ class SimulateOptions(
 
     def of_policy(self) -> bool:
         """Whether the strike is that of a policy."""
-        from whiptool.commands.policy_runs import is_policy
-
         return self.run is not None and is_policy(self.run)
 
 
@@ -112,12 +108,11 @@ def strike_of(run_folder: Path) -> SimulateOptions:
     Raises:
         InputError: The folder is not a run of optimize, simulate or train, or has no strike.
     """
-    from whiptool.commands.policy_runs import is_policy, usual_for
     from whiptool.given_files import read_json
     from whiptool.runs import RESULT, read_config
 
     if is_policy(run_folder):
-        return usual_for(SimulateOptions, run_folder)
+        return _of_policy(folder_of(run_folder))
     config = read_config(run_folder)
     command, kept = config.get("command"), config.get("options")
     if command not in (*PLAYED, "train") or not isinstance(kept, dict):
@@ -129,18 +124,32 @@ def strike_of(run_folder: Path) -> SimulateOptions:
         fix = f"go on with `whiptool {command} --resume {run_folder}`" if command in RESUMED else ""
         raise InputError("RUN", str(run_folder), "a run that ended with a strike", fix)
     if command == "map strike":
-        kept = {**_of_map(Path(kept["run"])), **kept}
-    passing = SimulateOptions.named("of_this_call")
-    mine = {f.name for f in fields(SimulateOptions) if f.name not in passing}
+        of = Path(kept["run"])  # a map, or the name of one of the package
+        kept = {**(read_config(of)["options"] if of.exists() else {"model": of.name}), **kept}
+    return _shared({**kept, "strike": list(strike.values())}, run_folder)
+
+
+def _shared(kept: dict[str, Any], run_folder: Path) -> SimulateOptions:
+    """Return the options of another command's run as far as they are options of `simulate`, too."""
+    mine = {f.name for f in fields(SimulateOptions)} - SimulateOptions.named("of_this_call")
     table = {name: value for name, value in kept.items() if name in mine}
-    return cli.stored_options(SimulateOptions, {**table, "strike": list(strike.values())}, run_folder)
+    return run_folders.stored_options(SimulateOptions, table, run_folder)
 
 
-def _of_map(run: Path) -> dict[str, Any]:
-    """Return the options with which a map was built that a strike is from; of one of the package the model alone."""
-    from whiptool.runs import read_config
+def _of_policy(run_folder: Path) -> SimulateOptions:
+    """Return the options of strikes of a policy: those of its training.
 
-    return read_config(run)["options"] if run.exists() else {"model": run.name}
+    A range of arrival angles is left out, and so is the cone without a single angle or a direction.
+    """
+    from whiptool.runs import config_of
+
+    kept = dict(config_of(run_folder, "train")["options"])
+    angles, cone = kept.pop("arrival_angle", ()), kept.pop("cone", None)
+    if len(angles) == 1:
+        kept["arrival_angle"] = angles[0]
+    if cone is not None and (len(angles) == 1 or "direction" in kept):
+        kept["cone"] = cone
+    return _shared(kept, run_folder)
 
 
 def _check_same(options: SimulateOptions, model) -> None:
@@ -149,7 +158,6 @@ def _check_same(options: SimulateOptions, model) -> None:
     Raises:
         InputError: A file that they name, or what a preset says, has changed since.
     """
-    from whiptool.commands.policy_runs import folder_of
     from whiptool.impedance.controller import controller_to_table
     from whiptool.models.files import model_to_table
     from whiptool.runs import CONFIG, read_config
@@ -159,7 +167,7 @@ def _check_same(options: SimulateOptions, model) -> None:
     now = {"model": model_to_table(model), "controller": controller_to_table(options.build_controller())}
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
-        if as_begun and not (part in config and cli.reads_as(part, config[part], now[part])):
+        if as_begun and not (part in config and run_folders.reads_as(part, config[part], now[part])):
             kept = folder_of(options.run) / CONFIG
             fix = f"the {part} differs from when the run was made: give --{part} {kept}"
             raise InputError("RUN", str(options.run), f"a run of the same {part}", fix)
@@ -298,14 +306,14 @@ def _write(
     if controller is not None:
         summary["controller"] = controller_to_table(controller)
     summary |= {"model": strike.model.name, "version": code_version()}
-    with cli.new_folder(
-        options, "simulate", cli.configuration(options, "simulate", strike.model, controller)
+    with run_folders.new_folder(
+        options, "simulate", run_folders.configuration(options, "simulate", strike.model, controller)
     ) as folder:
         tell_strike(options, folder, strike, summary, lines)
 
 
 def _work(options: SimulateOptions) -> int:
-    cli.check_out(options)
+    run_folders.check_out(options)
     model = options.build_model()
     if options.run is not None:
         _check_same(options, model)

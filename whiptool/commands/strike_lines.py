@@ -1,13 +1,18 @@
-"""The outcome of one strike, as lines of text and as tables for JSON."""
+"""The outcome of one strike and its usage of the limits, as lines of text and as tables for JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from whiptool.goals.target import missed_words
 from whiptool.models.strike import sliding_names
+
+if TYPE_CHECKING:
+    from whiptool.limits.all_limits import AllLimits
+    from whiptool.models import Strike
+    from whiptool.models.trajectory import Trajectory
 
 
 def outcome_table(outcome, target) -> dict[str, Any]:
@@ -46,12 +51,9 @@ def _number_text(name: str, value: float, slides: Sequence[str]) -> str:
     """One of a strike's numbers for people: angles, or lengths where a joint slides or the hand is."""
     if name == "D":
         return f"{value:.4f} s"
-    return f"{value:+.4f} m" if name[0] in "xyz" or name in slides else _degrees(value)
-
-
-def _degrees(radians: float) -> str:
-    """Return an angle as text: in rad, with degrees in parentheses."""
-    return f"{radians:+.4f} rad ({math.degrees(radians):+.1f} deg)"
+    if name[0] in "xyz" or name in slides:
+        return f"{value:+.4f} m"
+    return f"{value:+.4f} rad ({math.degrees(value):+.1f} deg)"
 
 
 def _joint_lines(outcome, arm) -> list[str]:
@@ -124,3 +126,53 @@ def _arrival_lines(outcome, target) -> list[str]:
         said.append(f"{came.speed:.1f} m/s {along}{least}")
     lead = "from its direction " if came.angle is not None else ""
     return [f"  arrival        {lead}{', '.join(said)}"]
+
+
+def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
+    """Return, for JSON, the usage of the limits by a strike, 1 being the limit (`joint_usage` or `motor_usage`), its
+    `clearance` [m], and `beyond`: the limit that it exceeds most, as text, or None.
+
+    The table is empty if there are no limits.
+    """
+    from whiptool.limits.clearance import Clearance
+
+    if not limits:
+        return {}
+    table: dict[str, float | str | None] = {}
+    for each in limits.members:
+        if isinstance(each, Clearance):
+            nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
+            table["clearance"] = None if nearest is None else nearest.clearance
+            continue
+        used = each.violation(trajectory) + 1
+        if each.command is not None and each.command in limits.commands:  # not of a strike of the hand
+            used = max(used, 1 + float(each.command.violation(strike.vector[None])[0]))
+        table[f"{each.judges}_usage"] = used if math.isfinite(used) else None
+    return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, joints, strike)}
+
+
+def limit_lines(limits: AllLimits, table: dict) -> list[str]:
+    """Return the content of `limits_table` as lines of text."""
+    lines = []
+    for each in limits.members:
+        if table.get(f"{each.judges}_usage") is not None:
+            lines.append(f"  {each.judges + 's':14s} {_used(table[f'{each.judges}_usage'], each.words)}")
+        elif table.get(each.judges) is not None:
+            lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
+    return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
+
+
+def _used(share: float, limits: str) -> str:
+    """Return which share of limits a strike uses, for people; what just keeps them uses 99 %."""
+    if share <= 1:
+        return f"within {limits}: at most {math.floor(100 * share)} % used"
+    return f"beyond {limits}: {math.ceil(100 * share)} % used"
+
+
+def with_cure(words: str | None) -> str | None:
+    """Return the text on the limit that a strike exceeds; if two shapes collide, with the settings that allow them to
+    touch.
+    """
+    if words is None or " mm inside " not in words:
+        return words
+    return f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"

@@ -8,23 +8,23 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
     Conditions,
+    Count,
     Names,
+    Ranges,
     ResumableOptions,
     SeedOptions,
-    flag,
     unless,
     when,
-    whole,
 )
 from whiptool.commands.options.search_options import Learner, Observation, TrainingOptions
-from whiptool.commands.options.simulator_options import StepOptions
-from whiptool.commands.options.target_options import ModelOptions
-from whiptool.commands.options.zone_goal_options import ZoneGoalOptions
+from whiptool.commands.options.strike_options import StepOptions
+from whiptool.commands.options.target_options import ZoneGoalOptions
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
 from whiptool.progress import Progress, note
@@ -65,6 +65,12 @@ class TrainOptions(
     only_with: ClassVar[Conditions] = {
         **dict.fromkeys(ZoneGoalOptions.of_disc, unless("region")),
         **{name: when("method", *learners) for name, learners in HYPERPARAMETERS.items()},
+    }
+
+    ranges: ClassVar[Ranges] = {
+        "tests": Count(high=MANY_TARGETS),
+        "checkpoint_every": Count(),
+        "strikes": Count(),
     }
 
     method: Learner = "sac"
@@ -117,18 +123,13 @@ class TrainOptions(
     """Number of targets on which the trained policy is tested (Eq. 21)."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         settings_for(self.method, **self.hyperparameters())
-        whole("--tests", self.tests, high=MANY_TARGETS)
-        for name in ("checkpoint_every", "strikes"):
-            whole(flag(name), getattr(self, name))
         if self.hindsight and (self.method == "ppo" or self.observation != "goal"):
             allowed = "0, unless the learner has a replay buffer (sac, td3, ddpg) and the observation is goal"
             raise InputError("--hindsight", self.hindsight, allowed)
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         return ("torch", "tensorboard")
 
     def hyperparameters(self) -> dict[str, Any]:
@@ -156,11 +157,11 @@ class TrainingRun:
 
         self.options = options
         model, controller = options.build_model(), options.build_controller()
-        settings = cli.as_plain(settings_for(options.method, **options.hyperparameters()))
-        self.config = cli.configuration(options, "train", model, controller, settings=settings)
+        settings = run_folders.as_plain(settings_for(options.method, **options.hyperparameters()))
+        self.config = run_folders.configuration(options, "train", model, controller, settings=settings)
         self.training, self.tests = training_of(self.config), task_of(self.config)
         options.warn_if_coarse(model, controller, options.build_target(model).position, options.t_stay)
-        self.folder = cli.open_folder(options, options.method, self.config)
+        self.folder = run_folders.open_folder(options, options.method, self.config)
         self.checkpoint, self.best = self.folder.path / CHECKPOINT, self.folder.path / BEST
         self.table = EpisodeTable(self.folder.path / EPISODES, LOSSES[options.method])
 
@@ -246,11 +247,11 @@ class TrainingRun:
             "version": code_version(),
         }
         self.folder.write_result(summary)
-        cli.tell(options, summary, "\n".join(self._lines(seconds, tried)))
+        options.tell(summary, "\n".join(self._lines(seconds, tried)))
 
     def _draw(self) -> None:
         """Draw how the training went."""
-        from whiptool.viz.plots_learning import save_learning
+        from whiptool.viz.plots_search import save_learning
 
         best, options = self.training.best, self.options
         save_learning(

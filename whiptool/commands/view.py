@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import ControllerOptions
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import JsonOptions, OptionGroup
-from whiptool.commands.options.target_options import GoalOptions, ModelOptions
+from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
 from whiptool.progress import note
@@ -56,11 +57,11 @@ _ABOUT = (
 
 
 def _work(options: ViewOptions) -> int:
-    cli.check_matplotlib()
+    run_folders.check_matplotlib()
     shown = _look(options)
     where = {"viewer": "shown in MuJoCo's viewer", "browser": "opened in the browser", None: "no window opens here"}
     files = [f"  {name:14s} {shown[name]}" for name in ("report", "page", "video") if shown[name]]
-    cli.tell(options, shown, "\n".join([f"{shown['run']}: {where[shown['shown']]}", *files]))
+    options.tell(shown, "\n".join([f"{shown['run']}: {where[shown['shown']]}", *files]))
     return 0
 
 
@@ -69,7 +70,7 @@ main = cli.command(ViewOptions, "view", _ABOUT, _work)
 
 def _look(options: ViewOptions) -> dict[str, Any]:
     """Show the run; what was shown where, and the files that hold it."""
-    from whiptool.commands.policy_runs import folder_of, is_policy
+    from whiptool.commands.run_folders import folder_of, is_policy
 
     folder = options.run
     if is_policy(folder):
@@ -89,12 +90,22 @@ def _shown(folder: Path) -> dict[str, Any]:
 
 
 def _policy_strike(policy: Path) -> StrikeRun:
-    from whiptool.commands.policy_runs import shown_strike
+    """The strike that a policy makes first at the first of its training's held-out goals."""
+    from whiptool.commands.run_folders import folder_of
+    from whiptool.goals.target import Target
+    from whiptool.rl.policy import held_out_goals
+    from whiptool.rl.trained import load_policy
+    from whiptool.runs import config_of
 
-    strike = shown_strike(policy)
-    at = ", ".join(f"{x:.3g}" for x in strike.target.position)
+    kept, loaded = config_of(folder_of(policy), "train")["options"], load_policy(policy)
+    task = loaded.task
+    target = Target.of(held_out_goals(task, kept["seed"]), 0)
+    strike, model = loaded.strike(target), task.rollout.model
+    trajectory = task.rollout.trajectory(strike, t_stay=task.t_stay)
+    beyond = task.limits.explain(trajectory, model.arm.joints, strike)
+    at = ", ".join(f"{x:.3g}" for x in target.position)
     print(f"whiptool: the policy's first strike at ({at}) m, one of its held-out goals", file=sys.stderr)
-    return strike
+    return StrikeRun(trajectory, model, target, _part(_Controlled, kept).controller_label(), beyond)
 
 
 def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, anew: bool = False) -> dict[str, Any]:
@@ -111,7 +122,8 @@ def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, an
     if options.page:
         return shown | {"shown": _open(folder / PAGE)}
     if anew or not (folder / VIDEO).is_file():
-        _write_video(folder, strike)
+        note("drawing ...")
+        strike.write_video(folder)
     return shown | {"video": str(folder / VIDEO)}
 
 
@@ -148,9 +160,7 @@ def read_strike(folder: Path) -> StrikeRun:
         if not isinstance(config.get("options", {}), dict):
             raise InputError("options", config["options"], "a table")
         model = model_from_table(config.get("model", {}))
-        table: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in config.get("options", {}).items()
-        }
+        table = config.get("options", {})
         struck = _part(GoalOptions, table)
         label = _part(_Controlled, table).controller_label()
         target = struck.build_target(model)
@@ -174,7 +184,8 @@ def _beyond(folder: Path) -> str | None:
 
 def _part(group: type[T], table: dict[str, Any]) -> T:
     """A group of the options that a folder holds."""
-    return group(**{f.name: table[f.name] for f in fields(group) if f.name in table})
+    given = {f.name: table[f.name] for f in fields(group) if f.name in table}
+    return group(**{name: tuple(x) if isinstance(x, list) else x for name, x in given.items()})
 
 
 def has_display() -> bool:
@@ -190,13 +201,6 @@ def _open(page: Path) -> str | None:
     return "browser" if has_display() and webbrowser.open(page.resolve().as_uri()) else None
 
 
-def _write_video(folder: Path, strike: StrikeRun) -> None:
-    note("drawing ...")
-    from whiptool.viz.video import render_video
-
-    render_video(folder / VIDEO, strike.trajectory, strike.model, strike.target, beyond=strike.beyond is not None)
-
-
 def play(strike: StrikeRun) -> bool:
     """Play a strike in MuJoCo's viewer at real speed, repeatedly, until its window is closed.
 
@@ -210,7 +214,7 @@ def play(strike: StrikeRun) -> bool:
 
     from whiptool.rollout.mujoco_model import build_spec, set_posture
     from whiptool.viz.film import film_of
-    from whiptool.viz.opengl import add_bar, add_rod
+    from whiptool.viz.opengl import add_path
 
     target, radius = np.array(strike.target.position), strike.target.hit_radius
     beyond = strike.beyond is not None
@@ -228,8 +232,7 @@ def play(strike: StrikeRun) -> bool:
         print(f"whiptool: no viewer: {error}", file=sys.stderr)
         return False
     with viewer:
-        flat, reach = strike.model.dimension == 2, strike.model.reach
-        if flat:  # in space the view can be turned
+        if strike.model.dimension == 2:  # in space the view can be turned
             viewer.cam.type, viewer.cam.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, mj.cam("side").id
         scene = viewer.user_scn
         assert scene is not None
@@ -242,11 +245,8 @@ def play(strike: StrikeRun) -> bool:
                 set_posture(mj, data, film.q[frame])
                 data.time = frame / FPS
                 scene.ngeom = 0
-                for ends, rgb in zip(film.trail[: film.shown[frame]], film.trail_rgb, strict=False):
-                    if flat:
-                        add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
-                    else:
-                        add_rod(scene, ends, 0.004 * reach, rgb)
+                shown = film.shown[frame]
+                add_path(scene, film.trail[:shown], film.trail_rgb[:shown], strike.model.reach)
             viewer.sync()
             time.sleep(max(0.0, now + 1 / FPS - time.monotonic()))
     return True

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from whiptool.comparison.series import NAMES, Series
-from whiptool.viz.plots import COLORS, STYLE
-from whiptool.viz.plots_learning import mark_random, running_mean
+from whiptool.viz.plots_search import mark_random, running_mean
+from whiptool.viz.style import COLORS, STYLE
 from whiptool.whole_files import replacing
 
 OBSERVATION_COLORS = {"tip": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}

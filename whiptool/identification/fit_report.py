@@ -26,9 +26,8 @@ from whiptool.identification.summary import (
 )
 from whiptool.identification.variables import with_unit
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.viz.plots import COLORS, STYLE
 from whiptool.viz.report import Picture, Section, Table, Text
-from whiptool.viz.style import verbatim
+from whiptool.viz.style import COLORS, STYLE, verbatim
 from whiptool.words import rounded
 
 _MEANING = {

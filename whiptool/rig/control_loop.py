@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,36 +17,61 @@ from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import ConstantImpedance
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
-from whiptool.rig.caps import CappedLoop
-from whiptool.rig.cyclelog import CycleLog, Cycles, Flag, Phase
-from whiptool.rig.dynamixel.bus import NoReply, Refused, Unplugged
-from whiptool.rig.dynamixel.joints import Joints, JointSample
-from whiptool.rig.guards import Guards, Watch
-from whiptool.rig.loop_clock import Clock, StepClock, WallClock
-from whiptool.rig.loop_options import LoopOptions
+from whiptool.rig.cyclelog import CycleLog, Flag, Phase
+from whiptool.rig.dynamixel.joints import Guards, Joints, JointSample, Watch
+from whiptool.rig.dynamixel.line import NoReply, Refused, Unplugged
+from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rig.safety import Safety, State
-from whiptool.rig.stop_signals import StopSignals
-from whiptool.rig.stops import SafetyError, StrikeRefused
+from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
+from whiptool.rig.struck import Run
 
 
-@dataclass(frozen=True)
-class Run:
-    """Result of a strike on the rig.
+class Clock(Protocol):
+    """Source of the control loop's time."""
 
-    Args:
-        cycles: Log of all control cycles.
-        fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
-        torque_off: Whether every servo confirmed that its torque is off.
-        missed, overruns: Cycles without a sample, and cycles that ended too late.
-        torque: State of the motors as text: torque is off, or the power has to be cut.
+    def now(self) -> float:
+        """Time [s] since a fixed instant; it never decreases."""
+        ...
+
+    def sleep_until(self, t: float) -> None:
+        """Wait until time t [s]; return immediately if it is past."""
+        ...
+
+
+class WallClock:
+    """The system's monotonic clock. To reduce jitter, `sleep_until` sleeps until `spin` [s] before the deadline and
+    then busy-waits.
     """
 
-    cycles: Cycles
-    fault: SafetyError | None
-    torque_off: bool
-    missed: int
-    overruns: int
-    torque: str
+    def __init__(self, spin: float = 2e-4) -> None:
+        self.spin = spin
+
+    def now(self) -> float:
+        """Return the time of this clock [s]; see `Clock`."""
+        return time.monotonic()
+
+    def sleep_until(self, t: float) -> None:
+        """Sleep until a time of this clock [s]; see `Clock`."""
+        left = t - time.monotonic()
+        if left > self.spin:
+            time.sleep(left - self.spin)
+        while time.monotonic() < t:
+            pass
+
+
+class StepClock:
+    """Time that advances only in `sleep_until`, for the twin in lock step, which is driven by the loop's writes."""
+
+    def __init__(self) -> None:
+        self._t = 0.0
+
+    def now(self) -> float:
+        """Return the time of this clock [s]; see `Clock`."""
+        return self._t
+
+    def sleep_until(self, t: float) -> None:
+        """Sleep until a time of this clock [s]; see `Clock`."""
+        self._t = max(self._t, t)
 
 
 def posture_controller(model: Model, options: LoopOptions) -> Controller:
@@ -316,6 +341,3 @@ class RigLoop:
         measured = {} if sample is None else {name: getattr(sample, name) for name in seen}
         goal = counts * self.joints.units.current
         return {**own, **measured, "goal_current": goal, "phase": self._phase, "state": self.safety.state}
-
-
-__all__ = ["Clock", "LoopOptions", "RigLoop", "Run", "StepClock", "WallClock", "move", "posture_controller"]

@@ -1,12 +1,84 @@
-"""Settings of a strike on the rig: rates, waiting times, limits of the control loop and of its rehearsal."""
+"""Settings of a strike on the rig: rates, waiting times, limits, and caps of stiffness and damping.
+
+A sampled loop is stable only up to some stiffness and damping, and the gains of OIAC grow without bound.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from whiptool.models.numbers import number
-from whiptool.models.strike import T_STAY
-from whiptool.rig.caps import Caps
+import numpy as np
+
+from whiptool.impedance.arm import Arm
+from whiptool.impedance.controller import Controller, ControlLoop
+from whiptool.impedance.laws import OIAC
+from whiptool.models.parameters import Model, number
+from whiptool.models.strike import T_STAY, Strike
+
+
+@dataclass(frozen=True)
+class Caps:
+    """Largest stiffness and damping of the controller; if either is exceeded, both matrices are scaled down together.
+
+    For constant impedance the limits apply to the matrices' norms. OIAC's torque is `eps (|e|^2 + |de|^2) / gamma`
+    (Eqs. 2, 8-10), i.e. a scalar g times `e + beta de`; its effective stiffness is g and its effective damping `beta
+    g`.
+
+    Args:
+        K: Stiffness [N m/rad].
+        B: Damping [N m s/rad].
+    """
+
+    K: float
+    B: float
+
+    def __post_init__(self) -> None:
+        for name in ("K", "B"):
+            number(name, getattr(self, name), low=0, strict=True)
+
+
+def default_caps(model: Model, *, period: float, delay: float = 0.0, rotor_inertia: float = 0.0) -> Caps:
+    """Return caps that keep the sampled loop of an arm without whip stable.
+
+    A torque that is held for `period` [s] acts half a period late, plus `delay` [s]; T is the sum. For an inertia I
+    under `tau = -B v` delayed by T, the loop is stable if `B T / I < pi / 2`; `B T / I = 1/2` is used, with the
+    smallest inertia of the arm in any posture including the motors' `rotor_inertia` [kg m^2]. The stiffness is `B^2 /
+    (4 I)`, for which the damping is critical.
+    """
+    arm, rng = Arm(model), np.random.default_rng(0)
+    postures = rng.uniform(-np.pi, np.pi, (200, arm.n))
+    smallest = min(float(np.linalg.eigvalsh(arm.inertia(q))[0]) for q in postures) + rotor_inertia
+    B = 0.5 * smallest / (0.5 * period + delay)
+    return Caps(K=B**2 / (4 * smallest), B=B)
+
+
+class CappedLoop(ControlLoop):
+    """Control loop with stiffness and damping limited by `Caps`."""
+
+    def __init__(self, controller: Controller, arm: Arm, strike: Strike, caps: Caps | None) -> None:
+        super().__init__(controller, arm, strike)
+        self.caps = caps
+
+    def torque(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the capped torque; see `ControlLoop.torque`."""
+        if self.caps is None:
+            return super().torque(t, q, v)
+        q_d, v_d, a_d = self.strike.reference(t)
+        e, de = q_d - q, v_d - v
+        law = self.controller.law
+        K, B = law.gains(e, de)
+        tau = K @ e + B @ de
+        if isinstance(law, OIAC):
+            stiffness = float(np.linalg.norm(tau) / max(float(np.linalg.norm(e + law.beta * de)), 1e-300))
+            damping = law.beta * stiffness
+        else:
+            stiffness, damping = float(np.linalg.norm(K, 2)), float(np.linalg.norm(B, 2))
+        scale = min(1.0, self.caps.K / max(stiffness, 1e-300), self.caps.B / max(damping, 1e-300))
+        tau = scale * tau + self.arm.gravity_compensation(q, self.controller.compensated)  # Eq. 2
+        if self.controller.feedforward:
+            tau = tau + self.arm.feedforward(q_d, v_d, a_d)
+        return self.controller.clipped(tau)
+
 
 LONGEST_DELAY = 0.1  # [s]
 SLOWEST, FASTEST = 0.01, 2.0  # [rad/s] of an approach: bounds that make it end, and keep it slower than a strike

@@ -13,13 +13,11 @@ from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models.parameters import AnyArm, Model
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
-from whiptool.rig.caps import CappedLoop
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
-from whiptool.rig.emulator.motor import Motor
-from whiptool.rig.emulator.physics import Physics
-from whiptool.rig.emulator.twin_options import TwinOptions
-from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.safety import Guards
+from whiptool.rig.dynamixel.joints import Guards
+from whiptool.rig.emulator.physics import Physics, TwinOptions
+from whiptool.rig.emulator.servo import Motor
+from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import FASTEST
 

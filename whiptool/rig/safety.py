@@ -13,14 +13,11 @@ from types import TracebackType
 
 import numpy as np
 
-from whiptool.models.numbers import number
-from whiptool.rig.dynamixel.assumed import check_registers
-from whiptool.rig.dynamixel.bus import BusError, NoReply, Refused, Unplugged
+from whiptool.models.parameters import number
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE, WATCHDOG_UNIT, in_words, register
-from whiptool.rig.dynamixel.joints import Joints, JointSample
-from whiptool.rig.guards import Guards, Watch
-from whiptool.rig.stop_signals import signals_held
-from whiptool.rig.stops import Interlock, SafetyError, torque_in_words
+from whiptool.rig.dynamixel.joints import Joints, JointSample, check_registers
+from whiptool.rig.dynamixel.line import BusError, NoReply, Refused, Unplugged
+from whiptool.rig.stops import Interlock, SafetyError, signals_held, torque_in_words
 
 
 class State(IntEnum):
@@ -261,6 +258,3 @@ class Safety:
                 error.add_note(self.torque)
             elif self._touched:
                 self.disarm()
-
-
-__all__ = ["Guards", "Safety", "SafetyError", "State", "Watch"]

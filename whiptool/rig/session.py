@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,123 +18,23 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, Strike
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.recording.camera import Camera, camera_preset
-from whiptool.recording.filmed_approach import (
-    Frames,
-    Judgement,
-    approach_seen,
-    frames_of,
-    judge_frames,
-    tip_seen,
-    unseen_around,
-)
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rig.control_loop import Clock, RigLoop, Run, StepClock, WallClock
+from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase
-from whiptool.rig.dynamixel import DynamixelBus, Joints
-from whiptool.rig.emulator import Emulator, Motor, TwinOptions
+from whiptool.rig.dynamixel.bus import DynamixelBus
+from whiptool.rig.dynamixel.joints import Joints
+from whiptool.rig.emulator.physics import TwinOptions, TwinTruth
+from whiptool.rig.emulator.process import Emulator
 from whiptool.rig.loop_options import LoopOptions
-from whiptool.rig.record import build_recording
 from whiptool.rig.safety import Safety
-from whiptool.rig.stop_signals import StopSignals
-from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.struck import Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
 from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
-
-
-@dataclass(frozen=True)
-class Struck:
-    """Result of one strike on a rig.
-
-    Args:
-        run: Result of the control loop.
-        recording: Recording of the joints and of the filmed tip; None if the run ended before its strike.
-        truth: True motion of a twin's arm and whip, relative to the strike's first cycle; None for hardware.
-    """
-
-    run: Run
-    recording: StrikeRecording | None
-    truth: Trajectory | None = None
-    _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
-
-    def approach(self, target: np.ndarray) -> Approach:
-        """Return the closest approach of the filmed tip (B = 1), marked as diverged if the tip was not seen."""
-        seen = None
-        if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
-            seen = approach_seen(self.recording, target)
-        if seen is None:
-            return nothing_seen(self.run.cycles.q.shape[1])
-        cycles = self.run.cycles.during(Phase.STRIKE)
-        return Approach(
-            distance=np.array([seen.distance]),
-            time=np.array([seen.time]),
-            tip=seen.place[None],
-            velocity=seen.velocity[None],
-            max_joint_speed=np.nanmax(np.abs(cycles.v), axis=0)[None],
-            max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
-            diverged=np.zeros(1, bool),
-        )
-
-    def tip_seen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return times (F,) [s] and positions (F, 2) [m] of the tip in the frames that show it; F may be 0."""
-        if self.recording is None or "tip" not in self.recording.markers:
-            return np.zeros(0), np.zeros((0, 2))
-        return tip_seen(self.recording, 2)
-
-    def judged(self, target: Target) -> Judgement | None:
-        """Return the miss distance estimated from the camera's frames, with its standard error; None if the frames do
-        not show the tip.
-
-        The result is cached for each target.
-        """
-        if target not in self._judged:
-            frames = self._frames(target)
-            self._judged[target] = None if frames is None else judge_frames(frames, target)
-        return self._judged[target]
-
-    def unseen(self, target: Target) -> tuple[float, float] | None:
-        """Return the interval without the tip around the closest approach [s]; None if the tip was seen there."""
-        frames, judged = self._frames(target), self.judged(target)
-        if frames is None or judged is None or judged.nearest is None:
-            return None
-        return unseen_around(frames, judged.nearest.time)
-
-    def _frames(self, target: Target) -> Frames | None:
-        """Return the frames that show the tip; None: too few do, or the strike ended in a fault."""
-        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
-            return None
-        return frames_of(self.recording, target)
-
-
-def nothing_seen(a: int) -> Approach:
-    """Return the approach (B = 1) of a strike that was refused, ended in a fault or was not filmed, for an arm with a
-    joints.
-    """
-    nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
-    return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
-
-
-@dataclass(frozen=True)
-class TwinTruth:
-    """The true parameters of a twin, which are not available to the code that plans and controls strikes.
-
-    Args:
-        model: The true arm and whip.
-        motor: The true motors.
-        command_delay, sample_delay: Delays of commands and of samples on the bus [s].
-        clock_offset: Time by which the camera's clock is late [s].
-        seed: Seed of the camera's noise.
-    """
-
-    model: Model
-    motor: Motor = field(default_factory=Motor)
-    command_delay: float = 0.0
-    sample_delay: float = 0.0
-    clock_offset: float = 0.0
-    seed: int = 0
 
 
 class Rig:
@@ -273,7 +173,7 @@ class TwinRig(Rig):
             loop = self._loop(bus, StepClock())
             run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
             moved = twin.trajectory()
-        if not _came_to_its_strike(run):
+        if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
         keep = (moved["t"] >= began[0] - 1e-9) & (moved["t"] <= began[0] + strike.D + self.options.t_stay + 1e-9)
         t, q, v, tau = (moved[name][keep] for name in ("t", "q", "v", "torque"))
@@ -382,7 +282,7 @@ class HardwareRig(Rig):
             loop = self._loop(bus, WallClock())
             run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
             frames = [] if filming is None else filming.end()
-        if not _came_to_its_strike(run):
+        if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
         struck = Struck(run, self._recorded(run, folder))
         if run.fault is None and frames:
@@ -392,26 +292,6 @@ class HardwareRig(Rig):
             self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
             raise StrikeStopped(f"camera: {filming.lost}; the joints were recorded", struck, run.torque)
         return struck
-
-
-def carried_out(struck: Struck) -> Struck:
-    """Return the result of a strike if it was carried out.
-
-    Raises:
-        StrikeInterrupted: A signal came.
-        StrikeStopped: A fault ended it.
-    """
-    run = struck.run
-    if run.fault is None:
-        return struck
-    if run.fault.kind == "signal":
-        raise StrikeInterrupted(str(run.fault), struck, run.torque)
-    raise StrikeStopped(str(run.fault), struck, run.torque)
-
-
-def _came_to_its_strike(run: Run) -> bool:
-    """Whether there are joints of the strike that can be recorded."""
-    return bool(np.isfinite(run.cycles.during(Phase.STRIKE).q).all(axis=1).sum() > 1)
 
 
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:

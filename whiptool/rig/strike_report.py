@@ -17,9 +17,9 @@ from whiptool.limits.arm_limits import XM430, MotorLimits
 from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.rig.cyclelog import Cycles, Flag, Phase
-from whiptool.rig.session import Struck
-from whiptool.viz.plots import COLORS, STYLE, legend_above, save_figure
+from whiptool.rig.struck import Struck
 from whiptool.viz.report import Picture, Section, Table, Text
+from whiptool.viz.style import COLORS, STYLE, legend_above, save_figure
 from whiptool.words import counted
 
 _PHASES = {

@@ -1,18 +1,20 @@
-"""A strike as a matplotlib animation, which a notebook shows as a film."""
+"""A strike as a matplotlib animation, which a notebook shows as a film, and films written by ffmpeg."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import imageio_ffmpeg
 import matplotlib
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -21,10 +23,8 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
-from whiptool.viz.drawn_posture import arm_and_whip, at_times
-from whiptool.viz.frames import drawn_frames, write_film
-from whiptool.viz.plots_strike import box_around, plot_ball, set_up_perspective
-from whiptool.viz.style import COLORS, STYLE
+from whiptool.viz.drawn_posture import arm_and_whip, at_times, box_around
+from whiptool.viz.style import COLORS, STYLE, plot_ball, set_up_perspective
 
 FPS = 25.0
 
@@ -53,9 +53,19 @@ class StrikeAnimation(FuncAnimation):
         return int(width), int(height)
 
     def frames(self) -> Iterator[np.ndarray]:
-        """Yield the frames (height, width, 3) of uint8."""
+        """Yield the frames (height, width, 3) of uint8; only moving artists are redrawn for each frame."""
         self._draw_was_started = True  # or matplotlib warns of an animation that was never drawn
-        yield from drawn_frames(self.figure, self.moving, self.count, self.show)
+        canvas = FigureCanvasAgg(self.figure)
+        for artist in self.moving:
+            artist.set_animated(True)
+        canvas.draw()
+        background = canvas.copy_from_bbox(self.figure.bbox)
+        for i in range(self.count):
+            self.show(i)
+            canvas.restore_region(background)
+            for artist in self.moving:
+                self.figure.draw_artist(artist)
+            yield np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
     def to_html(self) -> str:
         """Return the film as an HTML element with embedded H.264 video."""
@@ -182,3 +192,48 @@ def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tu
 def _figure(width: float, height: float, dpi: float) -> Figure:
     size = [(2 * round(x * dpi / 2) + 0.01) / dpi for x in (width, height)]  # H.264 wants even numbers of pixels
     return Figure((size[0], size[1]), dpi=dpi, layout="constrained")
+
+
+def write_film(
+    path: Path,
+    frames: Iterable[np.ndarray],
+    *,
+    count: int,
+    size: tuple[int, int],
+    fps: float,
+) -> None:
+    """Write frames (height, width, 3) of uint8 as an H.264 film.
+
+    Args:
+        path: MP4 file to write.
+        frames, count: Frames of the film, and their number.
+        size: Width and height [pixels], both even.
+        fps: Frames per second.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    writer = imageio_ffmpeg.write_frames(
+        path,
+        size,
+        fps=fps,
+        codec="libx264",
+        quality=7,
+        macro_block_size=1,
+        ffmpeg_log_level="error",
+        output_params=["-preset", "veryfast", "-movflags", "+faststart"],
+    )
+    writer.send(None)
+    try:
+        for frame in frames:
+            writer.send(frame)
+    except OSError:
+        raise OSError("ffmpeg ended before the last frame; the disk may be full") from None
+    finally:
+        writer.close()
+    try:
+        written, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:  # no film at all
+        written = 0
+    if written != count:
+        raise OSError(f"ffmpeg wrote {written} of {count} frames; the disk may be full")

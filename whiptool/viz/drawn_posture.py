@@ -1,4 +1,4 @@
-"""Positions of arm and whip for pictures."""
+"""Positions of arm and whip for pictures, and their extent in time and space."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from whiptool.goals.target import Target
 from whiptool.models.kinematics import joint_points, universal_angles
 from whiptool.models.parameters import Model
+from whiptool.models.trajectory import Trajectory
 
 
 def arm_and_whip(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -24,11 +26,9 @@ def arm_and_whip(model: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     points, a = joint_points(model, q), model.arm.n
     arm, whip = points[..., : a + 1, :], points[..., a:, :]
-    return (_from_base(arm) if model.dimension == 3 else arm), whip
-
-
-def _from_base(arm: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.zeros_like(arm[..., :1, :]), arm], axis=-2)
+    if model.dimension == 3:
+        arm = np.concatenate([np.zeros_like(arm[..., :1, :]), arm], axis=-2)
+    return arm, whip
 
 
 def at_times(times: np.ndarray, t: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -45,3 +45,25 @@ def as_mujoco_shows(model: Model, q: np.ndarray) -> tuple[Model, np.ndarray]:
     if model.whip.kind.hinges:
         return model, q
     return replace(model, whip=replace(model.whip, joints="universal")), universal_angles(model.arm.in_space(), q)
+
+
+def planned_end(trajectory: Trajectory) -> float | None:
+    """Return D, the end of the planned movement [s]; None if the arm never moves or the trajectory ends earlier."""
+    speed = np.abs(trajectory.v_d).max(axis=1)
+    moving = np.flatnonzero(speed > 1e-9 * speed.max())
+    return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
+
+
+_NARROWEST = 0.6  # share of the widest side of what is shown that every side has
+
+
+def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest corner (d,) [m] of a box that contains all points (..., d) and a target.
+
+    The box has a margin, and no side is much shorter than the longest.
+    """
+    place, radius = np.array(target.position), target.hit_radius
+    every = np.concatenate([places, [place - radius, place + radius]])
+    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
+    side = np.maximum(high - low, _NARROWEST * (high - low).max()) * 1.1
+    return (low + high - side) / 2, (low + high + side) / 2

@@ -13,7 +13,6 @@ from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.viz.drawn_posture import as_mujoco_shows, at_times
-from whiptool.viz.viewpoint import Viewpoint
 
 MAX_SEGMENTS = 800  # of the tip's path
 GRID, HIT, TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
@@ -115,6 +114,34 @@ def film_of(
     )
 
 
-def film_camera(mj: mujoco.MjModel, film: Film, target: Target) -> Viewpoint:
-    """Return the camera that films a strike in space."""
-    return Viewpoint.of(mj, "view").fitted(film.box(target), film.size[0] / film.size[1])
+def film_place(mj: mujoco.MjModel, film: Film, target: Target) -> np.ndarray:
+    """Return the position [m], (3,), of the camera `view` that films a strike in space."""
+    i = mj.cam("view").id
+    axes, fovy = mj.cam_mat0[i].reshape(3, 3).T, float(mj.cam_fovy[i])
+    return nearest_place(axes, fovy, film.box(target), film.size[0] / film.size[1])
+
+
+def nearest_place(
+    axes: np.ndarray, fovy: float, places: np.ndarray, aspect: float, *, filled: float = 0.9
+) -> np.ndarray:
+    """Return the nearest position of a pinhole camera from which it sees all points [m], (3,).
+
+    Args:
+        axes: Unit vectors of the camera's right, up and backward directions, in rows, (3, 3).
+        fovy: Vertical field of view [deg].
+        places: Points [m], (..., 3).
+        aspect: Width of the picture over its height.
+        filled: Fraction of the picture, around its centre, that the points may occupy.
+    """
+    right, up, back = (places.reshape(-1, 3) @ axes.T).T
+    # seen where |right - x| <= tall aspect (z - back), |up - y| <= tall (z - back), for the pinhole at x, y, z
+    tall = filled * float(np.tan(np.deg2rad(fovy) / 2))
+    x, z_wide = _between(right, back, tall * aspect)
+    y, z_tall = _between(up, back, tall)
+    return np.array([x, y, max(z_wide, z_tall)]) @ axes
+
+
+def _between(across: np.ndarray, back: np.ndarray, slope: float) -> tuple[float, float]:
+    """Middle, and the least distance back, from which two edges of a slope hold all points."""
+    high, low = (across + slope * back).max(), (-across + slope * back).max()
+    return (high - low) / 2, (high + low) / (2 * slope)

@@ -61,6 +61,22 @@ def add_bar(scene: mujoco.MjvScene, ends: np.ndarray, y: float, thickness: float
     scene.ngeom += 1
 
 
+def add_path(scene: mujoco.MjvScene, segments: np.ndarray, rgb: np.ndarray, reach: float) -> None:
+    """Add the path of a tip to a scene: as bars behind the strike plane, or in space as rods.
+
+    Args:
+        scene: Scene that has room for as many objects.
+        segments: Ends of the path's segments [m], (S, 2, d).
+        rgb: Their colours, (S, 3), 0 to 1.
+        reach: Reach of the model, for the thickness [m].
+    """
+    for ends, color in zip(segments, rgb, strict=True):
+        if segments.shape[-1] == 2:
+            add_bar(scene, ends, 0.03 * reach, 0.01 * reach, color)
+        else:
+            add_rod(scene, ends, 0.004 * reach, color)
+
+
 def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequence[float]) -> None:
     """Add a round rod to a scene.
 

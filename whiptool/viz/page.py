@@ -12,8 +12,9 @@ from whiptool.goals.target import Target, as_target, missed_words
 from whiptool.models.kinematics import arm_frames, joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.viz.plots import COLORS, joint_units, planned_end
-from whiptool.viz.templating import filled
+from whiptool.viz.drawn_posture import planned_end
+from whiptool.viz.report import filled
+from whiptool.viz.style import COLORS, joint_units
 
 RATE = 500.0  # [Hz], at which a strike is shown
 MOST = 120_000  # numbers in a page; a longer strike is shown at a lower rate
@@ -83,7 +84,9 @@ def strike_data(model: Model, trajectory: Trajectory, goal: Target) -> dict[str,
         **{name: [_plain(column) for column in x.T] for name, x in shown.items() if name != "tip_velocity"},
         "speed": _plain(np.linalg.norm(shown["tip_velocity"], axis=1)),
         "distance": _plain(np.linalg.norm(shown["tip"] - target, axis=1)),
-        "lengths": _lengths(model),
+        "lengths": []
+        if model.dimension == 3
+        else [*map(float, (*model.arm.per_link("length"), *model.whip.per_node("l")))],
         "arm": a,
         "joints": list(model.arm.joints),
         "slides": [joint in model.arm.slides for joint in model.arm.joints],
@@ -122,13 +125,6 @@ def _in_space(model: Model, trajectory: Trajectory) -> dict[str, np.ndarray]:
     frames = arm_frames(model.arm.in_space(), trajectory.q_d)
     points = {"points": joint_points(model, trajectory.q), "desired": np.stack([f.origin for f in frames], axis=1)}
     return {name: x.reshape(len(trajectory.t), -1) for name, x in points.items()}
-
-
-def _lengths(model: Model) -> list[float]:
-    """Of the links of a chain in the plane [m]."""
-    if model.dimension == 3:
-        return []
-    return [float(x) for x in (*model.arm.per_link("length"), *model.whip.per_node("l"))]
 
 
 def _plain(values: np.ndarray, digits: int = 6) -> list[float | None]:

@@ -14,82 +14,26 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import expect
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
-from whiptool.objective import Trial, why_lost
+from whiptool.viz.drawn_posture import planned_end
 from whiptool.viz.plots_strike import draw_strike
 from whiptool.viz.style import (
     COLORS,
     CYCLE,
     JOINT_COLORS,
     STYLE,
+    joint_units,
     legend_above,
     length_text,
     save_figure,
     verbatim,
 )
-from whiptool.words import counted
 
 _TIME_SIZE, _TWO_TIMES_SIZE = (7.6, 4.0), (7.6, 6.4)  # [in]
-
-
-def planned_end(trajectory: Trajectory) -> float | None:
-    """Return D, the end of the planned movement [s]; None if the arm never moves or the trajectory ends earlier."""
-    speed = np.abs(trajectory.v_d).max(axis=1)
-    moving = np.flatnonzero(speed > 1e-9 * speed.max())
-    return float(trajectory.t[moving[-1] + 1]) if len(moving) and moving[-1] + 1 < len(speed) else None
-
-
-def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
-    """Draw the miss distance of every trial [m], in the order of the search, and the smallest so far.
-
-    Hits are those of the trials' outcomes, so a required direction and speed count as well.
-
-    Args:
-        ax: Axes to draw into.
-        trials: Trials, such as the `trace` of a `Result`.
-        target: Target of the strike, or its position [m].
-        label: Beginning of the title.
-    """
-    hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
-    miss = np.array([np.nan if one.outcome.lost else one.outcome.miss_distance for one in trials])
-    trial = np.arange(1, len(miss) + 1)
-    finite = np.where(np.isfinite(miss), miss, np.inf)
-    best = np.minimum.accumulate(finite)
-    ax.plot(
-        trial,
-        miss,
-        "o",
-        color=COLORS["sky"],
-        markersize=3.5,
-        markeredgewidth=0,
-        alpha=0.6,
-        label=f"trial (not shown: {', '.join(f'{n} {why}' for why, n in lost.items())})" if lost else "trial",
-        rasterized=len(miss) > 5000,
-    )
-    ax.step(
-        trial,
-        np.where(np.isfinite(best), best, np.nan),
-        where="post",
-        color=COLORS["blue"],
-        linewidth=2.2,
-        label="nearest so far",
-    )
-    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
-    hit = np.array([one.outcome.hit for one in trials], bool)
-    ax.plot(trial[hit], miss[hit], "o", color=COLORS["green"], markersize=4.5, label="hit" if hit.any() else "")
-    title = f"first hit in trial {trial[hit][0]}" if hit.any() else f"no hit in {counted(len(miss), 'trial')}"
-    if len(miss) and np.isfinite(best[-1]):
-        title += f", nearest {length_text(best[-1])}"
-    ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
-    ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    legend_above(ax)
-    return ax
 
 
 def _new_axes(size: tuple[float, float]) -> Axes:
@@ -215,13 +159,6 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
-    """Return the units for an axis of all joints: of revolute joints and, if there are any, of prismatic joints."""
-    if not slides:
-        return turning
-    return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
-
-
 def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
     """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d).
 
@@ -341,16 +278,6 @@ def save_strike_figures(
         for figure in figures.values():
             figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
-
-
-def save_convergence(
-    folder: str | Path, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = ""
-) -> Path:
-    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure((7.6, 4.4), layout="constrained")
-        plot_convergence(figure.subplots(), trials, target, label=verbatim(label))
-        return save_figure(figure, Path(folder) / "convergence.png")
 
 
 def _time_axis(ax: Axes, trajectory: Trajectory) -> None:

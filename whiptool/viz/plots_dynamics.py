@@ -14,7 +14,7 @@ from whiptool.models.kinematics import chain_motion
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.energy import Energies
-from whiptool.viz.plots import COLORS
+from whiptool.viz.style import COLORS
 
 
 def along_whip(model: Model) -> np.ndarray:
@@ -114,7 +114,7 @@ def plot_speed_along_whip(
         ax: Axes to draw into; call again for another strike.
         trajectory, model: Trajectory of the strike, and the model with which it was simulated.
         label: Label for a legend, which the caller adds.
-        color: A key of `whiptool.viz.plots.COLORS`.
+        color: A key of `whiptool.viz.style.COLORS`.
         marker: Marker of matplotlib.
     """
     velocity = chain_motion(model, trajectory.q, trajectory.v)[1][:, model.arm.n :]  # (T, N + 1, 2 or 3)

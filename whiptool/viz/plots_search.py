@@ -1,22 +1,27 @@
-"""Figures of a search: the miss distance over two coordinates of a strike, and the trials.
+"""Figures of searches and trainings: convergence, miss distance over two coordinates, Pareto fronts, learning curves.
 
 As in `whiptool.viz.plots`, every function draws into given axes and returns them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
 from whiptool.models.trajectory import Approach
-from whiptool.objective import Trial
-from whiptool.viz.plots import COLORS
+from whiptool.objective import Trial, why_lost
+from whiptool.viz.style import COLORS, STYLE, legend_above, length_text, save_figure, verbatim
+from whiptool.words import counted
 
 _COLORMAP = "cividis"  # made for readers with and without a colour vision deficiency; dark is near
 _HIT, _LOST = COLORS["vermilion"], "0.75"
@@ -118,3 +123,170 @@ def plot_trials(
     ax.plot(*hits, markerfacecolor=_HIT, markeredgecolor="white", markersize=5.5, label="hit", **style)
     ax.set(xlabel=axis_label(names[0], slides), ylabel=axis_label(names[1], slides))
     return ax
+
+
+def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
+    """Draw the miss distance of every trial [m], in the order of the search, and the smallest so far.
+
+    Hits are those of the trials' outcomes, so a required direction and speed count as well.
+
+    Args:
+        ax: Axes to draw into.
+        trials: Trials, such as the `trace` of a `Result`.
+        target: Target of the strike, or its position [m].
+        label: Beginning of the title.
+    """
+    hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
+    miss = np.array([np.nan if one.outcome.lost else one.outcome.miss_distance for one in trials])
+    trial = np.arange(1, len(miss) + 1)
+    finite = np.where(np.isfinite(miss), miss, np.inf)
+    best = np.minimum.accumulate(finite)
+    ax.plot(
+        trial,
+        miss,
+        "o",
+        color=COLORS["sky"],
+        markersize=3.5,
+        markeredgewidth=0,
+        alpha=0.6,
+        label=f"trial (not shown: {', '.join(f'{n} {why}' for why, n in lost.items())})" if lost else "trial",
+        rasterized=len(miss) > 5000,
+    )
+    ax.step(
+        trial,
+        np.where(np.isfinite(best), best, np.nan),
+        where="post",
+        color=COLORS["blue"],
+        linewidth=2.2,
+        label="nearest so far",
+    )
+    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
+    hit = np.array([one.outcome.hit for one in trials], bool)
+    ax.plot(trial[hit], miss[hit], "o", color=COLORS["green"], markersize=4.5, label="hit" if hit.any() else "")
+    title = f"first hit in trial {trial[hit][0]}" if hit.any() else f"no hit in {counted(len(miss), 'trial')}"
+    if len(miss) and np.isfinite(best[-1]):
+        title += f", nearest {length_text(best[-1])}"
+    ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
+    ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    legend_above(ax)
+    return ax
+
+
+def save_convergence(
+    folder: str | Path, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = ""
+) -> Path:
+    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((7.6, 4.4), layout="constrained")
+        plot_convergence(figure.subplots(), trials, target, label=verbatim(label))
+        return save_figure(figure, Path(folder) / "convergence.png")
+
+
+def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str]) -> Axes:
+    """Draw a Pareto front as steps from hit to hit, over all hits of the search.
+
+    The axes are limited to the front and its surroundings, so that hits far behind do not compress it.
+
+    Args:
+        ax: Axes to draw into.
+        front: Values of the two criteria of the front's hits, in order, (P, 2).
+        tried: Values of the two criteria of all hits, (Q, 2).
+        labels: Labels of the two criteria, with units.
+    """
+    ax.plot(*tried.T, linestyle="", marker="o", markersize=2.4, color="0.6", label="other hits", rasterized=True)
+    line = {"drawstyle": "steps-post", "linewidth": 1.4, "color": COLORS["blue"]}
+    ax.plot(*front.T, marker="o", markersize=4.5, **line, label="Pareto front")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    for axis, column in (("x", 0), ("y", 1)):
+        low, high = front[:, column].min(), front[:, column].max()
+        around = max(high - low, 1e-3 * abs(high), 1e-12) * np.array([-0.25, 0.25])
+        ax.set(**{f"{axis}lim": np.array([low, high]) + around})
+    ax.legend(loc="best")
+    return ax
+
+
+def save_front(
+    folder: Path | str, front: np.ndarray, tried: np.ndarray, *, labels: Sequence[str], title: str = ""
+) -> Path:
+    """Write `front.png` (see `plot_front`) into a folder; return the file."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((6.4, 4.4), layout="constrained")
+        plot_front(figure.subplots(), front, tried, labels=labels).set_title(verbatim(title))
+        return save_figure(figure, Path(folder) / "front.png")
+
+
+_WINDOW = 0.04  # of the running mean, in lengths of the training
+_TRAINING, _HELD_OUT = COLORS["blue"], COLORS["vermilion"]
+
+
+def plot_learning(
+    reward: Axes, hits: Axes, columns: Mapping[str, np.ndarray], *, trials: int, best: int | None
+) -> None:
+    """Draw the mean reward of every episode's strikes, and the fractions of strikes and of held-out goals that hit.
+
+    Args:
+        reward, hits: Axes to draw into.
+        columns: Columns of `whiptool.rl.training_log.EpisodeTable`.
+        trials: Strikes in an episode.
+        best: The episode of the best policy, which is marked.
+    """
+    episode = columns["number"]
+    window = max(1, round(_WINDOW * len(episode)))
+    smooth = {"color": _TRAINING, "linewidth": 2}
+    raw = {"color": _TRAINING, "linewidth": 0.8, "alpha": 0.45}
+    reward.plot(episode, columns["mean_reward"], **raw)
+    reward.plot(episode, running_mean(columns["mean_reward"], window), **smooth)
+    reward.set(ylabel="mean reward of a strike")
+    share = 100 * columns["share_hit"]
+    hits.plot(episode, share, **raw)
+    hits.plot(episode, running_mean(share, window), label="exploring strikes, running mean", **smooth)
+    scored = np.isfinite(columns["held_out_hit"])
+    at, held_out = episode[scored], 100 * columns["held_out_hit"][scored]
+    if len(at):
+        line = {"marker": "o", "markersize": 3.5, "linewidth": 1.4, "color": _HELD_OUT}
+        hits.plot(at, held_out, label="first strikes at held-out goals", **line)
+    if best is not None:
+        ring = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.8, "linestyle": ""}
+        hits.plot([best], held_out[at == best], color=COLORS["black"], label=f"best policy, episode {best}", **ring)
+    hits.set(xlabel=f"episode of {trials:,} strikes", ylabel="hits [%]", ylim=(-4, 104))
+    hits.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+def mark_random(ax: Axes, random_episodes: int) -> None:
+    """Mark the episodes at the beginning in which strikes are random and nothing is learned, if there are any."""
+    if not random_episodes:
+        return
+    ax.axvline(random_episodes + 0.5, color="0.55", linestyle=":", linewidth=1.2)
+    ax.annotate(
+        "random before",
+        (random_episodes + 0.5, 0.02),
+        xycoords=ax.get_xaxis_transform(),
+        xytext=(4, 0),
+        textcoords="offset points",
+        color="0.35",
+        fontsize=9,
+    )
+
+
+def running_mean(values: np.ndarray, window: int) -> np.ndarray:
+    """Return the mean of each value and the `window` - 1 values before it, (E,)."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    last = np.arange(1, len(values) + 1)
+    first = np.maximum(last - window, 0)
+    return (total[last] - total[first]) / (last - first)
+
+
+def save_learning(
+    path: Path, columns: Mapping[str, np.ndarray], *, trials: int, random_episodes: int, best: int | None, title: str
+) -> Path:
+    """Write the learning curve (see `plot_learning`) as a picture; return the file."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure((7.2, 6.2), layout="constrained")
+        reward, hits = figure.subplots(2, 1, sharex=True)
+        plot_learning(reward, hits, columns, trials=trials, best=best)
+        mark_random(reward, random_episodes)
+        reward.set_title(title)
+        reward.margins(x=0.02)
+        legend_above(hits, ncols=2)
+        return save_figure(figure, path)

@@ -26,16 +26,26 @@ from whiptool.errors import expect
 from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
-from whiptool.viz.direction import LOOK, asked_of, draw_direction, draw_direction_in_space
-from whiptool.viz.drawn_posture import arm_and_whip, at_times
-from whiptool.viz.style import COLORS, SPEED, STYLE, legend_above, length_text, ticks
+from whiptool.viz.drawn_posture import arm_and_whip, at_times, box_around
+from whiptool.viz.style import (
+    AXES,
+    COLORS,
+    LOOK,
+    SPEED,
+    STYLE,
+    asked_of,
+    draw_direction,
+    draw_direction_in_space,
+    legend_above,
+    length_text,
+    plot_ball,
+    set_up_perspective,
+    ticks,
+)
 
-AXES = {2: ("x, forward [m]", "y, up [m]"), 3: ("x, forward [m]", "y, left [m]", "z, up [m]")}
 VIEWS = {"side": (0, 2), "top": (0, 1), "front": (1, 2)}  # coordinates to the right and up
-AZIMUTH, ELEVATION = -55.0, 20.0  # from where a strike is seen in perspective, as matplotlib counts them [deg]
 _POSTURES = 10
 _SEGMENTS = 600  # of the tip's path
-_NARROWEST = 0.6  # share of the widest side of what is shown that every side has
 _LONGEST = 4.3  # [in], the widest side of what is shown in four views
 _HEIGHT = 6.6  # [in] of a figure with one view, whose shape sets its width
 
@@ -171,37 +181,6 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_major_locator(ticks(2 * _tick(strike)[0], _tick(strike)[1]))
     return ax
-
-
-def box_around(places: np.ndarray, target: Target) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and the highest corner (d,) [m] of a box that contains all points (..., d) and a target.
-
-    The box has a margin, and no side is much shorter than the longest.
-    """
-    place, radius = np.array(target.position), target.hit_radius
-    every = np.concatenate([places, [place - radius, place + radius]])
-    low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-    side = np.maximum(high - low, _NARROWEST * (high - low).max()) * 1.1
-    return (low + high - side) / 2, (low + high + side) / 2
-
-
-def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
-    """Draw the ball of the hit radius around a target."""
-    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
-    unit = np.stack([np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)])
-    ball = np.array(target.position)[:, None, None] + target.hit_radius * unit
-    return ax.plot_wireframe(*ball, color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
-
-
-def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: float = 1.12) -> None:
-    """Show a box between two corners (3,) [m] in perspective with equal scales; `zoom` is matplotlib's."""
-    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_proj_type("persp", focal_length=0.8)
-    ax.view_init(elev=ELEVATION, azim=AZIMUTH)
-    ax.set_box_aspect(tuple(high - low), zoom=zoom)
-    ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), AXES[3], strict=True)))
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_pane_color((0.97, 0.97, 0.98, 1.0))  # pyrefly: ignore[missing-attribute]  # typed as in the plane
 
 
 def plot_strike(

@@ -6,12 +6,12 @@ import base64
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import ClassVar
+from functools import cache, cached_property
+from typing import Any, ClassVar
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from whiptool.viz.templating import filled
 from whiptool.words import counted
 
 REPRODUCED, NOT_REPRODUCED, ONLY_WITH = "reproduced", "not reproduced", "reproduced only with"
@@ -163,3 +163,22 @@ def _image(picture: Picture) -> tuple[str, bytes]:
         return "svg+xml", data.getvalue()
     picture.figure.savefig(data, format="png", dpi=160, bbox_inches="tight")
     return "png", data.getvalue()
+
+
+def filled(template: str, **values: Any) -> str:
+    """Return a template of the folder `templates` with values filled in, which are escaped."""
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("whiptool.viz"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
+    return environment

@@ -1,7 +1,9 @@
-"""The style of all figures: colours, type, legends, and saving."""
+"""The style of all figures: colours, fonts, legends, axes, targets and their required directions, and saving."""
 
 from __future__ import annotations
 
+import math
+import textwrap
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +17,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 from matplotlib.ticker import Locator, MaxNLocator, MultipleLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from whiptool.goals.target import Target
 from whiptool.whole_files import replacing
 
 # Okabe and Ito's colour-blind safe palette
@@ -33,6 +38,7 @@ COLORS = {
 CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
 JOINT_COLORS = [*CYCLE[:6], COLORS["brown"]]  # none is the black of what is desired
 _MOST_TICKS = 40
+_LONGEST_LABEL = 48  # [characters] of a line in a legend
 _PNG: dict[str, Any] = {"pil_kwargs": {"compress_level": 2}}  # as the usual 6, in half the time
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
@@ -62,7 +68,7 @@ SPEED = TIME.reversed()  # what is fast is dark
 
 
 def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None) -> None:
-    """Put a legend between title and axes, with the given handles or all labelled artists."""
+    """Put a legend between title and axes, with the given handles or all labelled artists; long labels are wrapped."""
     legend = ax.legend(
         handles=ax.get_legend_handles_labels()[0] if handles is None else handles,
         loc="lower left",
@@ -72,8 +78,11 @@ def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None =
         columnspacing=1.4,
         handlelength=1.8,
     )
-    rows = -(-len(legend.get_texts()) // ncols)
-    ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(legend.get_texts()[0].get_fontsize()))
+    texts = legend.get_texts()
+    for text in texts:
+        text.set_text(textwrap.fill(text.get_text(), _LONGEST_LABEL))  # one that is wider leaves no room for the axes
+    rows = -(-len(texts) // ncols) + sum(text.get_text().count("\n") for text in texts)
+    ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(texts[0].get_fontsize()))
 
 
 def ticks(step: float, extent: float) -> Locator:
@@ -99,3 +108,75 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
 def length_text(meters: float) -> str:
     """Return a length [m] as text, in mm or m."""
     return f"{1e3 * meters:.2g} mm" if meters < 0.0995 else f"{meters:.3f} m"
+
+
+def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
+    """Return the units for an axis of all joints: of revolute joints and, if there are any, of prismatic joints."""
+    if not slides:
+        return turning
+    return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
+
+
+AXES = {2: ("x, forward [m]", "y, up [m]"), 3: ("x, forward [m]", "y, left [m]", "z, up [m]")}
+
+
+AZIMUTH, ELEVATION = -55.0, 20.0  # from where a strike is seen in perspective, as matplotlib counts them [deg]
+
+
+def plot_ball(ax: Axes3D, target: Target) -> Line3DCollection:
+    """Draw the ball of the hit radius around a target."""
+    around, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(0, np.pi, 9))
+    unit = np.stack([np.cos(around) * np.sin(up), np.sin(around) * np.sin(up), np.cos(up)])
+    ball = np.array(target.position)[:, None, None] + target.hit_radius * unit
+    return ax.plot_wireframe(*ball, color=COLORS["orange"], linewidth=0.5, alpha=0.55, zorder=2)
+
+
+def set_up_perspective(ax: Axes3D, low: np.ndarray, high: np.ndarray, *, zoom: float = 1.12) -> None:
+    """Show a box between two corners (3,) [m] in perspective with equal scales; `zoom` is matplotlib's."""
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set_proj_type("persp", focal_length=0.8)
+    ax.view_init(elev=ELEVATION, azim=AZIMUTH)
+    ax.set_box_aspect(tuple(high - low), zoom=zoom)
+    ax.set(**dict(zip(("xlabel", "ylabel", "zlabel"), AXES[3], strict=True)))
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_pane_color((0.97, 0.97, 0.98, 1.0))  # pyrefly: ignore[missing-attribute]  # typed as in the plane
+
+
+LOOK: dict[str, Any] = {"color": COLORS["green"], "linewidth": 1.8}
+_LENGTH = 0.2  # of the target's distance from the base
+_SHORTEST = 0.1  # share of its length below which an arrow points at the beholder, and is not drawn
+
+
+def arrow(target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """Return start and end of the arrow, (d,) each [m]; the end is at the target."""
+    end = np.array(target.position)
+    return end - _LENGTH * float(np.linalg.norm(end)) * np.array(target.direction), end
+
+
+def asked_of(target: Target) -> str:
+    """Return a description of the required direction, for a legend."""
+    return f"direction asked for, to {math.degrees(target.cone):g} degrees"
+
+
+def draw_direction(ax: Axes, target: Target, shown: Sequence[int] = (0, 1)) -> None:
+    """Draw the arrow of a target with a required direction into axes in the plane.
+
+    Args:
+        ax: Axes to draw into.
+        target: The target.
+        shown: Indices of the two coordinates that the axes show.
+    """
+    if target.direction is None:
+        return
+    start, end = arrow(target)
+    look = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "mutation_scale": 13, **LOOK}
+    if np.linalg.norm((end - start)[list(shown)]) > _SHORTEST * np.linalg.norm(end - start):
+        at = (tuple(x[list(shown)]) for x in (end, start))
+        ax.annotate("", *at, arrowprops=look, annotation_clip=False, zorder=7)
+
+
+def draw_direction_in_space(ax: Axes3D, target: Target) -> None:
+    """Draw the arrow of a target with a required direction into axes in perspective."""
+    if target.direction is not None:
+        start, end = arrow(target)
+        ax.quiver(*start, *(end - start), arrow_length_ratio=0.25, zorder=7, **LOOK)

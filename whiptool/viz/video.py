@@ -15,9 +15,9 @@ from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import FLOOR, build_spec, set_posture
-from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_camera, film_of
-from whiptool.viz.frames import write_film
-from whiptool.viz.opengl import add_bar, add_rod, draws_in_software, gl_context
+from whiptool.viz.animation import animate, write_film
+from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place
+from whiptool.viz.opengl import add_bar, add_path, add_rod, draws_in_software, gl_context
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
@@ -67,8 +67,6 @@ def render_video(
         frames = itertools.chain([next(frames)], frames)  # the first frame shows whether OpenGL works
     except Exception as error:  # drivers and MuJoCo fail in many ways
         logger.warning("no OpenGL (%s: %s): the video is drawn by matplotlib", type(error).__name__, error)
-        from whiptool.viz.animation import animate
-
         drawn = animate(trajectory, model, goal, speed=speed, fps=fps, width=size[0] / _DPI, dpi=_DPI, beyond=beyond)
         used, frames, count, shown = "matplotlib", drawn.frames(), drawn.count, drawn.size
     path = Path(path)
@@ -90,7 +88,7 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     if flat:
         seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
     else:
-        seen_from.pos[:] = film_camera(mj, film, target).place
+        seen_from.pos[:] = film_place(mj, film, target)
     data = mujoco.MjData(mj)
     context = gl_context(width, height)
     context.make_current()
@@ -118,11 +116,7 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
                 else:
                     _add_floor_grid(scene, film.grid, reach)
                 first_bar = scene.ngeom
-                for ends, rgb in zip(film.trail, film.trail_rgb, strict=True):
-                    if flat:
-                        add_bar(scene, ends, 0.03 * reach, 0.01 * reach, rgb)
-                    else:
-                        add_rod(scene, ends, 0.004 * reach, rgb)
+                add_path(scene, film.trail, film.trail_rgb, reach)
             scene.ngeom = first_bar + int(film.shown[i])
             mujoco.mjr_render(rect, scene, gl)
             for x, y, word in film.text(i):

@@ -6,14 +6,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
-from whiptool.commands import cli, optimize, simulate
-from whiptool.commands.options.controller_options import ControllerOptions, LawOptions, SimulatedControllerOptions
-from whiptool.commands.options.target_options import ModelOptions
+from whiptool.commands import optimize, run_folders, simulate
+from whiptool.commands.options.controller_options import (
+    ControllerOptions,
+    LawOptions,
+    SimulatedControllerOptions,
+    SpaceOptions,
+)
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.rig import ArmOptions
 from whiptool.errors import InputError
-from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl, constant_preset, default_controller
+from whiptool.impedance import (
+    OIAC,
+    ConstantImpedance,
+    Controller,
+    HandControl,
+    PositionControl,
+    constant_preset,
+    default_controller,
+    hand_impedance,
+)
 from whiptool.impedance.controller import write_controller
 from whiptool.models.files import write_model
 from whiptool.models.parameters import ArmLink, ArmParameters
@@ -83,7 +98,7 @@ def test_gains_for_other_arms_come_from_a_file(tmp_path):
 
 def test_a_resumed_run_finds_its_file_from_elsewhere(file, monkeypatch):
     monkeypatch.chdir(Path(file).parent)
-    assert cli.as_plain(optimize.OptimizeOptions(controller="own.toml"))["controller"] == file
+    assert run_folders.as_plain(optimize.OptimizeOptions(controller="own.toml"))["controller"] == file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,3 +208,51 @@ def test_a_model_that_is_none_is_not_taken_for_a_preset(given):
     name = next(iter(given))
     with pytest.raises(InputError, match=f"^(--)?{name}: got 'nobody'"):
         StrikeOptions(controller="constant", **given).build_controller()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(SpaceOptions, ModelOptions):
+    """Of a command that takes models in space."""
+
+    in_space: ClassVar[bool] = True
+
+
+def test_a_pose_has_gains_of_its_own_for_turns_and_the_usual_ones_elsewhere():
+    options = Options(model="ur5e", space="pose", controller="constant", stiffness=900.0, turn_damping=7.0)
+    options.check()
+    controller = options.build_controller()
+    usual = hand_impedance(preset("ur5e"), HandControl(orientation=True))
+    assert controller.hand == HandControl(orientation=True)
+    for found, other, place, turn in (
+        (controller.law.K, usual.K, 900.0 * np.eye(3), None),
+        (controller.law.B, usual.B, None, 7.0 * np.eye(3)),
+    ):
+        gains, other = np.array(found), np.array(other)
+        np.testing.assert_allclose(gains[:3, :3], other[:3, :3] if place is None else place)
+        np.testing.assert_allclose(gains[3:, 3:], other[3:, 3:] if turn is None else turn)
+        np.testing.assert_allclose(gains[:3, 3:], 0)
+        assert (np.linalg.eigvalsh(gains) > 0).all()
+    plain = Options(model="ur5e", space="pose", controller="constant").build_controller()
+    assert plain.law == usual
+
+
+@pytest.mark.parametrize(
+    ("given", "label"),
+    [
+        ({"space": "joint"}, "position control"),
+        ({"space": "joint", "controller": "constant"}, "constant impedance ur5e"),
+        ({"space": "hand", "controller": "constant"}, "constant impedance of the hand"),
+        ({"space": "pose", "controller": "constant"}, "constant impedance of the hand's pose"),
+        ({"space": "pose"}, "position control of the hand's pose"),
+        ({"space": "hand", "controller": "oiac"}, "OIAC table4 of the hand"),
+    ],
+)
+def test_the_controller_in_words(given, label):
+    assert Options(model="ur5e", **given).controller_label() == label
+
+
+def test_position_control_of_a_pose_leads_the_joints_along_the_hands_way():
+    controller = Options(model="panda", space="pose", controller="position").build_controller()
+    assert isinstance(controller.law, PositionControl)
+    space = controller.strike_space(preset("panda").arm)
+    assert (space.kind, space.led, space.width) == ("pose", True, 13)

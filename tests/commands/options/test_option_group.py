@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
 import pytest
 from tyro.conf import Positional
 
-from whiptool.commands import cli
+from whiptool.commands import cli, run_folders
 from whiptool.commands.options.option_group import (
     Names,
     OptionGroup,
@@ -19,7 +18,6 @@ from whiptool.commands.options.option_group import (
     SeedOptions,
     flag,
     flags,
-    refuse_idle,
     whole,
 )
 from whiptool.errors import InputError
@@ -63,9 +61,9 @@ def test_a_run_keeps_its_options_but_not_those_of_a_call():
 
     options = LearnOptions(out=Path("x"), resume=Path("y"), json=True, yes=True, seed=3, max_trials=2)
     assert options.kept() == LearnOptions(seed=3, max_trials=2)
-    assert cli.configuration(options, "rig learn", free=["k"]) == {
+    assert run_folders.configuration(options, "rig learn", free=["k"]) == {
         "command": "rig learn",
-        "options": cli.as_plain(LearnOptions(seed=3, max_trials=2)),
+        "options": run_folders.as_plain(LearnOptions(seed=3, max_trials=2)),
         "free": ["k"],
     }
 
@@ -93,21 +91,21 @@ def test_whole_numbers_out_of_a_range_are_refused(value):
 
 
 def test_options_that_would_change_nothing_are_refused():
-    idle = {"t_stay": "only without --resume", "seed": "nothing, as nothing is random"}
-    refuse_idle(Command(workers=7), idle)  # of others nothing is said
-    refuse_idle(Command(t_stay=0.3, seed=0), idle)  # the same as not given
+    Command(workers=7).refuse_given("nothing", "t_stay", "seed")  # of others nothing is said
+    Command(t_stay=0.3, seed=0).refuse_given("nothing", "t_stay", "seed")  # the same as not given
     with pytest.raises(InputError) as caught:
-        refuse_idle(Command(t_stay=0.5), idle)
+        Command(t_stay=0.5).refuse_given("only without --resume", "seed", "t_stay")
     assert str(caught.value) == "--t-stay: got 0.5; allowed: only without --resume"
-    with pytest.raises(InputError, match=r"^--seed: got 1; allowed: nothing, as nothing is random$"):
-        refuse_idle(Command(seed=1), idle)
 
 
 def test_what_is_usual_may_be_other_than_the_default():
-    idle, usual = {"t_stay": "nothing"}, Command(t_stay=0.5)
-    refuse_idle(Command(t_stay=0.5), idle, usual)
+    class Slower(Command):
+        def usual(self, name: str) -> object:
+            return 0.5 if name == "t_stay" else super().usual(name)
+
+    Slower(t_stay=0.5).refuse_given("nothing", "t_stay")
     with pytest.raises(InputError, match=r"^--t-stay: got 0\.3"):
-        refuse_idle(Command(), idle, usual)
+        Slower().refuse_given("nothing", "t_stay")
 
 
 def test_options_are_written_with_dashes_but_positional_ones_are_not():
@@ -134,9 +132,9 @@ def test_names_are_those_of_the_library_in_any_spelling():
         (["optimize", "--preset", "table5"], "--preset: got 'table5'; allowed: printed, table4"),
         (["optimize", "--integrator", "RK5"], "--integrator: got 'RK5'; allowed: RK4, Euler, implicit, implicitfast"),
         (["compare", "--observation", "god"], "--observation: got 'god'; allowed: tip, relative, goal"),
-        (["dynamixel", "--port", "x", "--baud", "3"], "--baud: got '3'; allowed: 9600, 57600"),
+        (["servos", "--port", "x", "--baud", "3"], "--baud: got '3'; allowed: 9600, 57600"),
     ],
 )
 def test_a_name_that_is_none_is_told_the_choices_in_their_order(words, said, capsys):
-    assert import_module(f"whiptool.commands.{words[0]}").main(words[1:]) == 2
+    assert cli.main_of(words[0])(words[1:]) == 2
     assert said in capsys.readouterr().err

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 
-from whiptool.commands.options.search_options import SearchOptions, TrainingOptions
+from whiptool.commands import cli
+from whiptool.commands.options.search_options import CriteriaOptions, SearchOptions, TrainingOptions
 from whiptool.errors import InputError
+from whiptool.goals.criteria import Robustness
 from whiptool.models import ArmLink, ArmParameters, Model, StrikeBounds, default_bounds, preset
 
 LEMON = preset("lemon2024")
@@ -93,8 +93,46 @@ def test_the_fix_that_is_told_is_one():
 @pytest.mark.parametrize("command", ["train", "compare"])
 def test_a_training_without_an_episode_to_learn_in_says_what_to_give(command: str, capsys) -> None:
     """Who asks for 20 episodes has not heard of the 50 random ones."""
-    assert import_module(f"whiptool.commands.{command}").main(["--episodes", "20"]) == 2
+    assert cli.main_of(command)(["--episodes", "20"]) == 2
     assert capsys.readouterr().err == (
         "whiptool: --random-episodes: got 50; allowed: a whole number from 0 to 19, fewer than --episodes 20: random "
         "episodes come first, and nothing is learned in them; give --random-episodes 4; it is 50 unless given\n"
     )
+
+
+BOUNDS = default_bounds(preset("lemon2024").arm)
+
+
+def names(**given) -> list[str]:
+    options = CriteriaOptions(**given)
+    options.check()
+    return [criterion.name for criterion in options.build_criteria(BOUNDS)]
+
+
+def test_the_miss_alone_is_no_criterion():
+    assert names() == names(minimise="miss") == []
+    assert not CriteriaOptions().judged
+    assert names(minimise="speed") == ["speed"]
+    assert names(pareto=("effort", "miss")) == ["effort", "miss"]
+    assert CriteriaOptions(pareto=("effort", "miss")).judged
+
+
+def test_noise_is_one_number_or_one_of_each():
+    for given, expected in (((0.02,), [0.02] * 5), ((0.1, 0.2, 0.3, 0.4, 0.05), [0.1, 0.2, 0.3, 0.4, 0.05])):
+        (found,) = CriteriaOptions(minimise="robustness", noise=given).build_criteria(BOUNDS)
+        assert isinstance(found, Robustness)
+        np.testing.assert_array_equal(found.noise, expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"pareto": ("effort", "effort")}, "two different criteria"),
+        ({"pareto": ("effort", "miss"), "minimise": "speed"}, "only without --pareto"),
+        ({"noise": (0.02,)}, "only with --minimise robustness"),
+        ({"minimise": "robustness", "noise": (-1.0,)}, "0 or more"),
+    ],
+)
+def test_contradictions_are_refused(given, said):
+    with pytest.raises(InputError, match=said):
+        CriteriaOptions(**given).check()

@@ -23,7 +23,8 @@ from papers.unknown.study import (
     pool,
 )
 from whiptool.adaptation import TipPort
-from whiptool.commands.options.adapt_options import AdaptOptions, prepare
+from whiptool.commands.adapt import prepare
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models.presets import preset

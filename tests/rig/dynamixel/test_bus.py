@@ -17,6 +17,7 @@ from processes import HANG
 
 from whiptool.errors import InputError
 from whiptool.rig.dynamixel import BLOCK, DynamixelBus, NoReply, Refused, Units, Unplugged, register
+from whiptool.rig.dynamixel.bus import check_rate
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
 from whiptool.rig.emulator.packets import status
 
@@ -346,3 +347,16 @@ def test_the_sdk_is_named_when_it_is_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "dynamixel_sdk", None)
     with pytest.raises(InputError, match=r"pip install 'whiptool\[rig\]'"):
         DynamixelBus(os.devnull, [1])
+
+
+def test_rates_and_what_mends_them():
+    ok: dict = {"device": "/dev/ttyUSB0", "bytes_per_cycle": 88}
+    assert check_rate(500, baud=1_000_000, latency=1e-3, **ok) == pytest.approx(88e-5 + 1e-3)
+    with pytest.raises(InputError, match=r"latency timer: got '16 ms'.*echo 1 \| sudo tee /sys/class/tty/ttyUSB0/"):
+        check_rate(500, baud=1_000_000, latency=16e-3, **ok)
+    with pytest.raises(InputError, match="--set-return-delay 0"):
+        check_rate(500, baud=1_000_000, delays=2e-3, **ok)
+    with pytest.raises(InputError, match="--set-baud 2000000"):
+        check_rate(2000, baud=1_000_000, **ok)
+    with pytest.raises(InputError, match="take a lower rate"):
+        check_rate(9000, baud=4_000_000, **ok)

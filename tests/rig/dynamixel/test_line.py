@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from ports import sdk
 
 from whiptool.rig.dynamixel import line as module
-from whiptool.rig.dynamixel.line import Line, accept
-from whiptool.rig.dynamixel.port import NoReply, Refused, Unplugged
+from whiptool.rig.dynamixel.line import Line, NoReply, Refused, Unplugged, accept, latency_timer
 from whiptool.rig.emulator.packets import status
 
 PING, READ = 1, 2
@@ -183,3 +183,20 @@ def test_the_adapters_latency_adds_to_the_timeout(port: Scripted, monkeypatch):
 def test_the_sdk_names_what_came_of_it():
     """The messages above are the SDK's own."""
     assert "no status packet" in sdk.Protocol2PacketHandler().getTxRxResult(sdk.COMM_RX_TIMEOUT)
+
+
+def test_trap_sdk_removes_too_much():
+    reply = list(bytes.fromhex("FFFFFD00010C0055 00 FFFFFDFD 00FFFDFD 00 0000".replace(" ", "")))
+    reply[5] = len(reply) - 7
+    body = bytes(sdk.Protocol2PacketHandler().removeStuffing(list(reply)))[9:]
+    assert not body.startswith(bytes.fromhex("FFFFFD 00FFFDFD"))
+    from whiptool.rig.dynamixel.line import make_handler
+
+    assert bytes(make_handler().removeStuffing(list(reply)))[9:].startswith(bytes.fromhex("FFFFFD 00FFFDFD"))
+
+
+def test_latency_timer_comes_from_the_driver(tmp_path: Path):
+    (tmp_path / "ttyUSB3" / "device").mkdir(parents=True)
+    (tmp_path / "ttyUSB3" / "device" / "latency_timer").write_text("16\n")
+    assert latency_timer("/dev/ttyUSB3", sysfs=tmp_path) == pytest.approx(0.016)
+    assert latency_timer("/dev/ttyACM0", sysfs=tmp_path) is None

@@ -7,6 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+import whiptool as wt
+from whiptool.errors import InputError
 from whiptool.rig.emulator import TwinOptions
 from whiptool.rig.emulator.physics import Physics
 
@@ -55,3 +57,13 @@ def test_command_delay_postpones_the_current():
     path = physics.trajectory()
     began = path["t"][np.flatnonzero(path["current"][:, 0])[0]]
     assert began == pytest.approx(0.061, abs=0.0015)
+
+
+def test_options_are_checked():
+    with pytest.raises(InputError, match="baud"):
+        TwinOptions(baud=1234)
+    with pytest.raises(InputError, match="ids"):
+        TwinOptions(ids=(1, 1))
+    o = TwinOptions(model=wt.preset("lemon2024"), start=(0.1,))
+    with pytest.raises(InputError, match="start"):
+        Physics(o)

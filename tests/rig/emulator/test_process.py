@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from whiptool.commands.emulator import main
-from whiptool.rig.emulator.process import _link
+from whiptool.commands.servos import emulator
+from whiptool.rig.emulator.server import _link
 
 
 @pytest.mark.parametrize("there", ["file", "folder", "link to a file", "no folder"])
@@ -23,7 +23,7 @@ def test_a_link_replaces_nothing_that_is_not_its_own(tmp_path, there, capsys):
         link.symlink_to(thesis)
     else:
         link = tmp_path / "none" / "tty"
-    assert main(["--link", str(link)]) == 2
+    assert emulator(["--link", str(link)]) == 2
     error = capsys.readouterr().err.strip()
     assert error.startswith("whiptool: --link: got")
     assert "\n" not in error

@@ -18,7 +18,7 @@ from servos import GOLDEN, h
 from whiptool.rig.dynamixel.control_table import register
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
 from whiptool.rig.emulator.packets import Packet, encode, status
-from whiptool.rig.emulator.server import WAITS, Server
+from whiptool.rig.emulator.server import AT_ONCE, LAG, SILENCE, Server
 
 WALL = TwinOptions(lockstep=False, timestep=5e-4, integrator="implicitfast")
 SWINGING = dataclasses.replace(WALL, start=(0.5, 0.0))
@@ -102,7 +102,7 @@ def test_it_keeps_time_in_small_steps(clock):
         times.append(server.t)
     assert times[0] == 0
     assert times[-1] == pytest.approx(0.05)
-    assert np.diff(times).max() <= WAITS.at_once + 1e-9  # what comes meanwhile is answered first
+    assert np.diff(times).max() <= AT_ONCE + 1e-9  # what comes meanwhile is answered first
 
 
 def test_a_round_with_many_instructions_goes_on_in_time_once(server, client, clock):
@@ -111,7 +111,7 @@ def test_a_round_with_many_instructions_goes_on_in_time_once(server, client, clo
     client.write(PING * 50)
     server._round()
     assert client.read() == ANSWER * 50
-    assert server.t == pytest.approx(WAITS.at_once)
+    assert server.t == pytest.approx(AT_ONCE)
 
 
 def test_time_that_the_machine_is_too_slow_for_is_lost_and_said_once(clock, capsys):
@@ -120,7 +120,7 @@ def test_time_that_the_machine_is_too_slow_for_is_lost_and_said_once(clock, caps
         clock.now += 10.0
         for _ in range(200):
             server._keep_up()
-    assert server.t == pytest.approx(3 * WAITS.lag)
+    assert server.t == pytest.approx(3 * LAG)
     assert capsys.readouterr().err.count("too slow") == 1
 
 
@@ -194,7 +194,7 @@ def test_faults_and_temperature_go_on_at_rest(server, clock):
 def test_a_packet_that_came_in_time_is_answered_however_late_it_is_seen(server, client, clock):
     client.write(PING[:4])
     server._round()
-    clock.now += 5 * WAITS.silence  # the machine did something else
+    clock.now += 5 * SILENCE  # the machine did something else
     client.write(PING[4:])
     server._round()
     assert client.read() == ANSWER
@@ -203,7 +203,7 @@ def test_a_packet_that_came_in_time_is_answered_however_late_it_is_seen(server, 
 def test_a_packet_that_stops_is_given_up(server, client, clock):
     client.write(PING[:4])
     server._round()
-    clock.now += 5 * WAITS.silence
+    clock.now += 5 * SILENCE
     server._round()  # nothing there
     assert server.parser.pending == 0
     client.write(PING[4:])
@@ -239,7 +239,7 @@ def test_noise_that_nobody_reads_the_replies_to_leaves_it_answering(server, clie
 def test_alone_it_keeps_no_record(server, clock):
     write_register(server, "torque_enable", 1)
     for _ in range(50):
-        clock.now += WAITS.at_once
+        clock.now += AT_ONCE
         server._keep_up()
         server._beat()
     state = server.state()

@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import tyro
 
 from whiptool.commands.options.controller_options import LawName, LawOptions, Preset
-from whiptool.commands.options.option_group import Conditions, Names, ResumableOptions, SeedOptions, unless, when, whole
-from whiptool.commands.options.target_options import ModelName, ModelOptions
+from whiptool.commands.options.model_options import ModelName, ModelOptions
+from whiptool.commands.options.option_group import (
+    Conditions,
+    Count,
+    Interval,
+    Names,
+    Ranges,
+    ResumableOptions,
+    SeedOptions,
+    unless,
+    when,
+)
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,6 +70,13 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         "controller": when("drive", "command"),
         "preset": when("drive", "command"),
         "knots": when("drive", "joints", "hand", "handle", why=", whose motion was measured"),
+    }
+
+    ranges: ClassVar[Ranges] = {
+        "knots": Interval(0.002, 1.0),
+        "starts": Count(high=1000),
+        "clamp": Interval(),
+        "pieces": Interval(0, strict=True),
     }
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
@@ -119,20 +137,11 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         return
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         from whiptool.identification.inputs import read_marker
-        from whiptool.models.numbers import number
 
         super().check()
         if not self.recordings:
             raise InputError("recordings", "none", "one or more files or folders of recorded strikes")
-        if self.knots is not None:
-            number("--knots", self.knots, low=0.002, high=1.0)
-        whole("--starts", self.starts, high=1000)
-        if self.clamp is not None:
-            number("--clamp", self.clamp)
-        for piece in self.pieces:
-            number("--pieces", piece, low=0, strict=True)
         if len(set(self.nodes)) < len(self.nodes) or not all(1 <= n <= 200 for n in self.nodes):
             raise InputError("--nodes", self.nodes, "different whole numbers from 1 to 200")
         read_marker(self.tip)
@@ -144,15 +153,31 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
         """Return the model at which the fit starts: with --drive free an arm without a whip."""
         from whiptool.identification.plant import read_bare_arm
 
-        if self.drive != "free":
-            return super().find_model()
-        if not self.model.endswith(".toml"):
-            allowed = "a pendulum's .toml file, with --drive free"
-            raise InputError("--model", self.model, allowed, "see the file formats")
-        return read_bare_arm(self.model)
+        allowed = "a pendulum's .toml file, with --drive free"
+        try:
+            if self.drive != "free":
+                return super().find_model()
+            if not self.model.endswith(".toml"):
+                raise InputError("--model", self.model, allowed, "see the file formats")
+            return read_bare_arm(self.model)
+        except InputError:
+            if fix := self._pendulum_meant():
+                rule = allowed if self.drive == "free" else "a model of arm and whip, without --drive free"
+                raise InputError("--model", self.model, rule, fix) from None
+            raise
+
+    def _pendulum_meant(self) -> str:
+        """Return how a pendulum is given whose file, or whose fit's configuration, was; empty: none was."""
+        from whiptool.given_files import read_toml
+
+        path = Path(self.model)
+        table = read_toml(path) if path.suffix == ".toml" and path.is_file() else {}
+        kept = table.get("options")
+        if isinstance(kept, dict) and kept.get("drive") == "free":
+            return f"the pendulum that this run fitted is {path.with_name(IDENTIFIED)}, for --drive free"
+        return "this file is a pendulum's: add --drive free" if "links" in table and self.drive != "free" else ""
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         from whiptool.recording.readers import needed_for
 
         return needed_for(self.recordings)

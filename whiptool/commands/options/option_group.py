@@ -4,11 +4,13 @@ run.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from importlib import import_module
+from json import dumps
 from pathlib import Path
 from typing import Any, ClassVar, Self, TypeAlias, get_args
 
@@ -17,6 +19,7 @@ from whiptool.extras import Registry
 from whiptool.words import as_named
 
 MANY, MANY_TARGETS = 2**31 - 1, 1_000_000
+HELP, HELP_ALL = ("-h", "--help"), "--help-all"
 
 
 @dataclass(frozen=True, init=False)
@@ -112,8 +115,46 @@ def unless(option: str, *values: object, why: str = "", of: str = "") -> Conditi
 
 
 def _is(options: OptionGroup, option: str, values: tuple, of: str) -> bool:
-    value = getattr(options, of or option)
-    return value in values if values else value != options.usual(option)
+    return getattr(options, of or option) in values if values else options.given(option)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Values that an option takes; of an option with several values each, of one that is None none is looked at.
+
+    Args:
+        low, high: Least and largest value.
+        strict: Whether the value has to be above `low`.
+    """
+
+    low: float = -math.inf
+    high: float = 1e15  # as `whiptool.models.numbers.LARGEST`, without its import
+    strict: bool = False
+
+    def check(self, name: str, value: Any) -> None:
+        """Refuse a number beyond the range, or that is not finite.
+
+        Raises:
+            InputError: It is; `name` is the option.
+        """
+        from whiptool.models.numbers import number
+
+        number(name, value, low=self.low, high=self.high, strict=self.strict)
+
+
+@dataclass(frozen=True)
+class Count(Interval):
+    """Whole numbers that an option takes."""
+
+    low: int = 1
+    high: int = MANY
+
+    def check(self, name: str, value: Any) -> None:
+        """As `Interval.check`."""
+        whole(name, value, low=self.low, high=self.high)
+
+
+Ranges: TypeAlias = Mapping[str, Interval]  # of options, by the names of their fields
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,7 +165,7 @@ class OptionGroup:
     `of_this_call`, not stored with a run; `changeable`, may be given again when a run is resumed; `may_be_empty`,
     options with several values that may be given without any; `first`, shown by `--help` of a command with many
     options. `heading` is the group's heading in the help. `only_with` has the conditions under which options have an
-    effect: help leaves out options without effect, and giving one is refused.
+    effect: help leaves out options without effect, and giving one is refused. `ranges` has the allowed values.
     """
 
     of_this_call: ClassVar[tuple[str, ...]] = ()
@@ -133,6 +174,7 @@ class OptionGroup:
     first: ClassVar[tuple[str, ...]] = ()
     heading: ClassVar[str] = "options"
     only_with: ClassVar[Conditions] = {}
+    ranges: ClassVar[Ranges] = {}
 
     def check(self) -> None:
         """Refuse values that are out of range, and options that have no effect with the others.
@@ -141,9 +183,33 @@ class OptionGroup:
             InputError: A value is out of range, or an option has no effect; the option is named.
         """
         for f in fields(self):
-            given = getattr(self, f.name)
-            if given != self.usual(f.name) and (broken := self.broken_condition(f.name)):
-                raise InputError(flag(f.name), str(given) if isinstance(given, Path) else given, broken.words)
+            if self.given(f.name) and (broken := self.broken_condition(f.name)):
+                self.refuse_given(broken.words, f.name)
+        for group in type(self).__mro__:
+            for name, allowed in group.__dict__.get("ranges", {}).items():
+                value = getattr(self, name)
+                for each in value if isinstance(value, tuple) else (value,):
+                    if each is not None:
+                        allowed.check(flag(name), each)
+
+    def refuse_given(self, words: str, *names: str) -> None:
+        """Refuse options that have no effect.
+
+        Args:
+            words: When they are allowed.
+            names: Names of their fields.
+
+        Raises:
+            InputError: One of them is given.
+        """
+        for name in names:
+            if self.given(name):
+                value = getattr(self, name)
+                raise InputError(flag(name), str(value) if isinstance(value, Path) else value, words)
+
+    def given(self, name: str) -> bool:
+        """Return whether an option has another value than it has where it is not given."""
+        return getattr(self, name) != self.usual(name)
 
     def usual(self, name: str) -> object:
         """Return the default of an option."""
@@ -181,14 +247,10 @@ class SeedOptions(OptionGroup):
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("seed",)
+    ranges: ClassVar[Ranges] = {"seed": Count(0)}
 
     seed: int = 0
     """Seed of all random numbers (default: 0)."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        whole("--seed", self.seed, low=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,6 +265,10 @@ class JsonOptions(OptionGroup):
     """Print one JSON object on stdout and nothing else there."""
     quiet: bool = False
     """Show no progress on stderr; warnings and errors are still shown."""
+
+    def tell(self, summary: Mapping[str, Any], text: str) -> None:
+        """Print a result: one JSON object, or lines of text."""
+        print(dumps(summary, allow_nan=False) if self.json else text, flush=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,24 +322,6 @@ def check_place(name: str, path: Path) -> None:
         raise InputError(name, str(path), f"a file that can be written ({folder} is not an existing folder)")
     if not os.access(path if path.exists() else folder, os.W_OK):
         raise InputError(name, str(path), "a file that can be written (permission denied)")
-
-
-def refuse_idle(options: Any, idle: Mapping[str, str], usual: Any = None) -> None:
-    """Refuse options that were given but would have no effect.
-
-    Args:
-        options: Parsed options.
-        idle: Names of the fields without effect, each with a text on when it is allowed.
-        usual: Options with default values; default: those of the class.
-
-    Raises:
-        InputError: One of these options is not at its default.
-    """
-    defaults = {f.name: f.default if usual is None else getattr(usual, f.name) for f in fields(options)}
-    for name, allowed in idle.items():
-        given = getattr(options, name)
-        if given != defaults[name]:
-            raise InputError(flag(name), str(given) if isinstance(given, Path) else given, allowed)
 
 
 def flag(name: str) -> str:

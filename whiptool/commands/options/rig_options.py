@@ -1,21 +1,37 @@
-"""Options of commands that strike with an arm, real or simulated: port, camera and control loop."""
+"""Options of everything that strikes with an arm: the real arm or its twin, the control loop, and adaptation."""
 
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
 from whiptool.commands.options.controller_options import ControllerOptions, Preset
-from whiptool.commands.options.option_group import Conditions, OutputOptions, SeedOptions, when
-from whiptool.commands.options.target_options import ModelOptions, TargetOptions
+from whiptool.commands.options.model_options import ModelOptions
+from whiptool.commands.options.option_group import (
+    Condition,
+    Conditions,
+    Count,
+    Interval,
+    Names,
+    OutputOptions,
+    Ranges,
+    ResumableOptions,
+    SeedOptions,
+    unless,
+    when,
+)
+from whiptool.commands.options.target_options import GoalOptions, TargetOptions
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
+    from whiptool.adaptation.materials import Stock
+    from whiptool.goals.target import Target
     from whiptool.impedance import Controller
+    from whiptool.models.parameters import Model
     from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.stops import Interlock
 
@@ -56,8 +72,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Do not ask before a real arm moves."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
+        from whiptool.models.parameters import number
         from whiptool.rig.loop_options import LONGEST_DELAY
 
         super().check()
@@ -65,7 +80,6 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         loop_options(self)
 
     def needs(self) -> tuple[str, ...]:
-        """Return the modules of extras that the command imports with these options."""
         film = self.camera == "realsense" or self.camera.endswith(".db3")
         images = self.camera not in ("points", "none")
         return ("dynamixel_sdk", *["pyrealsense2"] * film, *["cv2"] * images)
@@ -100,7 +114,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
     Raises:
         InputError: The serial device or the camera does not exist; they are not opened yet.
     """
-    from whiptool.rig.dynamixel.port import check_present
+    from whiptool.rig.dynamixel.line import check_present
     from whiptool.rig.session import HardwareRig, ServoLine
 
     check_present(options.port)
@@ -175,3 +189,146 @@ def _says_yes(question: str) -> bool:
     if not answer.endswith("\n"):
         print(file=sys.stderr)  # no one pressed Enter: what follows begins on a new line
     return answer.strip().lower() == "yes"
+
+
+CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
+
+
+FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
+
+
+ROBOT = "robot"  # a port
+
+
+_OF_RIGS = unless("port", ROBOT, why=", where your own program commands and records")
+
+
+_NOT_AT_REST = Condition(
+    "only with a real arm: the twin is already at the start of its strike", lambda o: o.port != "twin"
+)
+
+
+_SERVOS = Condition("only without --camera tip, which has no servos", lambda o: o.port != "twin" or o.camera != "tip")
+
+
+_OF_MATERIAL = Condition(
+    "only with --material, or with --youngs-modulus and --density; or give --model or --prior",
+    lambda o: any(x is not None for x in (o.material, o.youngs_modulus, o.density)),
+)
+_IN_SPACE = Condition("only for a model in space", lambda o: o.find_model().dimension == 3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
+    """Options of `adapt`, which strikes, films, identifies the whip and plans again until an unknown whip hits."""
+
+    first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
+    in_space: ClassVar[bool] = True
+    only_with: ClassVar[Conditions] = {
+        **dict.fromkeys(("camera", "yes", "limits"), (_OF_RIGS,)),
+        **dict.fromkeys(("approach_speed", "settle"), (_OF_RIGS, _NOT_AT_REST)),
+        **dict.fromkeys(("rate", "friction", "latency"), (_OF_RIGS, _SERVOS)),
+        "family": (when("port", "twin"),),
+        **dict.fromkeys(("direction", "arrival_angle"), (_IN_SPACE,)),
+        "length": (when("material", why="; or give --model or --prior"),),
+        "diameter": (_OF_MATERIAL,),
+    }
+    ranges: ClassVar[Ranges] = {
+        "least_speed": Interval(0, FASTEST_TIP),
+        "max_strikes": Count(),
+        "starts": Count(high=1000),
+    }
+
+    port: str = "twin"
+    """Serial device, twin (simulated rig) or robot. A device is, for example, /dev/ttyUSB0; twin emulates the servos
+    and their protocol; robot is your position-controlled robot. A robot takes each strike as a trajectory from the run
+    folder; put its recording there as recorded.csv and use --resume."""
+    camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
+    """Camera (tip and points: positions without images). With the twin: points (the tip with the error of tracked
+    images), twin or d435-infrared (rendered infrared images), d435-color (colour images), or tip (60 frames a second, 5
+    mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
+    family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
+    """Deviation of the simulated whip from --model. kin: a uniform whip near the model; strange: tapered, with a bead,
+    a soft joint and more; stranger: the same deviations, doubled."""
+    material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
+    """Known material of the whip, for the prior mean. Without it the prior mean is --model. The prior covariance is
+    that of materials in general."""
+    diameter: float | None = None
+    """Measured diameter of a whip of --material [m], of a chain that of its wire; or the diameter that belongs to
+    --youngs-modulus."""
+    length: float | None = None
+    """Measured length of a whip of --material [m]."""
+    max_strikes: int = 6
+    """Largest number of strikes. Measurements before the first strike do not count."""
+    whip: Annotated[str, Names("whiptool.adaptation.prior:WHIPS")] = "profile"
+    """Parametrisation of the whip that is identified: profile (tapers, drag, friction, rest curvature) or uniform (k,
+    b, m, l)."""
+    prior: str | None = None
+    """TOML file that replaces the default prior of the parameters that it names, with lines such as "profile.length" =
+    {value = 0.9, error = 0.05}."""
+    known: tuple[str, ...] = ()
+    """Recordings of earlier strikes with the same whip, which contain the tip and the commanded strike."""
+    limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS")] | None = None
+    """Motor whose limits strikes have to keep; default: xm430, but none for --camera tip, which has no motors."""
+    still: bool = True
+    """Film the hanging whip before the first strike, to measure its length. Not needed with --wiggle or --known."""
+    wiggle: bool = False
+    """Begin with a short, slow movement that is planned for its information gain about the whip."""
+    starts: int = 3
+    """Number of starting points of every fit."""
+    seed: int = 0
+    """Seed of the twin's whip and all other random numbers (default: 0)."""
+
+    @property
+    def material_of_model(self) -> dict[str, float]:
+        """Material parameters that the options give to the model's whip, by name; with --material without
+        `diameter`."""
+        given = super().material_of_model
+        return {name: x for name, x in given.items() if self.material is None or name != "diameter"}
+
+    def check(self) -> None:
+        from whiptool.models.files import load_model
+
+        super().check()
+        seen = self.port == ROBOT or (self.port, self.camera) == ("twin", "tip")  # neither servos nor images
+        if load_model(self.model).dimension == 3 and not seen:
+            raise InputError(
+                "--model", self.model, "a model in the plane, unless --port robot or --camera tip is given"
+            )
+        if self.port == "twin" and self.camera not in CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
+        if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
+            raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
+        if self.wiggle and not self.still:
+            raise InputError(
+                "--no-still",
+                "together with --wiggle",
+                "one of them",
+                "--wiggle also measures the whip before the first strike",
+            )
+        self.build_stock()
+
+    def build_stock(self) -> Stock | None:
+        """Return the whips that the given material allows; None: none was given, and the model's whip is the centre."""
+        from whiptool.adaptation.materials import stock_of_material
+
+        if self.material is None:
+            return None
+        return stock_of_material(self.material, diameter=self.diameter, length=self.length)
+
+    def needs(self) -> tuple[str, ...]:
+        return () if self.camera == "tip" or self.port == ROBOT else super().needs()
+
+    def build_target(self, model: Model | None = None) -> Target:
+        """Return the target with direction and speed of arrival; a least speed of 0 requires no speed."""
+        return GoalOptions.build_target(replace(self, least_speed=self.least_speed or None), model)
+
+    def build_controller(self) -> Controller:
+        """Return the controller that the options describe; for an arm in space or a robot, position control."""
+        from whiptool.models.files import load_model
+
+        if self.port != ROBOT and load_model(self.model).dimension == 2:
+            return super().build_controller()
+        from whiptool.impedance import Controller, PositionControl
+
+        return Controller(PositionControl())

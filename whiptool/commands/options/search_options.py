@@ -1,4 +1,4 @@
-"""Options of searches and trainings: methods, bounds, numbers of trials and episodes."""
+"""Options of searches and trainings: methods, bounds, numbers of trials and episodes, and criteria."""
 
 from __future__ import annotations
 
@@ -6,11 +6,26 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from whiptool.commands.options.option_group import MANY_TARGETS, Names, OptionGroup, whole
+import numpy as np
+
+from whiptool.commands.options.option_group import (
+    MANY_TARGETS,
+    Condition,
+    Conditions,
+    Count,
+    Interval,
+    Names,
+    OptionGroup,
+    Ranges,
+    unless,
+)
 from whiptool.errors import InputError
 from whiptool.words import method_name
 
 if TYPE_CHECKING:
+    from whiptool.goals.criteria import Criterion
+    from whiptool.impedance.controller import Controller
+    from whiptool.limits.all_limits import AllLimits
     from whiptool.models.hand_space import StrikeSpace
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikeBounds
@@ -48,6 +63,7 @@ class SearchOptions(OptionGroup):
 
     heading: ClassVar[str] = "search"
     first: ClassVar[tuple[str, ...]] = ("max_trials",)
+    ranges: ClassVar[Ranges] = {"max_trials": Count()}
 
     lower: tuple[float, ...] | None = None
     """Lower bounds of q_si q_ei q_sf q_ef [rad] and D [s]: joint angles at the start and at the end, for any number of
@@ -57,11 +73,6 @@ class SearchOptions(OptionGroup):
     """Upper bounds, in the same order. Default: those of the model."""
     max_trials: int = 600
     """Largest number of trials, each of which is one strike."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        super().check()
-        whole("--max-trials", self.max_trials)
 
     def build_bounds(self, model: Model, space: StrikeSpace | None = None) -> StrikeBounds:
         """Return the bounds of strikes from `--lower` and `--upper`, or the default bounds.
@@ -103,6 +114,11 @@ class TrainingOptions(OptionGroup):
 
     heading: ClassVar[str] = "training"
     first: ClassVar[tuple[str, ...]] = ("episodes",)
+    ranges: ClassVar[Ranges] = {
+        "episodes": Count(),
+        "trials": Count(2, MANY_TARGETS),
+        "hindsight": Count(0, 1000),
+    }
 
     episodes: int = 500
     """Number of training episodes."""
@@ -117,11 +133,122 @@ class TrainingOptions(OptionGroup):
     def check(self) -> None:
         """Refuse lengths of a training with which nothing would be learned, or that need too much memory."""
         super().check()
-        whole("--episodes", self.episodes)
-        whole("--trials", self.trials, low=2, high=MANY_TARGETS)
-        whole("--hindsight", self.hindsight, low=0, high=1000)
         if not 0 <= self.random_episodes < self.episodes:
             fewer = f"a whole number from 0 to {self.episodes - 1}, fewer than --episodes {self.episodes}"
             allowed = f"{fewer}: random episodes come first, and nothing is learned in them"
             fix = f"give --random-episodes {self.episodes // 5}; it is 50 unless given"
             raise InputError("--random-episodes", self.random_episodes, allowed, fix)
+
+
+CriterionName = Annotated[str, Names("whiptool.goals.criteria:CRITERIA")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CriteriaOptions(OptionGroup):
+    """Options for the criteria by which hits are ranked."""
+
+    heading: ClassVar[str] = "search"
+    first: ClassVar[tuple[str, ...]] = ("minimise",)
+    only_with: ClassVar[Conditions] = {
+        "minimise": unless("pareto"),
+        "noise": Condition(
+            "only with --minimise robustness or robustness in --pareto",
+            lambda o: "robustness" in (o.minimise, *(o.pareto or ())),
+        ),
+    }
+
+    ranges: ClassVar[Ranges] = {"noise": Interval()}
+
+    minimise: CriterionName = "miss"
+    """Criterion to minimise among hits (speed: maximise). miss: miss distance; effort: integral of the squared torques;
+    peak-torque: largest torque; speed: that of the tip at the target; robustness: root mean square miss under noise.
+    With any criterion other than miss the search continues after the first hit."""
+    pareto: tuple[CriterionName, CriterionName] | None = None
+    """Find the Pareto front of these two criteria among the hits, with derivatives."""
+    noise: tuple[float, ...] = (0.01,)
+    """Standard deviation of the noise on each coordinate of a strike [rad, s], for robustness; one value, or one per
+    coordinate."""
+
+    def check(self) -> None:
+        from whiptool.goals.criteria import Robustness
+
+        super().check()
+        if self.pareto is not None and self.pareto[0] == self.pareto[1]:
+            raise InputError("--pareto", self.pareto, "two different criteria")
+        Robustness(self.noise)
+
+    @property
+    def judged(self) -> bool:
+        """Whether hits are ranked by a criterion other than the miss distance."""
+        return self.pareto is not None or self.minimise != "miss"
+
+    def build_criteria(self, bounds: StrikeBounds) -> tuple[Criterion, ...]:
+        """Return the criteria: two for a Pareto front, one, or none if only the cost counts.
+
+        Args:
+            bounds: Bounds of the strikes.
+
+        Raises:
+            InputError: The noise does not fit them.
+        """
+        from whiptool.goals.criteria import find_criterion
+
+        names = self.pareto or ((self.minimise,) if self.judged else ())
+        return tuple(find_criterion(name, bounds, noise=self.noise) for name in names)
+
+
+_POSTURES = 2000  # that are tried, and the straight arm
+_SURELY = 0.02  # beyond the limits, in parts of them: a posture between those tried may ask for a little less
+
+
+def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bounds: StrikeBounds) -> None:
+    """Refuse bounds of strikes if the arm can hold none of the start postures, or none of the end postures, within the
+    limits.
+
+    Raises:
+        InputError: Gravity alone needs more torque than the motors or joints give at every start posture within the
+            bounds, or at every end posture.
+    """
+    if not limits or controller.prescribed or controller.hand is not None or model.arm.weightless:
+        return
+    a = model.arm.n
+    for name, part in (("start", slice(a)), ("end", slice(a, 2 * a))):
+        low, high = (x[part] for x in bounds.box)
+        beyond, torques = _easiest_to_hold(model, controller, limits, low, high)
+        if beyond > _SURELY:
+            rule = f"within {' and '.join(each.words for each in limits.members)}"
+            fix = f"{name} elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
+            raise InputError(f"{name} postures", f"all beyond the arm: the easiest needs {torques}", rule, fix)
+
+
+def _easiest_to_hold(
+    model: Model, controller: Controller, limits: AllLimits, low: np.ndarray, high: np.ndarray
+) -> tuple[float, str]:
+    """Return how far beyond the limits the posture of a box is that is easiest to hold, and its torques in words.
+
+    Args:
+        low, high: Corners of the box, (a,).
+    """
+    from whiptool.impedance.arm import Arm
+    from whiptool.models.trajectory import Approach
+
+    a, arm = model.arm.n, Arm(model)
+    q = np.vstack([np.random.default_rng(0).uniform(low, high, (_POSTURES, a)), np.clip(np.zeros(a), low, high)])
+    tau = np.abs(controller.clipped(np.array([arm.gravity_compensation(x, controller.compensated) for x in q])))
+    still, nowhere = np.zeros_like(tau), np.zeros((len(q), model.dimension))
+    at_rest = Approach(
+        distance=still[:, 0],
+        time=still[:, 0],
+        velocity=nowhere,
+        tip=nowhere,
+        max_joint_speed=still,
+        max_torque=tau,
+        diverged=np.zeros(len(q), bool),
+        positions=np.stack([q, q], axis=1),
+    )
+    beyond = np.max([each.violation_of_peaks(at_rest) for each in limits.members], axis=0)
+    least = int(beyond.argmin())
+    units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
+    held = zip(model.arm.joints, tau[least], units, strict=True)
+    torques = ", ".join(f"{joint} {torque:.2f} {unit}" for joint, torque, unit in held)
+    return float(beyond[least]), torques

@@ -1,15 +1,15 @@
-"""Options of target, zone of targets and model."""
+"""Options of targets: one target, or the zone or region from which targets are drawn, and the required arrival."""
 
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass, replace
-from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from whiptool.commands.options.option_group import Condition, Conditions, Names, OptionGroup, unless
-from whiptool.commands.options.whip_options import WhipOptions
+from tyro.conf import arg
+
+from whiptool.commands.options.option_group import Condition, Conditions, Interval, OptionGroup, Ranges, unless
 from whiptool.errors import InputError
 from whiptool.models.strike import T_STAY
 
@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from whiptool.goals.zone import Zone
     from whiptool.models.parameters import Model
 
+    pass
+    pass
+
 LONGEST_STAY = 60.0  # [s]
-ModelName = Annotated[str, Names("whiptool.models.presets:PRESETS", beside="|FILE.toml|FILE.urdf|FILE.xml")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +35,8 @@ class TargetOptions(OptionGroup):
         "hit_radius",
     )
 
+    ranges: ClassVar[Ranges] = {"t_stay": Interval(0, LONGEST_STAY)}
+
     target: tuple[float, ...] | None = None
     """Target position x y, in space x y z [m]. The origin is the shoulder and y is up; in space the origin is the base,
     y is to the left and z is up. Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and
@@ -43,12 +47,8 @@ class TargetOptions(OptionGroup):
     """Time after the movement in which the tip can still hit [s]."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
-
         super().check()
         self.build_target()
-        number("--t-stay", self.t_stay, low=0, high=LONGEST_STAY)
 
     def build_target(self, model: Model | None = None) -> Target:
         """Return the target; default: the usual target of the model, or without a model the one in the plane."""
@@ -59,6 +59,7 @@ class TargetOptions(OptionGroup):
         return Target(TARGET if model is None else usual_target(model).position, self.hit_radius)
 
 
+_CONE = Interval(0, 180, strict=True)
 DIRECTED = {
     "cone": Condition(
         "only with --direction or --arrival-angle",
@@ -74,6 +75,7 @@ class GoalOptions(TargetOptions):
 
     first: ClassVar[tuple[str, ...]] = ("direction",)
     only_with: ClassVar[Conditions] = DIRECTED
+    ranges: ClassVar[Ranges] = {"cone": _CONE, "arrival_angle": Interval(-360, 360)}
 
     direction: tuple[float, ...] | None = None
     """Direction of the tip's velocity at a hit: x y, in space x y z. The vector can have any length. Default: any
@@ -85,15 +87,6 @@ class GoalOptions(TargetOptions):
     """Largest angle at a hit between the tip's velocity and the required direction [degrees]."""
     least_speed: float | None = None
     """Least speed of the tip at a hit [m/s], along the required direction if there is one. Default: any speed."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
-
-        number("--cone", self.cone, low=0, high=180, strict=True)
-        if self.arrival_angle is not None:
-            number("--arrival-angle", self.arrival_angle, low=-360, high=360)
-        super().check()
 
     def build_target(self, model: Model | None = None) -> Target:
         """Return the target with the required arrival of the tip.
@@ -121,17 +114,11 @@ class ZoneOptions(TargetOptions):
 
     of_disc: ClassVar[tuple[str, ...]] = ("target", "zone_radius")
     first: ClassVar[tuple[str, ...]] = ("zone_radius",)
+    ranges: ClassVar[Ranges] = {"zone_radius": Interval(0, strict=True)}
 
     zone_radius: float = 0.1
     """Radius of the zone of targets around --target [m]. The zone is a disc, in space a ball; targets out of reach are
     left out."""
-
-    def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
-        from whiptool.models.numbers import number
-
-        super().check()
-        number("--zone-radius", self.zone_radius, low=0, strict=True)
 
     def build_arrival(self) -> ArrivalRule:
         """Return the required arrival of the tip; any, if the command has no options for it.
@@ -156,76 +143,64 @@ class ZoneOptions(TargetOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelOptions(WhipOptions):
-    """Options for the model of whip and arm."""
+class ZoneGoalOptions(ZoneOptions):
+    """Options for the zone of targets and the required arrival of the tip."""
 
-    heading: ClassVar[str] = "model"
-    first: ClassVar[tuple[str, ...]] = (
-        "model",
-        "arm",
-    )
-    in_space: ClassVar[bool] = False  # whether the command takes models in space
+    only_with: ClassVar[Conditions] = DIRECTED
+    ranges: ClassVar[Ranges] = {"cone": _CONE}
 
-    model: ModelName = "lemon2024"
-    """Model of arm and whip: a preset or a file. The presets nah2023, ur5e and panda are in space. A robot in URDF or
-    MJCF gets the rope of ur5e."""
+    direction: tuple[float, ...] | None = None
+    """Direction of the tip's velocity at every target: x y, in space x y z. The vector can have any length. Default:
+    any direction."""
+    arrival_angle: Annotated[tuple[float, ...] | None, arg(metavar="ANGLE|FROM TO")] = None
+    """Angle of the tip's velocity at every target [degrees]. In the plane 0 is forward and 90 is upward. In space, seen
+    from the base, 0 is upward and 90 is to the left. If two angles are given, that of each target is drawn uniformly
+    between them; -180 180 is the full turn. Default: any angle."""
+    cone: float = 10.0
+    """Largest angle at a hit between the tip's velocity and the required direction [degrees]."""
+    least_speed: float | None = None
+    """Least speed of the tip at a hit [m/s], along the required direction if there is one. Default: any speed."""
 
-    arm: str | None = None
-    """Use the arm of this preset or file with the whip of --model. The file can be a robot's URDF. If only one of the
-    two models is in space, the arm keeps its own whip."""
+    def check(self) -> None:
+        super().check()
+        if self.arrival_angle is not None:
+            self._check_angles(self.arrival_angle)
+        self.build_arrival()
 
-    arm_tip: str | None = None
-    """Link, body or site of the robot's file to which the whip is attached; needed if the robot's chain branches.
-    Default: the last link."""
-
-    base: tuple[str, ...] = ("floor",)
-    """Mounting of the base of an arm in space: floor, wall (its z axis points forward), ceiling, or its roll, pitch and
-    yaw [rad]."""
-
-    def build_model(self) -> Model:
-        """Return the model of `--model` with the arm of `--arm`; assumptions about the arm are printed on stderr.
+    def _check_angles(self, angles: tuple[float, ...]) -> None:
+        """Refuse what is neither an angle nor a range of them.
 
         Raises:
-            InputError: No model has that name, the arm does not fit the whip, or the command takes no models in space.
+            InputError: It is neither.
         """
-        model = self.find_model()
-        for note in model.arm.notes:
-            print(f"whiptool: {self.arm or self.model}: {note}", file=sys.stderr)
-        return model
+        ordered = len(angles) == 1 or (len(angles) == 2 and angles[0] < angles[1] <= angles[0] + 360)
+        if not (ordered and all(map(math.isfinite, angles))):
+            allowed = "an angle, or from which to which it is drawn, one turn at most"
+            raise InputError("--arrival-angle", angles, allowed)
 
-    def find_model(self) -> Model:
-        """Return the model as `build_model` does, without printing; files are read only once."""
-        return self._model_found
 
-    @cached_property
-    def _model_found(self) -> Model:
-        from whiptool.models.files import load_model
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions(ZoneGoalOptions):
+    """Options for the region of goals: a disc or ball around --target, a sector, or a region from a file."""
 
-        of_model, of_arm = (self.arm_tip or "", "") if self.arm is None else ("", self.arm_tip or "")
-        model = load_model(self.model, tip=of_model)
-        if self.arm is not None:
-            try:
-                other = load_model(self.arm, tip=of_arm)
-            except InputError as error:
-                raise error.renamed("--arm") if error.name == "model" else error from None
-            model = replace(other, whip=model.whip) if other.dimension == model.dimension else other
-        if model.dimension == 3 and not self.in_space:
-            option, given = ("--model", self.model) if self.arm is None else ("--arm", self.arm)
-            raise InputError(option, given, "a model in the plane, for this command")
-        return self._mounted(self.changed_whip(model))
+    first: ClassVar[tuple[str, ...]] = ("region", "sector")
+    only_with: ClassVar[Conditions] = {
+        "sector": (unless("region"),),
+        **dict.fromkeys(ZoneOptions.of_disc, (unless("region"), unless("sector"))),
+    }
 
-    def _mounted(self, model: Model) -> Model:
-        """The model with its base as `--base` says."""
-        from whiptool.models.mount import MOUNT_RULE, mounted
+    region: Path | None = None
+    """NPZ file with the region of targets, in place of --zone-radius. whiptool.goals.zone.Region.save writes such
+    files."""
+    sector: tuple[float, ...] | None = None
+    """Region of targets: NEAR FAR LOW HIGH [m] ANGLE [degrees]. NEAR and FAR are distances from the base, LOW and HIGH
+    heights above it, and ANGLE is that from forward to either side."""
 
-        if self.base == ("floor",):
-            return model
-        if model.dimension == 2:
-            raise InputError("--base", self.base, "nothing but floor for an arm in the plane")
-        try:
-            angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
-            return replace(model, arm=mounted(model.arm.in_space(), angles))
-        except InputError as error:
-            raise error.renamed("--base") from None
-        except ValueError:
-            raise InputError("--base", " ".join(self.base), MOUNT_RULE) from None
+    def check(self) -> None:
+        from whiptool.goals.arrival_rule import named_sector
+
+        super().check()
+        if self.sector is not None:
+            if len(self.sector) != 5:
+                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH ANGLE")
+            named_sector(self.sector)

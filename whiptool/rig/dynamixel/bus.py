@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.rig.dynamixel.control_table import BAUD_RATES, BROADCAST, FIRMWARE, MODEL_NUMBER, Register, register
-from whiptool.rig.dynamixel.line import Line, accept
-from whiptool.rig.dynamixel.port import BusError, Damaged, NoReply, Refused, Unplugged, check_rate
+from whiptool.rig.dynamixel.control_table import BAUD_RATES, FIRMWARE, MODEL_NUMBER, Register, register
+from whiptool.rig.dynamixel.line import BROADCAST, BusError, Line, NoReply, accept
 
 # What is read every cycle, through one block of indirect addresses
 BLOCK = (
@@ -245,4 +245,36 @@ def _encode(r: Register, value: int) -> bytes:
         raise InputError(r.name, value, f"a value that fits {r.size} byte{'s' * (r.size > 1)}") from None
 
 
-__all__ = ["BLOCK", "BusError", "Damaged", "DynamixelBus", "NoReply", "Refused", "Unplugged"]
+def check_rate(
+    rate: float, *, device: str, baud: int, bytes_per_cycle: int, delays: float = 0.0, latency: float | None = None
+) -> float:
+    """Return the transmission time of one control cycle [s]; refuse a rate that the line cannot support.
+
+    Args:
+        rate: Desired cycles per second [Hz].
+        device: Serial device, for the command in the message.
+        baud: Bits per second; a byte is ten bits.
+        bytes_per_cycle: Bytes per cycle of the read, its reply, and the write.
+        delays: Sum of the servos' return delays [s].
+        latency: The adapter's latency timer [s], or None.
+
+    Raises:
+        InputError: A cycle takes longer than 1 / rate. The message names the change that is needed.
+    """
+    if not rate > 0:
+        raise InputError("rate", rate, "a number > 0 Hz")
+    wire = bytes_per_cycle * 10 / baud + delays
+    total = wire + (latency or 0.0)
+    if total <= 1 / rate:
+        return total
+    name = Path(device).name
+    if latency is not None and latency > 1e-3 and wire + 1e-3 <= 1 / rate:
+        fix = f"echo 1 | sudo tee /sys/class/tty/{name}/device/latency_timer"
+        raise InputError("USB latency timer", f"{latency * 1e3:g} ms", f"at most 1 ms for {rate:g} Hz", fix)
+    if delays and total - delays <= 1 / rate:
+        fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-return-delay 0"
+        raise InputError("return delay", f"{delays * 1e6:.0f} us a cycle", f"less for {rate:g} Hz", f"run {fix}")
+    faster = next((b for b in (1_000_000, 2_000_000, 3_000_000, 4_000_000) if b > baud), None)
+    fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-baud {faster}" if faster else ""
+    fits = f"{1 / total:.0f} Hz ({bytes_per_cycle} bytes a cycle at {baud} baud)"
+    raise InputError("rate", f"{rate:g} Hz", f"at most {fits}", fix or "take a lower rate")

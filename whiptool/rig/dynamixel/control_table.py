@@ -14,7 +14,6 @@ from whiptool.errors import InputError
 MODEL_NUMBER = 1020
 FIRMWARE = 45  # the oldest that answers a fast sync read
 RAM = 64  # first address of the RAM area; what lies below is EEPROM
-BROADCAST = 254
 CURRENT_MODE, POSITION_MODE = 0, 3
 WATCHDOG_UNIT = 0.02  # [s], of Bus Watchdog(98)
 WATCHDOG_TRIPPED = -1
@@ -31,16 +30,6 @@ BAUD_RATES = {
     7: 4_500_000,
 }
 
-# Status packet: number in the low 7 bits of the error byte; bit 7 is the alert
-STATUS_ERRORS = {
-    1: "result fail",
-    2: "undefined instruction",
-    3: "CRC does not match",
-    4: "data out of range",
-    5: "data too short for the register",
-    6: "data beyond the configured limit",
-    7: "no access to this address now",
-}
 # Hardware Error Status(70) and Shutdown(63), by bit
 HARDWARE_ERRORS = {0: "input voltage", 2: "overheating", 3: "motor encoder", 4: "electrical shock", 5: "overload"}
 

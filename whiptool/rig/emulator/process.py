@@ -1,8 +1,7 @@
-"""The emulator in a separate process, and its interface."""
+"""Interface of the emulator, which runs in a separate process."""
 
 from __future__ import annotations
 
-import signal
 import socket
 import subprocess
 import sys
@@ -10,18 +9,16 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
 
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import WhiptoolError
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
-from whiptool.rig.emulator.server import Server
-from whiptool.rig.emulator.twin_options import TwinOptions
-from whiptool.rig.stop_signals import signals_held
+from whiptool.rig.emulator.physics import TwinOptions
+from whiptool.rig.stops import signals_held
 
 
 class Client(Protocol):
@@ -92,7 +89,7 @@ class Emulator:
         self._client = client
 
     def given(self) -> int:
-        """Number of bytes that were written; see `whiptool.rig.dynamixel.port.Peer`."""
+        """Number of bytes that were written; see `whiptool.rig.dynamixel.line.Peer`."""
         try:
             return self._ask("given")
         except EOFError as error:
@@ -144,49 +141,3 @@ class Emulator:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def serve_child(fd: int) -> None:
-    """Main function of the emulator's process: receive the options, send the port, then serve commands."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    control = Connection(fd)
-    server = Server(control.recv(), control)
-    control.send(server.port)
-    server.serve()
-
-
-def serve_alone(options: TwinOptions, link: str | None) -> None:
-    """Serve in the foreground until interrupted; `link` is the path of a symbolic link to create to the device.
-
-    Raises:
-        InputError: The link cannot be created, or its name is taken.
-    """
-    server = Server(options)
-    if link:
-        _link(Path(link), server.port)
-    try:
-        print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
-        if link:
-            print(f"and on {link}", flush=True)
-        server.serve()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if link and _leads_to(Path(link), server.port):
-            Path(link).unlink()
-
-
-def _link(link: Path, device: str) -> None:
-    """Make the link; one that an earlier emulator left, to a pseudo-terminal, is replaced, and nothing else."""
-    try:
-        if link.is_symlink() and link.readlink().parent == Path(device).parent:
-            link.unlink()
-        link.symlink_to(device)
-    except FileExistsError:
-        raise InputError("link", str(link), "a path that does not exist yet", "take another, or remove it") from None
-    except OSError as error:
-        raise InputError("link", str(link), f"a path at which a symbolic link can be made ({error.strerror})") from None
-
-
-def _leads_to(link: Path, device: str) -> bool:
-    return link.is_symlink() and link.readlink() == Path(device)

@@ -6,6 +6,7 @@ import fcntl
 import os
 import pty
 import select
+import signal
 import sys
 import termios
 import time
@@ -13,39 +14,23 @@ import tty
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
+from whiptool.errors import InputError
 from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator.faults import Fault, Faults, mangle
 from whiptool.rig.emulator.instructions import ServoChain, beats
 from whiptool.rig.emulator.packets import Packet, Parser
-from whiptool.rig.emulator.physics import Physics
-from whiptool.rig.emulator.twin_options import TwinOptions
+from whiptool.rig.emulator.physics import Physics, TwinOptions
 
-# With the wall clock [s]:
-
-
-@dataclass(frozen=True)
-class Waits:
-    """Timing of the server [s].
-
-    Args:
-        silence: Pause within a packet after which it is discarded (1.5 ms for the servo, more for a busy host).
-        at_once: Largest simulated time that is integrated before the next reply.
-        lag: Largest delay of simulated time behind real time; a larger delay is cut to it.
-        pause: Time to wait for bytes before the simulation continues.
-        pause_at_rest: Time to wait for bytes while nothing moves; registers are updated when bytes arrive.
-    """
-
-    silence: float = 0.02
-    at_once: float = 0.001
-    lag: float = 0.1
-    pause: float = 0.001
-    pause_at_rest: float = 0.05
-
-
-WAITS = Waits()
+# Timing with the wall clock [s]
+SILENCE = 0.02  # pause within a packet after which it is discarded (1.5 ms for the servo, more for a busy host)
+AT_ONCE = 0.001  # largest simulated time that is integrated before the next answer
+LAG = 0.1  # largest delay of simulated time behind real time; more is dropped
+PAUSE = 0.001  # time to wait for bytes before the simulation continues
+PAUSE_AT_REST = 0.05  # the same while nothing moves; registers are updated when bytes come
 _TCGETS2 = 0x802C542A  # of Linux; tells any rate, where termios.tcgetattr knows the classical ones only
 
 
@@ -131,8 +116,8 @@ class Server:
             return
         behind = self._behind
         if not self.physics.at_rest:
-            self._lose(behind - WAITS.lag)
-            behind = min(behind, WAITS.at_once)
+            self._lose(behind - LAG)
+            behind = min(behind, AT_ONCE)
         self.physics.advance_to(self.t + behind)
         self._happen()
 
@@ -182,7 +167,7 @@ class Server:
         if self._master in ready:
             self._take()
         else:
-            if begun - self._heard > WAITS.silence and not self.options.lockstep:
+            if begun - self._heard > SILENCE and not self.options.lockstep:
                 self.parser.reset()  # silence is what was seen: a busy machine may keep us from bytes that came in time
             self._keep_up()
         if self.control is None or self.control not in ready:
@@ -199,8 +184,8 @@ class Server:
         if self.options.lockstep:
             return None
         if self.physics.at_rest and not self.parser.pending:
-            return WAITS.pause_at_rest
-        return 0.0 if self._behind > WAITS.at_once else WAITS.pause
+            return PAUSE_AT_REST
+        return 0.0 if self._behind > AT_ONCE else PAUSE
 
     def _hear(self, sent: int) -> None:
         """Handle every byte that a client has sent so far, before what it wants on the control connection."""
@@ -332,3 +317,45 @@ class Server:
             "skipped": self.parser.skipped,
             "broken": self.parser.broken,
         }
+
+
+def serve_child(fd: int) -> None:
+    """Main function of the emulator's process: receive the options, send the port, then serve commands."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    control = Connection(fd)
+    server = Server(control.recv(), control)
+    control.send(server.port)
+    server.serve()
+
+
+def serve_alone(options: TwinOptions, link: str | None) -> None:
+    """Serve in the foreground until interrupted; `link` is the path of a symbolic link to create to the device.
+
+    Raises:
+        InputError: The link cannot be created, or its name is taken.
+    """
+    server = Server(options)
+    if link:
+        _link(Path(link), server.port)
+    try:
+        print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
+        if link:
+            print(f"and on {link}", flush=True)
+        server.serve()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if link and Path(link).is_symlink() and Path(link).readlink() == Path(server.port):
+            Path(link).unlink()
+
+
+def _link(link: Path, device: str) -> None:
+    """Make the link; one that an earlier emulator left, to a pseudo-terminal, is replaced, and nothing else."""
+    try:
+        if link.is_symlink() and link.readlink().parent == Path(device).parent:
+            link.unlink()
+        link.symlink_to(device)
+    except FileExistsError:
+        raise InputError("link", str(link), "a path that does not exist yet", "take another, or remove it") from None
+    except OSError as error:
+        raise InputError("link", str(link), f"a path at which a symbolic link can be made ({error.strerror})") from None

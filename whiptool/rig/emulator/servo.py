@@ -1,16 +1,19 @@
-"""One emulated servo: registers, access rules and self-protection.
+"""One emulated servo: motor, registers, access rules and self-protection.
 
 Source: https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/, descriptions of the control table's items.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 from dataclasses import dataclass
 
+from whiptool.errors import InputError
+from whiptool.limits.arm_limits import XM430
+from whiptool.models.parameters import number
 from whiptool.rig.dynamixel.control_table import (
     CURRENT_MODE,
-    POSITION_MODE,
     TICKS,
     VOLTAGE_UNIT,
     WATCHDOG_TRIPPED,
@@ -19,7 +22,71 @@ from whiptool.rig.dynamixel.control_table import (
     Register,
     Units,
 )
-from whiptool.rig.emulator.motor import Motor
+
+RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Parameters of a motor, all at the output shaft; by default those of the XM430-W350 at 12 V.
+
+    The manual gives stall torque, stall current and no-load speed. They fix the winding's resistance `V / i_stall`,
+    the back EMF `V / w_0`, and, since an ideal gear would give as many N m/A as V s/rad, the gear's efficiency 0.72.
+
+    Args:
+        voltage: Supply voltage [V].
+        resistance: Resistance of the winding [ohm].
+        back_emf: Back EMF per speed [V s/rad], equal to the torque constant [N m/A] with an ideal gear.
+        efficiency: Efficiency of the gear.
+        viscous_friction: Viscous friction [N m s/rad].
+        dry_friction: Dry friction torque at speeds far above `friction_velocity` [N m].
+        friction_velocity: Speed below which dry friction is smoothed [rad/s]; the torque is `-dry_friction v / sqrt(v^2
+            + friction_velocity^2)`.
+        inertia: Inertia of rotor and gear [kg m^2].
+
+    Raises:
+        InputError: A value is not finite, or out of range.
+    """
+
+    voltage: float = RATED_VOLTAGE
+    resistance: float = RATED_VOLTAGE / XM430.stall_current
+    back_emf: float = RATED_VOLTAGE / XM430.no_load_speed
+    efficiency: float = XM430.stall_torque / XM430.stall_current / (RATED_VOLTAGE / XM430.no_load_speed)
+    viscous_friction: float = 0.0
+    dry_friction: float = 0.0
+    friction_velocity: float = 0.05
+    inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("voltage", "resistance", "back_emf", "efficiency", "friction_velocity"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
+        for name in ("viscous_friction", "dry_friction", "inertia"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        if self.efficiency > 1:
+            raise InputError("efficiency", self.efficiency, "a number > 0 and <= 1")
+
+    @property
+    def torque_constant(self) -> float:
+        """Torque at the output per current [N m/A]."""
+        return self.efficiency * self.back_emf
+
+    def current(self, goal: float, speed: float) -> float:
+        """Return the current [A] for a goal [A] at a speed of the output [rad/s], limited by the supply voltage."""
+        emf = self.back_emf * speed
+        return min(max(goal, (-self.voltage - emf) / self.resistance), (self.voltage - emf) / self.resistance)
+
+    def torque(self, current: float, speed: float) -> float:
+        """Return the torque at the output [N m] for a current [A] at a speed [rad/s], less friction."""
+        friction = self.viscous_friction * speed
+        if self.dry_friction:
+            friction += self.dry_friction * speed / math.sqrt(speed * speed + self.friction_velocity**2)
+        return self.torque_constant * current - friction
+
+
+# What a worn-in servo is like: friction of a tenth of the stall torque and less, a rotor of about 0.01 kg m^2 (the
+# inertia that models of arms with this servo use). Estimates, not the maker's figures: identify your own.
+HARDWARE = Motor(viscous_friction=0.03, dry_friction=0.08, inertia=0.008)
+
 
 SIZE = max(r.address + r.size for r in XM430_W350.values())
 _OWNER: list[Register | None] = [None] * SIZE  # which register holds each byte
@@ -296,6 +363,3 @@ class Servo:
 
     def __repr__(self) -> str:
         return f"Servo(id={self.get('id')}, torque_on={self.torque_on})"
-
-
-__all__ = ["POSITION_MODE", "SIZE", "Protection", "Servo"]

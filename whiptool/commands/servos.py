@@ -1,13 +1,20 @@
-"""Find the servos on a bus, and set them up: `python -m whiptool.rig.dynamixel`."""
+"""Servos on a bus, and emulated servos.
+
+`python -m whiptool.rig.dynamixel` finds the servos and sets them up. `python -m whiptool.rig.emulator` emulates servos
+on a pseudo-terminal, for any client of Protocol 2.0.
+"""
 
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.commands import cli
-from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, whole
+from whiptool.commands.options.model_options import ModelOptions
+from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, when, whole
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,6 +22,8 @@ if TYPE_CHECKING:
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
+_SERVOS = "See which servos are there, and set them up."
+_EMULATED = "Emulated servos on a pseudo-terminal, for any program that speaks Protocol 2.0."
 # [s] that a reply may take, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
 # (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
 # nor for this process: with eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's own
@@ -49,7 +58,6 @@ class ServoOptions(OptionGroup):
     """Reboot the servo with this id, which clears a shutdown."""
 
     def check(self) -> None:
-        """Refuse values that are out of range, and options that contradict each other."""
         super().check()
         if not self.ids or len(set(self.ids)) < len(self.ids) or not all(0 <= id <= LAST_ID for id in self.ids):
             raise InputError("--ids", self.ids, f"different numbers from 0 to {LAST_ID}")
@@ -64,11 +72,11 @@ class ServoOptions(OptionGroup):
             raise InputError("--set-id", self.set_id, "together with one id in --ids")
 
 
-def _serve(o: ServoOptions) -> int:
+def _set_up(o: ServoOptions) -> int:
     """Do what is asked of the servos, and say what they answered."""
-    from whiptool.rig.dynamixel.assumed import set_registers
     from whiptool.rig.dynamixel.bus import DynamixelBus
     from whiptool.rig.dynamixel.control_table import BAUD_RATES
+    from whiptool.rig.dynamixel.joints import set_registers
 
     rate = {bps: value for value, bps in BAUD_RATES.items()}
     with DynamixelBus(o.port, o.ids, baud=o.baud, timeout=PATIENCE) as bus:
@@ -100,9 +108,9 @@ def _serve(o: ServoOptions) -> int:
 
 def _told(bus: DynamixelBus, id: int) -> str:
     """What a servo answers, and what of it strikes would not be made with."""
-    from whiptool.rig.dynamixel.assumed import mismatches
-    from whiptool.rig.dynamixel.bus import NoReply
     from whiptool.rig.dynamixel.control_table import Units, in_words
+    from whiptool.rig.dynamixel.joints import mismatches
+    from whiptool.rig.dynamixel.line import NoReply
 
     try:
         model, firmware = bus.ping(id)
@@ -125,7 +133,7 @@ def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
     Raises:
         InputError: It is taken.
     """
-    from whiptool.rig.dynamixel.bus import Damaged, NoReply
+    from whiptool.rig.dynamixel.line import Damaged, NoReply
 
     if o.set_id is None or o.set_id in o.ids:
         return
@@ -139,4 +147,46 @@ def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
     raise InputError("--set-id", o.set_id, "an id that no other servo on the line has", fix)
 
 
-main = cli.command(ServoOptions, "rig.dynamixel", __doc__ or "", _serve, prog="python -m whiptool.rig.dynamixel")
+main = cli.command(ServoOptions, "rig.dynamixel", _SERVOS, _set_up, prog="python -m whiptool.rig.dynamixel")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmulatorOptions(ModelOptions):
+    """Emulated servos on a pseudo-terminal."""
+
+    only_with: ClassVar[Conditions] = {"period": when("lockstep")}
+
+    baud: Baud = 1_000_000
+    """Baud rate of the emulated servos."""
+    friction: bool = True
+    """Emulate the friction and the rotor inertia of real servos."""
+    lockstep: bool = False
+    """Advance the time with every write of Goal Current instead of with the wall clock."""
+    period: float = 0.002
+    """Control period in lock-step [s]."""
+    link: str | None = None
+    """Make a symbolic link with this name to the device."""
+
+
+def _serve(o: EmulatorOptions) -> int:
+    from whiptool.rig.emulator.physics import TwinOptions
+    from whiptool.rig.emulator.server import serve_alone
+    from whiptool.rig.emulator.servo import HARDWARE, Motor
+
+    motor = HARDWARE if o.friction else Motor()
+    serve_alone(TwinOptions(o.build_model(), motor, lockstep=o.lockstep, period=o.period, baud=o.baud), o.link)
+    return 0
+
+
+_emulator = cli.command(EmulatorOptions, "rig.emulator", _EMULATED, _serve, prog="python -m whiptool.rig.emulator")
+
+
+def emulator(args: Sequence[str] | None = None) -> int:
+    """The command line of the emulator; returns the exit status."""
+    words = list(sys.argv[1:] if args is None else args)
+    if words[:1] == ["--control"]:  # started by `Emulator`
+        from whiptool.rig.emulator.server import serve_child
+
+        serve_child(int(words[1]))
+        return 0
+    return _emulator(words)

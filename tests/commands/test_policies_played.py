@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 import tomli_w
 
+from whiptool.commands import run_folders
+
 pytest.importorskip("torch")
 
-from whiptool.commands import cli, simulate, train, view
-from whiptool.commands.policy_runs import is_policy, usual_for
+from whiptool.commands import simulate, train, view
+from whiptool.commands.run_folders import is_policy
 from whiptool.errors import InputError
 from whiptool.models import preset
 from whiptool.rl.trained import BEST, CHECKPOINT, load_policy
@@ -68,7 +70,7 @@ def test_a_policy_is_looked_at_by_a_strike_at_one_of_its_targets(run: Path, file
     """Its files are written anew every time: the policy may have learned since."""
     monkeypatch.setattr(view, "has_display", lambda: False)
     drawn: list[view.StrikeRun] = []
-    monkeypatch.setattr(view, "_write_video", lambda folder, strike: drawn.append(strike))
+    monkeypatch.setattr(view.StrikeRun, "write_video", lambda strike, folder: drawn.append(strike))
     for _ in range(2):
         (run / view.PAGE).write_text("of an earlier policy")
         assert view.main([str(run / file), "--json"]) == 0
@@ -87,7 +89,7 @@ def test_a_policy_is_looked_at_by_a_strike_at_one_of_its_targets(run: Path, file
 
 def trained(folder: Path, **options) -> Path:
     """The folder of a training that has not begun."""
-    config = {"command": "train", "options": cli.as_plain(train.TrainOptions(**options).kept())}
+    config = {"command": "train", "options": run_folders.as_plain(train.TrainOptions(**options).kept())}
     (folder / "config.toml").write_text(tomli_w.dumps(config))
     return folder
 
@@ -102,7 +104,7 @@ def trained(folder: Path, **options) -> Path:
     ],
 )
 def test_a_policys_target_is_asked_for_as_it_was_trained(given, angle, cone, tmp_path: Path) -> None:
-    found = usual_for(simulate.SimulateOptions, trained(tmp_path, model="ur5e", target=(1.2, 0.0, 0.4), **given))
+    found = simulate._of_policy(trained(tmp_path, model="ur5e", target=(1.2, 0.0, 0.4), **given))
     assert (found.model, found.target) == ("ur5e", (1.2, 0.0, 0.4))
     assert (found.arrival_angle, found.cone) == (angle, cone)
     assert (found.direction, found.least_speed) == (given.get("direction"), given.get("least_speed"))
@@ -117,4 +119,4 @@ def test_only_a_training_with_a_checkpoint_is_a_policy(tmp_path: Path) -> None:
     (tmp_path / "config.toml").write_text('command = "optimize"\n')
     assert not is_policy(tmp_path)
     with pytest.raises(InputError, match="run_folder"):
-        usual_for(simulate.SimulateOptions, tmp_path)
+        simulate._of_policy(tmp_path)

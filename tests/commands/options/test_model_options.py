@@ -8,10 +8,11 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from whiptool.commands.options.adapt_options import AdaptOptions, prepare
+from whiptool.commands.adapt import prepare
+from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import OptionGroup
-from whiptool.commands.options.simulator_options import StepOptions
-from whiptool.commands.options.target_options import ModelOptions
+from whiptool.commands.options.rig_options import AdaptOptions
+from whiptool.commands.options.strike_options import StepOptions
 from whiptool.errors import InputError
 from whiptool.models import preset
 
@@ -61,7 +62,7 @@ def test_mistakes_name_the_option(given, name, said):
     assert said in str(caught.value)
 
 
-COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify", "adapt", "rig", "emulator")
+COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify", "adapt", "rig", "servos")
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "papers.reproduce"])

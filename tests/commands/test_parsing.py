@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from whiptool.commands import cli, compare, identify, map, optimize, simulate, train
-from whiptool.commands.spelling import usual_words
+from whiptool.commands.parsing import usual_words
 from whiptool.models import preset
 
 

@@ -1,0 +1,197 @@
+"""Result of a strike on a rig: its cycles, its recording for identification, and the miss distance."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.goals.target import Target
+from whiptool.models.kinematics import joint_points
+from whiptool.models.parameters import Model
+from whiptool.models.strike import T_STAY, Strike
+from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.recording.filmed_approach import (
+    Frames,
+    Judgement,
+    approach_seen,
+    frames_of,
+    judge_frames,
+    tip_seen,
+    unseen_around,
+)
+from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.rig.cyclelog import Cycles, Phase
+from whiptool.rig.stops import SafetyError, StrikeInterrupted, StrikeStopped
+
+
+@dataclass(frozen=True)
+class Run:
+    """Result of a strike on the rig.
+
+    Args:
+        cycles: Log of all control cycles.
+        fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
+        torque_off: Whether every servo confirmed that its torque is off.
+        missed, overruns: Cycles without a sample, and cycles that ended too late.
+        torque: State of the motors as text: torque is off, or the power has to be cut.
+    """
+
+    cycles: Cycles
+    fault: SafetyError | None
+    torque_off: bool
+    missed: int
+    overruns: int
+    torque: str
+
+
+@dataclass(frozen=True)
+class Struck:
+    """Result of one strike on a rig.
+
+    Args:
+        run: Result of the control loop.
+        recording: Recording of the joints and of the filmed tip; None if the run ended before its strike.
+        truth: True motion of a twin's arm and whip, relative to the strike's first cycle; None for hardware.
+    """
+
+    run: Run
+    recording: StrikeRecording | None
+    truth: Trajectory | None = None
+    _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def approach(self, target: np.ndarray) -> Approach:
+        """Return the closest approach of the filmed tip (B = 1), marked as diverged if the tip was not seen."""
+        seen = None
+        if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
+            seen = approach_seen(self.recording, target)
+        if seen is None:
+            return nothing_seen(self.run.cycles.q.shape[1])
+        cycles = self.run.cycles.during(Phase.STRIKE)
+        return Approach(
+            distance=np.array([seen.distance]),
+            time=np.array([seen.time]),
+            tip=seen.place[None],
+            velocity=seen.velocity[None],
+            max_joint_speed=np.nanmax(np.abs(cycles.v), axis=0)[None],
+            max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
+            diverged=np.zeros(1, bool),
+        )
+
+    def tip_seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (F,) [s] and positions (F, 2) [m] of the tip in the frames that show it; F may be 0."""
+        if self.recording is None or "tip" not in self.recording.markers:
+            return np.zeros(0), np.zeros((0, 2))
+        return tip_seen(self.recording, 2)
+
+    def judged(self, target: Target) -> Judgement | None:
+        """Return the miss distance estimated from the camera's frames, with its standard error; None if the frames do
+        not show the tip.
+
+        The result is cached for each target.
+        """
+        if target not in self._judged:
+            frames = self._frames(target)
+            self._judged[target] = None if frames is None else judge_frames(frames, target)
+        return self._judged[target]
+
+    def unseen(self, target: Target) -> tuple[float, float] | None:
+        """Return the interval without the tip around the closest approach [s]; None if the tip was seen there."""
+        frames, judged = self._frames(target), self.judged(target)
+        if frames is None or judged is None or judged.nearest is None:
+            return None
+        return unseen_around(frames, judged.nearest.time)
+
+    def _frames(self, target: Target) -> Frames | None:
+        """Return the frames that show the tip; None: too few do, or the strike ended in a fault."""
+        if self.recording is None or self.run.fault is not None or "tip" not in self.recording.markers:
+            return None
+        return frames_of(self.recording, target)
+
+
+def nothing_seen(a: int) -> Approach:
+    """Return the approach (B = 1) of a strike that was refused, ended in a fault or was not filmed, for an arm with a
+    joints.
+    """
+    nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
+    return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
+
+
+def carried_out(struck: Struck) -> Struck:
+    """Return the result of a strike if it was carried out.
+
+    Raises:
+        StrikeInterrupted: A signal came.
+        StrikeStopped: A fault ended it.
+    """
+    run = struck.run
+    if run.fault is None:
+        return struck
+    if run.fault.kind == "signal":
+        raise StrikeInterrupted(str(run.fault), struck, run.torque)
+    raise StrikeStopped(str(run.fault), struck, run.torque)
+
+
+def came_to_its_strike(run: Run) -> bool:
+    """Whether there are joints of the strike that can be recorded."""
+    return bool(np.isfinite(run.cycles.during(Phase.STRIKE).q).all(axis=1).sum() > 1)
+
+
+ENCODER = 2 * np.pi / 4096 / np.sqrt(12)  # [rad], standard error of an angle read to one count
+
+
+def build_recording(
+    cycles: Cycles,
+    model: Model,
+    *,
+    track: StrikeRecording | None = None,
+    controller: dict | None = None,
+    target: Sequence[float] | None = None,
+    t_stay: float = T_STAY,
+    source: str = "rig",
+) -> StrikeRecording:
+    """Return the recording of a strike: joints from the servos, markers from a camera.
+
+    Time 0 is the first cycle of the strike, by the loop's clock.
+
+    Args:
+        cycles: Cycles of the run, all phases.
+        model: Model, for the lengths of the arm's links.
+        track: Recording of a camera, with times relative to the strike's first cycle. None: the only markers are the
+            arm's joints and the handle, computed from the encoders.
+        controller: The controller as a table.
+        target: Position of the target [m].
+        t_stay: Time after the movement, as in the loop [s].
+        source: Name of the source.
+
+    Raises:
+        InputError: The run ended before its strike.
+    """
+    during = cycles.during(Phase.STRIKE)
+    seen = np.isfinite(during.q).all(axis=1)
+    if seen.sum() < 2:
+        raise InputError("run", f"{len(cycles)} cycles", "one that reached its strike")
+    t = during.stamp[seen] - during.stamp[seen][0] + during.t[seen][0] - during.t[0]
+    q = during.q[seen]
+    joints: dict[str, Any] = {
+        "strike": Strike.from_vector(cycles.about["strike"]) if "strike" in cycles.about else None,
+        "controller": controller,
+        "joints_t": t,
+        "joints_q": q,
+        "target": None if target is None else tuple(float(x) for x in target),
+        "t_stay": t_stay,
+        "source": source,
+    }
+    if track is not None:
+        return dataclasses.replace(track, **joints)
+    a = model.arm.n
+    whole = np.zeros((len(q), model.n))
+    whole[:, :a] = q
+    points = joint_points(model, whole)[:, 1 : a + 1]  # behind the shoulder: (S, a, 2)
+    markers = (*model.arm.joints[1:], "handle")
+    reach = np.cumsum(model.arm.per_link("length"))
+    return StrikeRecording(t=t, points=points, markers=markers, sigma=reach * ENCODER, camera="encoders", **joints)
