@@ -15,7 +15,7 @@ from full_disk import full_disk
 from search_words import SEARCH
 
 import whiptool as wt
-from whiptool.commands import cli, optimize
+from whiptool.commands import cli, optimize, run_folders
 from whiptool.commands.options.option_group import OutputOptions, ResumableOptions
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.impedance.laws import LAWS
@@ -141,7 +141,7 @@ def test_a_search_on_a_full_disk_leaves_whole_files(left: int, file: str, alone:
 @pytest.mark.parametrize(("kind", "resumable"), [(ResumableOptions, True), (OutputOptions, False)])
 def test_an_interruption_says_how_to_go_on(kind, resumable, tmp_path, capsys):
     def command() -> int:
-        with cli.new_folder(kind(out=tmp_path / "run"), "x", {"command": "x"}):
+        with run_folders.new_folder(kind(out=tmp_path / "run"), "x", {"command": "x"}):
             raise KeyboardInterrupt
 
     assert cli.run(command) == 130
@@ -157,7 +157,7 @@ def test_a_taken_folder_is_named_as_it_was_given(kind, resumable, tmp_path):
     with pytest.raises(InputError, match=r"^run folder: got .*; allowed: a folder that is new or empty$"):
         RunFolder.create(tmp_path, {})
     with pytest.raises(InputError, match=r"^--out: got .* new or empty") as raised:
-        cli.new_folder(kind(out=tmp_path), "x", {})
+        run_folders.new_folder(kind(out=tmp_path), "x", {})
     assert str(raised.value).endswith("to go on with a killed run, give --resume") == resumable
 
 

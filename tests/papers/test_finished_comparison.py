@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from papers.finished_comparison import Results, read_run
-from whiptool.commands import cli
+from whiptool.commands import run_folders
 from whiptool.commands.compare import CompareOptions
 from whiptool.errors import InputError
 from whiptool.runs import RunFolder
@@ -23,7 +23,7 @@ def run(tmp_path):
     )
     units = options.comparison(options.methods, options.observation).units()
     folder = RunFolder.create(
-        tmp_path / "run", {"version": "1", "command": "compare", "options": cli.as_plain(options)}
+        tmp_path / "run", {"version": "1", "command": "compare", "options": run_folders.as_plain(options)}
     )
     (folder.path / "units").mkdir()
     for unit in units:

@@ -107,7 +107,7 @@ def test_the_convergence_says_why_trials_have_no_result():
     trials = [trial(1, 0.4), *(trial(i, 9.0, **kind) for i, kind in enumerate(kinds, start=2))]
     ax = plot_convergence(Figure().subplots(), trials, (1.3, 0.0))
     assert ax.get_ylabel() == "miss distance [m]"
-    said = [text.get_text() for text in ax.get_legend().get_texts()]
+    said = [text.get_text().replace("\n", " ") for text in ax.get_legend().get_texts()]
     reasons = "3 diverged, 2 beyond the joints' limits, 4 would collide, 1 beyond the arm's reach"
     assert f"trial (not shown: {reasons})" in said
 
