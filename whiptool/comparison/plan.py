@@ -154,6 +154,7 @@ def compare(
         InputError: No method has this name, or a number is out of range.
     """
     expect(CompiledRollout, rollout=rollout)
+    expect(TrainingPlan, type(None), plan=plan)
     region = as_region(zone, rollout.model)
     scene = TargetScene(
         model=rollout.model,
