@@ -274,7 +274,7 @@ def test_what_has_no_such_number_is_refused():
     with pytest.raises(InputError, match=r"name whip\.drag in `free`"):
         rows(straight, ["profile.drag"])
     assert rows(straight, ["profile.drag"], free=["whip.drag"]).any()
-    with pytest.raises(InputError, match=r"parameter: got 'profile\.length'; allowed: numbers of a whip that is"):
+    with pytest.raises(InputError, match=r"parameter: got 'profile\.length'; allowed: parameters of a whip that was"):
         LEMON.with_parameters({"profile.length": 1.0})
     with pytest.raises(InputError, match=r"whip\.rest_angle: got 0\.1; allowed: a value per node"):
         replace(LEMON, whip=replace(LEMON.whip, rest_angle=(0.0,) * 12)).with_parameters({"whip.rest_angle": 0.1})

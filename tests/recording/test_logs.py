@@ -48,7 +48,7 @@ def test_a_stretch_of_doubled_stamps_is_refused():
     held[10:16] = EVEN[10]
     pairs[11:20:2] = pairs[10:19:2]
     for stamps in (held, pairs, np.zeros(40), np.full(40, np.nan)):
-        with pytest.raises(InputError, match="each later than the one before"):
+        with pytest.raises(InputError, match="each later than the previous stamp"):
             good_stamps(stamps, "stamps")
     with pytest.raises(InputError, match="samples 11 to 16"):
         good_stamps(held, "stamps")

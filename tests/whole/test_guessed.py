@@ -217,7 +217,7 @@ def test_a_function_stays_one_when_the_command_of_its_name_is_imported():
         ),
         ("wt.Target(1.0)", "target: got (1.0,); allowed: two finite coordinates x y in m, or three in space"),
         ("wt.search(objective, 'cma')", "method: got 'cma'; allowed: directl, gradient, map, cmaes"),
-        ("wt.search(objective, max_trials=3)", "search: got 'max_trials'; allowed: nothing but method, seed and first"),
+        ("wt.search(objective, max_trials=3)", "search: got 'max_trials'; allowed: only method, seed and first"),
         ("model.with_whip(nodes=0)", "nodes: got 0; allowed: a whole number from 1 to 200"),
         ("model.with_arm(lengths=[1])", "lengths: got [1]; allowed: 2 finite numbers"),
         ("wt.load_model('ur5e').with_arm(lengths=range(6))", "lengths: got "),
