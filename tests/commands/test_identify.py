@@ -490,7 +490,7 @@ def bare(tracks, tmp_path_factory):
         ("{good} --starts 0", "--starts"),
         ("{good} --starts few", "--starts"),
         ("{good} --seed -1", "--seed"),
-        ("{good} --nodes 8 10", "--nodes: .*held out"),
+        ("{good} --nodes 8 10", "--nodes: .*held-out"),
         ("{good} --per-recording wind", "wind"),
         ("{good} --free delay --per-recording delay", "delay"),
         ("{good} --model nothing", "model: got 'nothing'"),

@@ -270,8 +270,8 @@ optimize --model pipe.xml | not a pipe or a device
 optimize --model of-pipe.toml | not a pipe or a device
 optimize --model includes.xml | not a pipe or a device
 optimize --model replicate.xml | replicas
-optimize --model deep.urdf | within elements
-optimize --model deep.xml | within elements
+optimize --model deep.urdf | nested elements
+optimize --model deep.xml | nested elements
 optimize --model entities.urdf | entities
 optimize --controller pipe.toml | pipe.toml
 optimize --controller huge-gain.toml | K
@@ -567,7 +567,7 @@ adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
 adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
-adapt-next --run of-robot good.npz | a strike that was requested
+adapt-next --run of-robot good.npz | a requested strike
 adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
 identify --free | --free
 identify --free magic | --free
