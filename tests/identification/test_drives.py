@@ -10,7 +10,7 @@ from pendulum_swing import angles_of, pendulum
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import CommandDrive, FreeDrive, pieces
+from whiptool.identification.drives import CommandDrive, DriveOptions, FreeDrive, pieces
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.impedance import Controller, PositionControl
@@ -36,7 +36,7 @@ def recorded(markers: tuple[str, ...], t: np.ndarray, places: np.ndarray) -> Str
 def test_markers_are_found_by_name():
     """Nodes count from 1 to 12 behind the arm's two links; what only looks like a node is none."""
     t = np.linspace(0.1, 0.5, 5)
-    drive = CommandDrive(recorded(("tip",), t, np.zeros((5, 1, 2))), PLANT, free=(), h=1e-3, unknown=False)
+    drive = CommandDrive(recorded(("tip",), t, np.zeros((5, 1, 2))), PLANT, DriveOptions("command"))
     assert [drive.link_of(name) for name in ("node1", "node12")] == [2, 13]
     assert drive.link_of("node12") == drive.link_of("tip")
     for name in ("node0", "node13", "node", "nodes", "node1a", "5"):
@@ -63,7 +63,7 @@ def test_every_link_is_where_the_whole_model_has_it():
 def test_a_swing_is_rolled_out_to_its_last_sample_and_no_further(first, last, h, steps):
     t = np.linspace(first, last, 11)
     swing = angles_of(t, np.zeros((11, 1)), np.zeros((2, 1)))
-    assert FreeDrive(swing, ONE_LINK, free=(), h=h, unknown=True).steps == steps
+    assert FreeDrive(swing, ONE_LINK, DriveOptions("free", h=h, unknown_start=True)).steps == steps
 
 
 def test_a_rod_that_swings_a_little_is_a_harmonic_oscillator():

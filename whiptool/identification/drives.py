@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -42,7 +42,25 @@ ORIGIN, AT_BASE = -2, -1  # places of markers that are not at the end of a link:
 BEFORE = 0.05  # [s] before a robot's command from which its log is followed: it and the whip are at rest until then
 MARGIN = 0.1  # [s] that a path goes on after the last reading, so that a delay can be found
 _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parabola
-DRIVES = ("command", "joints", "robot", "hand", "handle", "passive", "free")
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """How recordings are driven.
+
+    Args:
+        kind: One of `DRIVES`.
+        free: Names of the plant's free parameters.
+        h: Time step [s].
+        unknown_start: Whether the initial state is unknown.
+        knots: Spacing of the knots of a prescribed motion's spline [s]; None: see `whiptool.identification.motion`.
+    """
+
+    kind: str
+    free: Sequence[str] = ()
+    h: float = 1e-3
+    unknown_start: bool = False
+    knots: float | None = None
 
 
 @dataclass
@@ -107,6 +125,12 @@ class Drive:
     displacements: np.ndarray
     period: float | None = None
     unknowns: dict[str, np.ndarray]
+    motion: BaseMotion  # of drives that have unknowns besides `start`
+
+    @property
+    def of_start(self) -> np.ndarray:
+        """Matrix from the unknown initial state to joint angles and velocities."""
+        return np.eye(len(self.unknowns["start"]))
 
     @property
     def packed_like(self) -> object:
@@ -130,11 +154,7 @@ class Drive:
 
 
 def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
-    """The strike that a recording says was commanded.
-
-    Raises:
-        InputError: It says none, where the other drives would do, or one of another arm.
-    """
+    """The strike that a recording says was commanded; refused without one, or if it is of another arm."""
     strike, a = recording.commanded(f", or drive by {others}"), plant.model.arm.n
     if len(strike.q_i) != a:
         allowed = f"a strike of the arm's {counted(a, 'joint')}"
@@ -162,10 +182,8 @@ class CommandDrive(Drive):
     any.
     """
 
-    def __init__(
-        self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
-    ) -> None:
-        command = _command(recording, plant, "joints or handle")
+    def __init__(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> None:
+        command, h = _command(recording, plant, "joints or handle"), options.h
         if plant.controller is None:
             raise InputError(
                 "controller",
@@ -174,7 +192,7 @@ class CommandDrive(Drive):
                 "give Plant(model, controller)",
             )
         plant.controller.check_fits(plant.model.arm)
-        self.structure = stepped(plant.model, plant.controller, free=_terms(free, plant), timestep=h)
+        self.structure = stepped(plant.model, plant.controller, free=_terms(options.free, plant), timestep=h)
         self.start, self.ends = 0.0, float(command.D)
         self.displacements = displacements(plant.model, self.structure.n)
         self.steps = math.ceil((_end(recording) + MARGIN) / h)
@@ -182,7 +200,7 @@ class CommandDrive(Drive):
         self.hold = 1 if period is None else round(period / h)
         if period is not None and not math.isclose(self.hold * h, period, rel_tol=1e-9):
             raise InputError("timestep", h, f"a whole fraction of the control period of {period:g} s")
-        self.unknowns = {"start": np.zeros(2 * self.structure.n)} if unknown else {}
+        self.unknowns = {"start": np.zeros(2 * self.structure.n)} if options.unknown_start else {}
         self._strike, self._arm = command.vector, plant.model.arm
         self._sag = 0.0 if recording.sag is None else recording.sag
 
@@ -226,17 +244,8 @@ class SwingDrive(Drive):
         "inertia": "whip.node_inertia",
     }  # fmt: skip
 
-    def __init__(
-        self,
-        recording: StrikeRecording,
-        plant: Plant,
-        *,
-        kind: str,
-        free: Sequence[str],
-        h: float,
-        unknown: bool,
-        knots: float | None,
-    ) -> None:
+    def __init__(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> None:
+        kind, free, unknown = options.kind, options.free, options.unknown_start
         self._arm, whip = plant.model.arm, plant.held.whip
         self._own_arm = kind == "hand"
         for name in free:
@@ -270,7 +279,7 @@ class SwingDrive(Drive):
             "passive": self._still,
         }[kind]
         # a whip that hangs at rest hangs from a hand at rest: the tip would keep any speed that its base begins with
-        self.motion: BaseMotion = make(recording, plant, h, {"knots": knots, "at_rest": not unknown})
+        self.motion: BaseMotion = make(recording, plant, options)
         self.unknowns = {"lag" if kind == "robot" else "motion": self.motion.start}
         if kind == "passive":
             self.unknowns["start"] = np.linalg.solve(self.of_start, released(recording, plant, _hand(recording)))
@@ -288,7 +297,7 @@ class SwingDrive(Drive):
         n = self.structure.coordinates
         return np.eye(2 * n) if self.structure.dimension == 3 else np.kron(np.eye(2), np.eye(n) - np.eye(n, k=-1))
 
-    def _measured_joints(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
+    def _measured_joints(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if recording.joints_t is None or recording.joints_q is None:
             raise InputError(
                 "recording",
@@ -298,29 +307,29 @@ class SwingDrive(Drive):
             )
         arm, t = plant.model.arm, recording.joints_t
         check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
-        return self._along(recording, t, recording.joints_q, arm, h, options)
+        return self._along(recording, t, recording.joints_q, arm, options)
 
-    def _followed_command(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
+    def _followed_command(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         arm, self.start = plant.model.arm.in_space(), 0.0
-        return LaggedReference(_command(recording, plant, "joints or hand"), arm, self._instants(recording, h))
+        return LaggedReference(_command(recording, plant, "joints or hand"), arm, self._instants(recording, options.h))
 
-    def _measured_hand(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
+    def _measured_hand(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if recording.hand_t is None or recording.hand_pose is None:
             fix = "or drive by joints or command"
             raise InputError("recording", recording.called, "one with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
         check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))
-        return self._along(recording, recording.hand_t, joints, self._arm, h, options)
+        return self._along(recording, recording.hand_t, joints, self._arm, options)
 
     def _along(
-        self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: AnyArm, h: float, options: dict
+        self, recording: StrikeRecording, t: np.ndarray, q: np.ndarray, arm: AnyArm, options: DriveOptions
     ) -> BaseMotion:
         self.start = float(t[0])
-        if options["at_rest"] and arm.dimension == 3:  # a robot's log holds its way to the start, too
+        if not options.unknown_start and arm.dimension == 3:  # a robot's log holds its way to the start, too
             self.start = max(self.start, -BEFORE)
-        return JointMotion(t, q, arm, self._instants(recording, h), **options)
+        return JointMotion(t, q, arm, self._instants(recording, options.h), **_of_spline(options))
 
-    def _tracked_handle(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
+    def _tracked_handle(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if "handle" not in recording.markers:
             raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
         if plant.held.whip.per_node("b")[0] or not hinge_is_free(plant.held):
@@ -335,13 +344,15 @@ class SwingDrive(Drive):
             raise InputError("handle", f"seen {seen.sum()} times", "seen four times or more")
         self.start = float(recording.t_points[seen, m][0])
         handle = recording.t_points[:, m], recording.points[:, m, :2], recording.sigma[:, m]
-        return HandleMotion(*handle, self._instants(recording, h), joints=plant.model.arm.n, **options)
+        return HandleMotion(
+            *handle, self._instants(recording, options.h), joints=plant.model.arm.n, **_of_spline(options)
+        )
 
-    def _still(self, recording: StrikeRecording, plant: Plant, h: float, options: dict) -> BaseMotion:
+    def _still(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         self.start = float(recording.t_points[recording.seen].min()) - recording.exposure / 2
         if plant.clamp is None and not hinge_is_free(plant.model):
             raise InputError("whip.k[0]", "a spring where the whip is held", "a free hinge, or a clamp's direction")
-        return StillMotion(_hand(recording), len(self._instants(recording, h)), joints=plant.model.arm.n)
+        return StillMotion(_hand(recording), len(self._instants(recording, options.h)), joints=plant.model.arm.n)
 
     def _instants(self, recording: StrikeRecording, h: float) -> np.ndarray:
         self.steps = math.ceil((_end(recording) + MARGIN - self.start) / h)
@@ -404,12 +415,13 @@ class SwingDrive(Drive):
         return known.get(marker, _numbered(marker, "node", self.structure.n))
 
 
-def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
-    """Refuse what is not identified in space yet.
+def _of_spline(options: DriveOptions) -> dict[str, Any]:
+    """Options of a motion's spline."""
+    return {"knots": options.knots, "at_rest": not options.unknown_start}
 
-    Raises:
-        InputError: Neither joints nor the hand's pose were measured, or a whip of rods begins in an unknown state.
-    """
+
+def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
+    """Refuse what is not identified in space yet."""
     if kind not in ("joints", "robot", "hand"):
         fix = "record the arm's joints, or the hand's pose"
         raise InputError("drive", kind, "joints, robot, hand or command, for a model in space", fix)
@@ -422,10 +434,8 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
 class FreeDrive(Drive):
     """A pendulum that swings freely from an unknown initial state."""
 
-    def __init__(
-        self, recording: StrikeRecording, plant: Plant, *, free: Sequence[str], h: float, unknown: bool
-    ) -> None:
-        model = plant.model
+    def __init__(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> None:
+        model, free = plant.model, options.free
         assert isinstance(model, BareArm)
         if recording.points.shape[1] != model.arm.n:
             given, rule = f"{recording.points.shape[1]} links", f"{model.arm.n}, as many as the model has"
@@ -435,11 +445,11 @@ class FreeDrive(Drive):
         used = [name for name, there in (("dry_friction", dry), ("drag", drag)) if there]
         self.structure = SwingStructure.of(n=model.arm.n, moving=False, point_masses=False, used=used)
         self.start = float(recording.t[0])
-        self.steps = math.ceil((recording.t[-1] - self.start) / h - 1e-9)
+        self.steps = math.ceil((recording.t[-1] - self.start) / options.h - 1e-9)
         begun = recording.first_state
         begun = first_state(recording.t, recording.points[..., 0]) if begun is None else begun
         self._start = np.diff(begun, axis=1, prepend=0.0).ravel()  # relative, as the chain counts angles
-        self.unknowns = {"start": np.zeros(2 * model.arm.n)} if unknown else {}
+        self.unknowns = {"start": np.zeros(2 * model.arm.n)} if options.unknown_start else {}
 
     def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(self.structure, SwingStructure)
@@ -561,33 +571,27 @@ def _terms(free: Sequence[str], plant: Plant) -> list[str]:
     return terms + (["whip.drag"] if "profile.drag" in free else [])
 
 
-def make_drive(
-    recording: StrikeRecording,
-    plant: Plant,
-    *,
-    kind: str,
-    free: Sequence[str],
-    h: float,
-    unknown_start: bool,
-    knots: float | None,
-) -> Drive:
+DRIVES: dict[str, type[CommandDrive | SwingDrive | FreeDrive]] = {
+    "command": CommandDrive,
+    **dict.fromkeys(("joints", "robot", "hand", "handle", "passive"), SwingDrive),
+    "free": FreeDrive,
+}
+
+
+def make_drive(recording: StrikeRecording, plant: Plant, options: DriveOptions) -> Drive:
     """Return the drive of a recording.
 
     Raises:
-        InputError: `kind` is not in `DRIVES`, or the recording or plant lacks data that it needs.
+        InputError: The kind is not in `DRIVES`, or the recording or plant lacks data that it needs.
     """
+    kind, bare = options.kind, isinstance(plant.model, BareArm)
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))
-    bare = isinstance(plant.model, BareArm)
     if kind == "free" and not (bare and recording.angular):
         raise InputError("drive", kind, "angles of an arm without a whip")
     if kind != "free" and bare:
         raise InputError("drive", kind, "free, for an arm without a whip")
     try:
-        if kind == "command":
-            return CommandDrive(recording, plant, free=free, h=h, unknown=unknown_start)
-        if kind == "free":
-            return FreeDrive(recording, plant, free=free, h=h, unknown=unknown_start)
-        return SwingDrive(recording, plant, kind=kind, free=free, h=h, unknown=unknown_start, knots=knots)
+        return DRIVES[kind](recording, plant, options)
     except InputError as error:
         raise (error if recording.source in str(error) else error.within(f"{recording.source}: ")) from None

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import ORIGIN, Drive, Shot, make_drive, unknown_markers
+from whiptool.identification.drives import ORIGIN, Drive, DriveOptions, Shot, make_drive, unknown_markers
 from whiptool.identification.plant import BareArm, Plant, slopes
 from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
@@ -89,12 +89,8 @@ class Predictor:
         self._adaptive = timestep is None and drive == "command"
         self.h = _interval(plant) if timestep is None else timestep
         self.stride = max(1, round(_INTERVAL / self.h))
-        self.drives = [
-            make_drive(
-                r, plant, kind=drive, free=self._of_plant, h=self.h, unknown_start="start" in self.own, knots=knots
-            )
-            for r in self.recordings
-        ]
+        how = DriveOptions(drive, self._of_plant, self.h, "start" in self.own, knots)
+        self.drives = [make_drive(recording, plant, how) for recording in self.recordings]
         self._own_nuisance = [name for name in self.own if name != "start"]
         self.start = [
             np.concatenate([*d.unknowns.values(), [NEUTRAL[name] for name in self._own_nuisance]]) for d in self.drives

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.identification.drives import SwingDrive, pieces
+from whiptool.identification.drives import pieces
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import NEUTRAL, NUISANCE
@@ -248,13 +247,12 @@ class Problem:
         for name, x in drive.unknowns.items():
             if name == "start":
                 W = np.diag(1 / np.repeat(_START, len(x) // 2))
-                W = W @ drive.of_start if isinstance(drive, SwingDrive) else W
+                W = W @ drive.of_start
                 mean = np.zeros(len(x))
             else:
-                motion = cast(SwingDrive, drive).motion  # only it has other unknowns
                 # each camera of a strike follows the same log on its own: together they know it as well as it is
                 shared = 1 / np.sqrt(predictor.sharing[i])
-                W, mean = shared * motion.rows, shared * motion.mean
+                W, mean = shared * drive.motion.rows, shared * drive.motion.mean
             rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
             means.append(mean)
             at += len(x)
