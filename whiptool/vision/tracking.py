@@ -187,7 +187,7 @@ def _followed(
 
 
 def median_image(frames: Iterable[Frame], *, most: int = 25) -> np.ndarray:
-    """Return the static scene for `Tracker(background=...)`: the median, (H, W, ...), over frames spread evenly in
+    """Return the static scene for `track(background=...)`: the median, (H, W, ...), over frames spread evenly in
     time.
     """
     images = [frame.image for frame in frames]
