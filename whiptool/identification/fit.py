@@ -101,11 +101,7 @@ def _starts(problem: Problem) -> list[np.ndarray]:
 
 
 def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]:
-    """Return where every start led, the best first.
-
-    Raises:
-        InputError: The model diverges at all of them.
-    """
+    """Return where every start led, the best first."""
     ends = [problem.solve(start) for start in starts]
     pairs = zip(starts, ends, strict=True)
     runs = [FittedStart(problem.values(start), problem.values(end.z), end) for start, end in pairs]

@@ -239,9 +239,7 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
     Raises:
         InputError: The file is not a recording or is damaged; or the handle is needed and the recording is a film.
     """
-    options: dict[str, Any] = {}
-    if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
-        path, options["episode"] = episode[1], int(episode[2])
+    path, options = _episode(path)
     form = READERS[find_format(path)]
     if cameras is not None and (in_pixels(path) or form.tracks is None):
         options["cameras"] = cameras
@@ -263,9 +261,13 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
 
 def may_be_filmed(path: str) -> bool:
     """Whether a recording has a format that can contain images."""
-    if (episode := re.fullmatch(r"(.+)#(\d+)", path)) and not Path(path).exists():
-        path = episode[1]
-    return READERS[find_format(path)].video is not None
+    return READERS[find_format(_episode(path)[0])].video is not None
+
+
+def _episode(path: str) -> tuple[str, dict[str, Any]]:
+    """Return the file or folder of `PATH#3`, and its reader's options."""
+    found = None if Path(path).exists() else re.fullmatch(r"(.+)#(\d+)", path)
+    return (found[1], {"episode": int(found[2])}) if found else (path, {})
 
 
 def in_pixels(path: str) -> bool:

@@ -107,11 +107,7 @@ class SmoothSpline:
 
 
 def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
-    """Refuse a motion whose derivatives by its coefficients would not fit into memory, before they are made.
-
-    Raises:
-        InputError: It is too long for its knots.
-    """
+    """Refuse a motion whose derivatives by its coefficients would not fit into memory, before they are made."""
     span = float(instants[-1] - instants[0])
     needed = 8 * len(instants) * (span / knots + DEGREE) * d * width  # [bytes]
     if needed > LARGEST:

@@ -99,11 +99,7 @@ def _axes(forward: str, up: str) -> tuple[str, str, str] | None:
 
 
 def _check_header(path: Path) -> None:
-    """Refuse at once what is not a C3D file, or shorter than its header says: ezc3d would go on past the end.
-
-    Raises:
-        InputError: It is.
-    """
+    """Refuse at once what is not a C3D file, or shorter than its header says: ezc3d would go on past the end."""
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(512)
