@@ -164,7 +164,7 @@ def tell_strike(
         lines: The result as lines of text.
         later: Function that returns further results and lines, which take longer, while a process draws.
         further: Function that draws more pictures, and returns lines about them.
-        process: Process that draws video and figures; None: a new one. Without a video there is none.
+        process: Process that draws video and figures; None: a new one, which is only started for a video.
     """
     folder.write_result(summary)  # whatever happens below
     if later is None or not options.json:
