@@ -129,7 +129,7 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
     (whiptool.plot_torque, {"trajectory": TRAJECTORY, "model": MODEL, "ax": None}),
     (whiptool.plot_tip_speed, {"trajectory": TRAJECTORY, "ax": None}),
     (whiptool.compare, {"rollout": COMPILED, "methods": ["random"], "targets": 1, "max_trials": 1, "seeds": 1}),
-    (whiptool.train, {"rollout": COMPILED, "method": "sac", "episodes": 1, "trials": 2, "seed": 0}),
+    (whiptool.train, {"rollout": COMPILED, "method": "sac", "episodes": 1, "plan": TrainingPlan(1, 2), "seed": 0}),
     (whiptool.plot_strike, {"trajectory": TRAJECTORY, "model": MODEL, "target": TARGET, "ax": None}),
     (whiptool.StrikeRecording, {"t": np.arange(3) / 60, "points": np.ones((3, 1, 2)), "markers": ("tip",)}),
     (whiptool.read_recording, {"path": "none.csv"}),
@@ -145,7 +145,7 @@ CALLS: list[tuple[Callable, dict[str, Any]]] = [
 
 
 # where further arguments go
-FURTHER = {whiptool.compare: Comparison, whiptool.train: TrainingPlan}
+FURTHER = {whiptool.compare: Comparison}
 
 
 def may_be(call: Callable, name: str) -> set[str]:

@@ -121,6 +121,7 @@ def train(
     expect(Rollout, StrikeTask, rollout=rollout)
     optional("torch", "training")
     expect(str, method=method)
+    expect(TrainingPlan, type(None), plan=plan)
     method = method_name(method)
     seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
     plan = plan or TrainingPlan(episodes, random_episodes=episodes // 10)
