@@ -125,6 +125,13 @@ def test_where_all_are_fast_there_is_no_wiggle(asked):
     assert asked["t_stay"] == 0.3
 
 
+def test_movements_are_drawn_until_one_is_slow(asked):
+    """Of 32 durations between 0.4 and 0.8 s none is below 0.402 s, of the further ones some are."""
+    asked["limit"] = 0.402
+    strike, _ = choose_wiggle(belief(), rng=np.random.default_rng(0))
+    assert strike.vector[-1] <= 0.402
+
+
 @pytest.mark.parametrize("foreseen", [0.6, 0.0])
 def test_in_space_the_wiggle_is_one_that_the_prior_foresees_if_there_is_one(asked, foreseen):
     """The longest is told most of; among those whose tip is known to 0.35 m, or where there are none, among all."""

@@ -22,6 +22,7 @@ from whiptool.strike_map.striker import Striker
 SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
+ROUNDS = 16  # of random movements that are drawn before none is found
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
 WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is used in space
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
@@ -94,43 +95,51 @@ def choose_wiggle(
         rng: Random generator of the candidates.
         bounds: Box of strikes, in which the arm starts and remains; default: `default_bounds`.
         t_stay: As in `information`.
-        candidates: Number of random movements that are compared.
+        candidates: Number of random movements that are compared; as many more are drawn, up to `ROUNDS` times, while none
+            keeps the limits with a slow tip.
         keeps: Limits that the movement has to keep, judged with the mean of the belief.
 
     Raises:
-        InputError: No candidate is slow enough, or keeps the limits.
+        InputError: No movement keeps the limits, or none has a slow tip.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
-    q_i = rng.uniform(lower[:a], upper[:a], (candidates, a))
     reach = np.minimum(lower[:a], lower[a:-1]), np.maximum(upper[:a], upper[a:-1])
-    q_f = np.clip(q_i + rng.uniform(-SWING, SWING, q_i.shape), *reach)
-    strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
-    if keeps:
-        strikes = _kept(belief, strikes, bounds, keeps, t_stay)
-    gain, fastest, widest = information(belief, strikes, t_stay=t_stay)
-    gain = np.where(fastest <= FASTEST, gain, -np.inf)
-    foreseen = gain if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, gain, -np.inf)
-    gain = foreseen if np.isfinite(foreseen).any() else gain
-    best = int(gain.argmax())
-    if not np.isfinite(gain[best]):
-        raise InputError("wiggle", f"{fastest.min():.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
-    return Strike.from_vector(strikes[best]), float(gain[best])
+    striker = _striker(belief, bounds, keeps, t_stay) if keeps else None
+    slowest = np.inf
+    for _ in range(ROUNDS):
+        q_i = rng.uniform(lower[:a], upper[:a], (candidates, a))
+        q_f = np.clip(q_i + rng.uniform(-SWING, SWING, q_i.shape), *reach)
+        strikes = np.hstack([q_i, q_f, rng.uniform(*DURATION, (candidates, 1))])
+        if striker is not None:
+            strikes = striker.admissible(strikes)
+            strikes = strikes[striker.keep(strikes)]
+        if not len(strikes):
+            continue
+        gain, fastest, widest = information(belief, strikes, t_stay=t_stay)
+        gain = np.where(fastest <= FASTEST, gain, -np.inf)
+        foreseen = gain if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, gain, -np.inf)
+        gain = foreseen if np.isfinite(foreseen).any() else gain
+        if np.isfinite(gain).any():
+            best = int(gain.argmax())
+            return Strike.from_vector(strikes[best]), float(gain[best])
+        slowest = min(slowest, fastest.min())
+    if np.isfinite(slowest):
+        raise InputError("wiggle", f"{slowest:.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
+    raise InputError(
+        "wiggle",
+        f"none of {ROUNDS * candidates} movements within the limits",
+        "at least one",
+        "give wider limits, or strike without it",
+    )
 
 
-def _kept(belief: Belief, strikes: np.ndarray, bounds: StrikeBounds | None, keeps: Given, t_stay: float) -> np.ndarray:
-    """Those of some strikes, made as slow as their joints must be, that keep the limits."""
+def _striker(belief: Belief, bounds: StrikeBounds | None, keeps: Given, t_stay: float) -> Striker:
+    """Return the judge of movements by the mean of the belief."""
     plant = belief.at()
     assert plant.controller is not None
     rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief))
-    striker = Striker(rollout, bounds=bounds, limits=keeps, t_stay=t_stay)
-    slow = striker.admissible(strikes)
-    kept = slow[striker.keep(slow)]
-    if not len(kept):
-        raise InputError(
-            "wiggle", f"none of {len(strikes)} movements within the limits", "at least one", "give more candidates"
-        )
-    return kept
+    return Striker(rollout, bounds=bounds, limits=keeps, t_stay=t_stay)
 
 
 Sag = Callable[[np.ndarray], np.ndarray]  # from postures q_i (B, a) to how far off the arm stands (B, a) [rad]
