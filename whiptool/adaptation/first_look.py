@@ -95,8 +95,8 @@ def choose_wiggle(
         rng: Random generator of the candidates.
         bounds: Box of strikes, in which the arm starts and remains; default: `default_bounds`.
         t_stay: As in `information`.
-        candidates: Number of random movements that are compared; as many more are drawn, up to `ROUNDS` times, while none
-            keeps the limits with a slow tip.
+        candidates: Number of random movements that are compared. While none of them keeps the limits with a slow tip,
+            as many are drawn again, up to `ROUNDS` times.
         keeps: Limits that the movement has to keep, judged with the mean of the belief.
 
     Raises:
