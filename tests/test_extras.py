@@ -84,7 +84,10 @@ def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("point", "said"),
     [
-        ("four = lab:five", "entry point four of whiptool.numbers: got 'lab:five'; allowed: a name that no other has"),
+        (
+            "four = lab:five",
+            "entry point four of whiptool.numbers: got 'lab:five'; allowed: a name other than four, which is taken",
+        ),
         ("five = lab:six", "got 'lab:six'; allowed: an object that can be imported"),
         ("five = lab:word", "got 'lab:word'; allowed: an object of type int"),
     ],

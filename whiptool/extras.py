@@ -143,7 +143,7 @@ class Registry(dict[str, T]):
             if not isinstance(found, self.kind):
                 raise InputError(name, point.value, f"an object of type {self.kind.__name__}")
             if self.setdefault(point.name, found) is not found:
-                raise InputError(name, point.value, "a name that no other has")
+                raise InputError(name, point.value, f"a name other than {point.name}, which is taken")
 
 
 def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:

@@ -86,7 +86,7 @@ def test_what_is_positional_keeps_its_name():
     [
         (["rig", "strike"], "--strike", "Joint angles at start and end [rad], and duration [s]. They are q_si q_ei"),
         (["view"], "RUN", "Run folder"),
-        (["simulate"], "--strike", "numbers q_si q_ei q_sf q_ef D"),
+        (["simulate"], "--strike", "joint angles at start and end [rad], duration [s]"),
         (["optimize", "--method"], "--method", "a value"),
         (["compare", "--methods"], "--methods", "one value or more"),
     ],

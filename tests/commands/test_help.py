@@ -57,8 +57,8 @@ def test_types_and_defaults_are_told_as_people_read_them():
     every = OptimizeOptions(direction=(1.0, 0.0), space="pose")
     said = " ".join(help_text(every, prog="x", description="", whole=True).split())
     for part in (
-        "--target X ... Target position x y, in space x y z [m].",
-        "Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and panda.",
+        "--target X ... Target position [m]: x y, in space x y z (default: 1.3 0 in the plane).",
+        "The default in space depends on the model's reach; it is 1.2 0.3 0.5 for ur5e and panda.",
         "--max-trials N Largest number of trials, each of which is one strike. [default: 600]",
         "--space joint|hand|pose Coordinates",
         "--video, --no-video Render the strike as a video. [default: --video]",

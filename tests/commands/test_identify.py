@@ -368,7 +368,7 @@ def test_a_handle_that_is_not_tracked_is_refused_before_tracking(capsys, tmp_pat
     monkeypatch.setattr("whiptool.identification.inputs.tracked", None)
     assert identify.main([str(tmp_path / "film.mkv"), "--drive", "handle", "--out", str(tmp_path / "run")]) == 2
     said = capsys.readouterr().err
-    assert re.search(r"drive handle: .*the tip alone is tracked.*drive passive", said)
+    assert re.search(r"drive handle: .*only the tip is tracked.*drive passive", said)
     assert len(said.splitlines()) == 1
 
 

@@ -84,7 +84,7 @@ class SimulateOptions(
         if self.strike is not None:
             Strike.from_vector(self.strike)
         elif self.trajectory is None and self.export is None:
-            rule = "numbers q_si q_ei q_sf q_ef D, the folder of a run, --trajectory or --export FILE.xml"
+            rule = "joint angles at start and end [rad], duration [s]; or a run, --trajectory or --export FILE.xml"
             raise InputError("--strike", NOTHING, rule)
 
     def plays(self) -> bool:

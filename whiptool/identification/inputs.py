@@ -253,8 +253,8 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
         raise InputError(
             "drive handle",
             path,
-            "tracks that hold a marker handle: in images the tip alone is tracked",
-            "track both elsewhere (DeepLabCut, CSV), or drive passive, for a hand that stays still",
+            "tracks with a marker handle, since in images only the tip is tracked",
+            "track both with another program (DeepLabCut, CSV), or give --drive passive if the hand stays still",
         )
     return open_video(path, **options)
 

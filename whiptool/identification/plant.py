@@ -145,7 +145,7 @@ class Plant:
         if isinstance(self.model, BareArm) and (self.controller or self.profile or self.clamp is not None):
             raise InputError("model", "an arm without a whip", "a Model, with a controller, a profile or a clamp")
         if self.model.dimension == 3 and self.clamp is not None:
-            raise InputError("clamp", self.clamp, "none, in space")
+            raise InputError("clamp", self.clamp, "None for a model in space, since only planar whips are clamped")
         if self.profile is not None:
             whip = self._lumped(self.profile, self.model.whip.N)
             object.__setattr__(self, "model", dataclasses.replace(self.model, whip=whip))

@@ -79,7 +79,7 @@ class FitOptions:
             if (value := getattr(self, name)) is not None:
                 number(name, value, low=0, strict=True)
         if self.pieces and self.drive != "free":
-            raise InputError("pieces", self.pieces, "none, except for free swing")
+            raise InputError("pieces", self.pieces, "none unless drive is free")
 
 
 class Problem:

@@ -96,12 +96,12 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     model: ModelName = "lemon2024"
     """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
     controller: LawName | None = None
-    """Controller of recordings without one (default: as for simulate)."""
+    """Controller of recordings without one (default: oiac in the plane). In space: position; for nah2023 constant."""
     preset: Preset | None = None
     """Parameters of the law of --controller; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
-    """Recordings for validation, not for the fit: their number, or paths. A number counts from the last recording.
-    Default: 1 with three or more recordings."""
+    """Recordings for validation: number or paths (default: 1 of 3 or more). They are left out of the fit; a number
+    counts from the last recording."""
     per_recording: tuple[Own, ...] = ()
     """Parameters whose value is fitted for each recording separately."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
@@ -125,8 +125,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Restore exchanged marker labels, and leave out points where two markers are merged. Without this option such a
     recording is refused."""
     cameras: str | None = None
-    """TOML file with the calibration of the cameras in space. It is for recordings in pixels and for films; default:
-    the file that each recording names."""
+    """TOML file of the cameras in space (default: that of each recording). It is for recordings in pixels and films."""
     tip: str | None = None
     """TOML file with the appearance of the tip in videos: radius [m], hue range [deg, deg] and saturation, or for
     infrared the brightness (value)."""

@@ -54,7 +54,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Serial device of the servos, or twin (a simulated rig). A device is, for example, /dev/ttyUSB0; twin emulates the
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """Camera, or none (points: positions without images). With a real arm: realsense, or a RealSense recording. With
+    """Camera (twin: rendered images, points: positions). With a real arm: realsense, or a RealSense recording. With
     the twin: twin or d435-infrared (rendered infrared images), d435-color (colour images), or points (positions of the
     tip with the error of tracked images)."""
     rate: float = 500.0
@@ -244,17 +244,17 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     and their protocol; robot is your position-controlled robot. A robot takes each strike as a trajectory from the run
     folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera (tip and points: positions without images). With the twin: points (the tip with the error of tracked
+    """Camera (twin: images, tip and points: positions). With the twin: points (the tip with the error of tracked
     images), twin or d435-infrared (rendered infrared images), d435-color (colour images), or tip (60 frames a second, 5
     mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Deviation of the simulated whip from --model. kin: a uniform whip near the model; strange: tapered, with a bead,
     a soft joint and more; stranger: the same deviations, doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
-    """Known material of the whip, for the prior mean. Without it the prior mean is --model. The prior covariance is
-    that of materials in general."""
+    """Known material of the whip, for the prior (default: that of --model). It sets the prior mean; the prior
+    covariance is that of materials in general."""
     diameter: float | None = None
-    """Measured diameter of a whip of --material [m], of a chain that of its wire; or the diameter that belongs to
+    """Measured diameter of a whip of --material [m] (of a chain: of its wire), or the diameter that belongs to
     --youngs-modulus."""
     length: float | None = None
     """Measured length of a whip of --material [m]."""

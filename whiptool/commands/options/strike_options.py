@@ -133,13 +133,13 @@ class LimitOptions(OptionGroup):
     }
 
     limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS", others=("arm", "none"))] | None = None
-    """Limits of a motor (xm430) or of the joints (arm: default if any). xm430 is the speed-torque line of that motor.
+    """Limits of a motor or of the joints (default: arm if it has any). xm430 is the speed-torque line of that motor.
     optimize counts strikes that exceed a limit as misses; simulate reports them."""
     keep_free: float = 0.0
     """Fraction of the limits that strikes leave unused, such as 0.1 (default: 0)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
-    """Height of the floor above the base [m], or none. The base of a planar arm is its shoulder; a floor below it has a
-    negative height. Default: 0 for a robot that stands on its base, otherwise none."""
+    """Height of the floor above the base [m] (default: 0 under a robot). Otherwise there is no
+    floor by default. The base of a planar arm is its shoulder; a floor below it has a negative height."""
     clearance: float = 0.0
     """Least distance between arm, whip and floor [m] (default: 0)."""
     ignore_collisions: bool = False

@@ -38,9 +38,9 @@ class TargetOptions(OptionGroup):
     ranges: ClassVar[Ranges] = {"t_stay": Interval(0, LONGEST_STAY)}
 
     target: tuple[float, ...] | None = None
-    """Target position x y, in space x y z [m]. The origin is the shoulder and y is up; in space the origin is the base,
-    y is to the left and z is up. Default: 1.3 0; in space it depends on the model's reach, 1.2 0.3 0.5 for ur5e and
-    panda."""
+    """Target position [m]: x y, in space x y z (default: 1.3 0 in the plane). The origin is the shoulder and y is up;
+    in space the origin is the base, y is to the left and z is up. The default in space depends on the model's reach;
+    it is 1.2 0.3 0.5 for ur5e and panda."""
     hit_radius: float = 0.06
     """Largest distance between tip and target at a hit [m]."""
     t_stay: float = T_STAY
@@ -78,8 +78,7 @@ class GoalOptions(TargetOptions):
     ranges: ClassVar[Ranges] = {"cone": _CONE, "arrival_angle": Interval(-360, 360)}
 
     direction: tuple[float, ...] | None = None
-    """Direction of the tip's velocity at a hit: x y, in space x y z. The vector can have any length. Default: any
-    direction."""
+    """Direction of the tip's velocity at a hit, x y or x y z (default: any). The vector can have any length."""
     arrival_angle: float | None = None
     """Angle of the tip's velocity at a hit [degrees]. In the plane 0 is forward and 90 is upward. In space, seen from
     the base, 0 is upward and 90 is to the left; motion along the line of sight is ignored. Default: any angle."""
