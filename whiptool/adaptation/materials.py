@@ -119,12 +119,13 @@ USUAL = ("cotton", "leather", "nylon", "silicone", "steel-chain")  # of which a 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Stock:
-    """Distribution of the whips of a material: the logarithms of their parameters are linear in independent properties.
+    """Distribution of the whips of a material: the logarithms of their parameters are linear in its properties.
 
     Args:
         name: Name of the material, or of the model.
         centre: Logarithms of `NUMBERS`, (6,).
-        spread: Change of each logarithm when a property changes from the middle to the upper end of its range, (6, 7).
+        spread: Change of each logarithm when one of the independent properties `CAUSES` changes from the middle to the
+            upper end of its range, (6, 7).
     """
 
     name: str

@@ -167,7 +167,7 @@ class Search(ABC):
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
         """Return strikes (B, m) that pass near the goal with the belief's mean, and the number of strikes from which
-        they were chosen.
+        they were chosen; the strikes `past` that were tried before are among those.
         """
 
     @abstractmethod
@@ -247,7 +247,16 @@ class Search(ABC):
         *,
         allowed: bool,
     ) -> Plan:
-        """Return the plan of the chosen strike (m,), its predictions and its reason."""
+        """Return the plan of the chosen strike (m,), its predictions and its reason.
+
+        Args:
+            strike: The chosen strike.
+            whips: Whips sampled from the belief.
+            rng: Random generator.
+            spent: Time that the planner took [s].
+            tried: Number of strikes that were tried.
+            allowed: Whether the strike keeps the limits and the `check`.
+        """
         passes, near = self.each(strike[None], whips), self.mean(strike[None])
         miss, known = passes.distance[0], np.isfinite(passes.distance[0])
         probability = float(passes.probability(self.goal, self.error)[0])

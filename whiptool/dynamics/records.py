@@ -36,12 +36,12 @@ class Nothing:
 
 
 class Stored(Generic[R]):
-    """The entries of a record that the compiled code stores in columns; the others are constants in the generated code.
+    """The entries of a record that the compiled code stores as variables; the others are constants in the code.
 
     Attributes:
-        symbols: A column of symbols, (size, 1).
+        symbols: Symbols of the variables, (size, 1).
         record: The record of these symbols and the constants.
-        where: Column of each entry; None for a constant.
+        where: Index in `symbols` of each entry of the record; None for a constant.
     """
 
     def __init__(self, record: R, where: Sequence[int | None], name: str) -> None:
@@ -55,17 +55,17 @@ class Stored(Generic[R]):
 
     @property
     def size(self) -> int:
-        """The number of columns, which is the length of `symbols`."""
+        """The number of variables, which is the length of `symbols`."""
         return self.symbols.numel()
 
     def column(self, record: R) -> ca.SX:
-        """Return the entries of a record that are stored, as a column (size, 1)."""
+        """Return the stored entries of a record in the order of `symbols`, (size, 1)."""
         found = dict(zip(reversed(self.where), reversed(record.entries())))
         return ca.vertcat(*(found[i] for i in range(self.size)))
 
     @classmethod
     def of(cls, record: R, name: str) -> Stored[R]:
-        """Return the storage of the entries that are not constant; entries with equal expressions share a column."""
+        """Return the storage of the entries that are not constant; entries with equal expressions share a symbol."""
         different: list[ca.SX] = []
         where: list[int | None] = []
         for entry in record.entries():
@@ -96,7 +96,7 @@ class Stored(Generic[R]):
             free |= differs
 
     def needed(self, start: R, name: str, uses: Callable[[R], ca.SX], follow: Callable[[R], R]) -> Stored[R]:
-        """Return the storage without columns that no result depends on.
+        """Return the storage without variables that no result depends on.
 
         Args:
             start: The first record.

@@ -51,14 +51,15 @@ class RodFrame(NamedTuple):
     """Frame in which a rod begins, at the end of the previous rod or at the hand; vectors are (3, 1).
 
     Args:
-        direction, speed: Direction of the previous rod, and its angular velocity if the first rod spins as the hand
-            does.
-        before: In the second stage of a step, the previous rod's angular acceleration without spin in the first stage.
-        sums: Sums over the joints so far of b d . e and b e . e, (2, 1), with b the damping, d a joint's rotation rate,
-            and e its change per unit of the first rod's spin.
+        direction, speed: Unit vector along the previous rod, and its angular velocity [rad/s] for a first rod that
+            spins as the hand does.
+        before: In the second stage of a step, the angular acceleration that the previous rod had in the first stage,
+            without its spin [rad/s^2].
+        sums: Sums of b d . e [N m] and b e . e [N m s] over the joints from the hand to here, (2, 1): b is the damping,
+            d the rotation rate of a joint, and e the change of d per unit of the first rod's spin.
         spun: Spin of the previous rod per unit of the first rod's spin, (1, 1).
         twists: 1 if the previous body transmits twist (a rod), 0 if not (the hand), (1, 1).
-        velocity, place: Velocity and position of the previous rod's end.
+        velocity, place: Velocity [m/s] and position [m] of the previous rod's end.
     """
 
     direction: ca.SX
@@ -175,8 +176,9 @@ def torques_and_gain(
     """Return the frame at a rod's end with its joint included, the joint's torques, and the inertia that the integrator
     adds for the joint's damping [kg m^2], in this stage.
 
-    The torques are (4, 3): rows are the torque on the rod and its component along the previous rod; columns are the
-    constant part, the part per spin of the first rod, and the part per torque along this rod.
+    `again` is true in the second stage of a step. The torques are (4, 3): rows are the torque on the rod and its
+    component along the previous rod; columns are the constant part, the part per spin of the first rod, and the part
+    per torque along this rod.
     """
     last, d, spring = frame.direction, end.direction, bend(joint, frame.direction, end.direction)[0]
     hold, cosine = _hold(frame, d), ca.dot(frame.direction, d)

@@ -276,8 +276,9 @@ LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a prof
 
 
 def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[str, dict[str, np.ndarray]]:
-    """Return the derivatives of the nodes' parameters (`whip.l`, ...) by each parameter of a profile (`profile.length`,
-    ...).
+    """Return the derivatives of the N nodes' parameters by each parameter of a profile.
+
+    They are found by both names, such as `["profile.length"]["whip.l"]`: (N,) each, and (1,) for `whip.hinge_mass`.
     """
     jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
     return {

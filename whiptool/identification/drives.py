@@ -109,12 +109,13 @@ class Drive:
     Attributes:
         structure: Structure of the simulated system.
         start: Time at which the simulated path begins [s].
-        steps: Number of time steps.
+        steps, hold: Number of time steps of the simulation, and of one period of the controller.
         unknowns: Initial guesses of this recording's own unknowns that affect the motion, by name: `motion`,
             `lag`, `start`.
         ends, displacements: For a command, the time at which its reference ends [s], and the largest displacement of
             the tip per unit of each coordinate [m].
         period: Time for which the controller holds its torque [s]; None: the controller is continuous.
+        motion: Motion of the base, in drives with unknowns other than `start`.
     """
 
     structure: Structure | SwingStructure

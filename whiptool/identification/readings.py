@@ -131,8 +131,11 @@ class Reading:
     def read(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Readings (K,), their derivatives along the path's directions (D, K), and by the nuisance; and the least way
-        of a place that moves a reading by one (K,)."""
+        """Return the readings (K,), their derivatives along the path's directions (D, K) and by the nuisance parameters
+        `given`, and the shortest displacement of a point that changes a reading by one, (K,).
+
+        The path (S, ...) is sampled each `interval` [s] from the time `start` [s] on; `dpath` are its derivatives.
+        """
         rate = given["clock_rate"]
         key = (given["delay"], rate, start, interval, len(path))
         if self._grid is None or self._grid[0] != key:  # most fits have no delay: the same grid again and again

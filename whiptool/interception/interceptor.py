@@ -345,7 +345,10 @@ class Aim:
     def best(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, rng: np.random.Generator, samples: int, began: float
     ) -> Interception:
-        """Return the strike with the largest hit probability, computed from independently sampled tracks."""
+        """Return the strike with the largest hit probability, computed from independently sampled tracks.
+
+        `x`, `start` and `tau` are as for `steer`; `began` is `time.perf_counter()` at the start of the search.
+        """
         allowed, path = sure_paths(self.library.striker, x, rate=FINE)
         t = np.arange(path.shape[1]) / FINE
         seed = int(rng.integers(2**63))  # the same tracks for every strike

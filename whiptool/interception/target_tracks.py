@@ -151,7 +151,7 @@ MOTIONS = ("still", "straight", "ballistic", "pendulum")
 
 
 def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY) -> TargetMotion:
-    """Return the motion called `name`.
+    """Return the motion called `name`; `pivot` (x, y) [m] and `gravity` [m/s^2] are as in `PendulumMotion`.
 
     Raises:
         InputError: No motion has that name; the message lists them.
@@ -199,7 +199,7 @@ class TargetTrack:
 
     @classmethod
     def known(cls, motion: TargetMotion, numbers: np.ndarray, *, epoch: float = 0.0) -> TargetTrack:
-        """Return the track of a motion whose parameters (p,) are known exactly."""
+        """Return the track of a motion whose parameters (p,) at the time `epoch` [s] are known exactly."""
         numbers = np.asarray(numbers, float)
         return cls(motion, numbers, np.zeros((len(numbers), len(numbers))), epoch)
 

@@ -452,7 +452,10 @@ class HandKinematics:
         return self.settle(self.poses(x), q, multipliers)
 
     def settle(self, pose: HandPose, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
-        """Return the joint positions near q (..., a) at which the hand is at the given poses."""
+        """Return the joint positions near q (..., a) at which the hand is at the given poses, found by Newton's method.
+
+        It starts with Lagrange multipliers (..., m) of the poses; default: those that suit q.
+        """
         held = multipliers
         if held is None:  # those that come nearest to holding the postures away from the given one
             held = np.einsum("...ji,...j->...i", np.linalg.pinv(self.jacobian(q)), q - self.posture)

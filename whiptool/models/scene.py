@@ -62,11 +62,11 @@ class NearestPair:
 
 @dataclass(frozen=True)
 class Contact:
-    """The closest pair of a group over several states.
+    """The closest pair of bodies of one group of pairs, over several states.
 
     Args:
         distance: Distance [m]; negative if they overlap.
-        instant, pair: Indices of the state and of the pair.
+        instant, pair: Index of the state, and of the pair among those of the scene.
         points: Nearest points of both bodies [m], (2, 3).
         normal: Unit vector from the first body to the second, (3,).
     """

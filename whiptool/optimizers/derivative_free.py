@@ -121,7 +121,7 @@ class GASettings:
 
 
 def fitness(distance: np.ndarray, d_max: float) -> np.ndarray:
-    """Return the fitness (Eq. 20) of distances [m], any shape: 1 at the target itself, 0 at the farthest miss."""
+    """Return the fitness (Eq. 20) of distances [m], any shape: 1 at the target, 0 at a miss of `d_max`."""
     return (d_max - np.asarray(distance)) / d_max  # Eq. 20
 
 

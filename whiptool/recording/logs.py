@@ -271,8 +271,8 @@ class Column:
 
 
 def in_numbers(names: Sequence[str]) -> list[int] | None:
-    """Return the order of columns whose names are only numbered, such as `q2, q1`; None if a name is not numbered, or a
-    number is missing.
+    """Return the indices that sort columns by the numbers in their names: 1, 0 for `q2, q1`; None if a name has no
+    number or more than one word, or a number is missing.
     """
     numbers = [number for name in names if (number := Column.of(name).number) is not None]
     if len(numbers) < len(names) or sorted(numbers) not in (list(range(len(names))), list(range(1, len(names) + 1))):

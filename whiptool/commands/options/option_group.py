@@ -101,7 +101,7 @@ def when(option: str, *values: object, why: str = "", of: str = "") -> Condition
     Args:
         option: Name of its field.
         values: Allowed values.
-        why: Text after the values in `Condition.words`.
+        why: Text after the values in `Condition.words`, the reason of the condition.
         of: Attribute that has the value; default: the field.
     """
     words = f"only with {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
@@ -109,7 +109,10 @@ def when(option: str, *values: object, why: str = "", of: str = "") -> Condition
 
 
 def unless(option: str, *values: object, why: str = "", of: str = "") -> Condition:
-    """Return the condition that an option has none of these values or, if none are given, that it is at its default."""
+    """Return the condition that an option has none of these values or, if none are given, that it is at its default.
+
+    The arguments are those of `when`.
+    """
     words = f"only without {' '.join([flag(option), ' or '.join(map(str, values))]).rstrip()}{why}"
     return Condition(words, lambda options: not _is(options, option, values, of))
 

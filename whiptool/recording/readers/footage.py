@@ -278,6 +278,14 @@ def source(
 ) -> VideoSource:
     """Return a source of images with the camera and strike that its sidecar describes.
 
+    Args:
+        side: The sidecar.
+        frames: Function that returns a new iterator over all images.
+        clock: Times of the images, and which of them are kept.
+        shape: Height and width of the images [pixels], and further axes.
+        path, digest: The file, and its SHA-256 checksum.
+        log: Joint angles that were recorded at the same time.
+
     Raises:
         InputError: A value is not allowed, the times do not increase, or the images do not have the camera's size.
     """

@@ -203,7 +203,7 @@ def stacked(
     *,
     unit: float = 1.0,
 ) -> np.ndarray:
-    """Return one column of all markers times a unit, (T, M); without such columns `otherwise`, which is not scaled."""
+    """Return the columns `what`, such as `x`, of all M markers times a unit, (T, M); where missing, `otherwise`."""
     default = np.broadcast_to(otherwise, (len(table), len(columns)))
     found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
     return np.stack(found, axis=1)

@@ -387,7 +387,7 @@ class Line:
 
 
 def accept(error: int, id: int, asked: str) -> None:
-    """Raise `Refused` if a status packet has an error number.
+    """Raise `Refused` if a status packet has an error number; `asked` are the words for the instruction.
 
     The alert bit alone is not an error; its cause is among the values of `DynamixelBus.read_block`.
     """
