@@ -73,7 +73,7 @@ def test_places_become_targets():
         ({"direction": (1.0, 0.0), "cone": 0.0}, "cone: got 0.0; allowed: a finite number > 0"),
         ({"direction": (1.0, 0.0), "cone": 3.2}, "cone: got 3.2"),
         ({"speed": 0.0}, "least speed: got 0.0"),
-        ({"sight": (0.0, 1.0)}, "line of sight: got .*none without a direction"),
+        ({"sight": (0.0, 1.0)}, "line of sight: got .*None unless a direction"),
         ({"direction": (1.0, 0.0), "sight": (1.0, 1.0)}, "line of sight: got .*right angles"),
     ],
 )  # fmt: skip

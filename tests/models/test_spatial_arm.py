@@ -137,7 +137,7 @@ def test_bad_arms_are_named():
     slide = SpatialLink(**GOOD, kind="prismatic")
     for arm, message in (
         ({"links": ()}, "links: .*one or more SpatialLink"),
-        ({"links": (slide,)}, r"links\[0\]\.limits\.position: .*finite, for a prismatic joint"),
+        ({"links": (slide,)}, r"links\[0\]\.limits\.position: .*finite for a prismatic joint"),
         ({"links": (SpatialLink(**GOOD),), "joints": ("tip",)}, "joints: .*are taken"),
         ({"links": (SpatialLink(**GOOD),), "hand_position": (0, 0)}, "hand_position"),
         ({"links": (SpatialLink(**GOOD),), "hand_rotation": ((1,),)}, "hand_rotation"),

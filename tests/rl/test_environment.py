@@ -200,7 +200,7 @@ def test_lanes_with_directions_equal_single_environments():
 
 def test_angles_are_refused_where_none_is_drawn():
     env = environment.WhipEnv(zone=GoalRegion(Disc(), ArrivalRule(direction=(0.0, 1.0))))
-    with pytest.raises(InputError, match=r"arrival angles: got .* none, for the rule draws none"):
+    with pytest.raises(InputError, match=r"arrival angles: got .* None, because the rule draws no angles"):
         env.reset(options={"angle": 1.0})
     with pytest.raises(InputError, match="angle: got nan"):
         environment.WhipEnv(zone=GoalRegion(Disc(), UPWARD)).reset(options={"angle": np.nan})

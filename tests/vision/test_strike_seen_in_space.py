@@ -115,7 +115,7 @@ def test_a_strike_in_the_plane_is_drawn_in_a_camera_from_the_side():
 def test_what_cannot_be_drawn_or_followed_is_refused(path):
     from whiptool.vision.render import VirtualCamera
 
-    with pytest.raises(InputError, match="none, for a virtual camera"):
+    with pytest.raises(InputError, match="zeros, because a virtual camera"):
         VirtualCamera(LEFT, ROBOT, path, np.random.default_rng(0))
     with pytest.raises(InputError, match="at least one frame"):
         track_view([])

@@ -131,7 +131,7 @@ def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Two unit vectors across each of N rods (3 N,), (N, 3, 2)."""
     d, rate = directions.reshape(-1, 3), rates.reshape(-1, 3)
     if np.abs((d**2).sum(axis=1) - 1).max() > 1e-9:
-        raise InputError("q0", directions.tolist(), "unit vectors, for rods")
+        raise InputError("q0", directions.tolist(), "unit vectors along the rods")
     if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
         raise InputError("v0", rates.tolist(), "rates perpendicular to the rods' directions")
     return np.array([_least_turn(row)[:, :2] for row in d])

@@ -117,7 +117,7 @@ class ArrivalRule:
             InputError: Angles are missing or not needed, or a target in space lies directly above or below the base.
         """
         if (angles is not None) != bool(self.drawn):
-            allowed = "one for each target" if self.drawn else "none, for the rule draws none"
+            allowed = "one for each target" if self.drawn else "None, because the rule draws no angles"
             raise InputError("arrival angles", NOTHING if angles is None else angles.tolist(), allowed)
         if isinstance(self.angle, float):
             angles = np.full(len(positions), self.angle)

@@ -95,7 +95,7 @@ class Target(Vector):
             object.__setattr__(self, "direction", _unit("direction", self.direction, len(position)))
         if self.sight is not None:
             if self.direction is None:
-                raise InputError("line of sight", self.sight, "none without a direction of arrival")
+                raise InputError("line of sight", self.sight, "None unless a direction of arrival is given")
             object.__setattr__(self, "sight", _unit("line of sight", self.sight, len(position)))
             if abs(np.dot(self.sight, self.direction)) > 1e-9:
                 raise InputError("line of sight", self.sight, "a vector at right angles to the direction of arrival")

@@ -242,7 +242,9 @@ def disc_within_reach(disc: Disc, reach: float) -> Disc | ReachableDisc:
     """
     widest = math.hypot(*disc.centre) + reach
     if disc.radius >= widest:
-        raise InputError("radius of the zone", disc.radius, f"less than {widest:.3f} m: beyond, it is all within reach")
+        raise InputError(
+            "radius of the zone", disc.radius, f"less than {widest:.3f} m, where it holds all points in reach"
+        )
     whole = math.hypot(*disc.centre) + disc.radius <= reach
     return disc if whole else ReachableDisc(disc, reach)
 

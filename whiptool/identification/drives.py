@@ -425,11 +425,9 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
     """Refuse what is not identified in space yet."""
     if kind not in ("joints", "robot", "hand"):
         fix = "record the arm's joints, or the hand's pose"
-        raise InputError("drive", kind, "joints, robot, hand or command, for a model in space", fix)
+        raise InputError("drive", kind, "joints, robot, hand or command for a model in space", fix)
     if unknown and rods:
-        raise InputError(
-            "free per recording", "start", "nothing of that kind, for a whip of rods", "start with the whip at rest"
-        )
+        raise InputError("free per recording", "start", "other names for a whip of rods", "start with the whip at rest")
 
 
 class FreeDrive(Drive):
@@ -589,9 +587,9 @@ def make_drive(recording: StrikeRecording, plant: Plant, options: DriveOptions) 
     if kind not in DRIVES:
         raise InputError("drive", kind, ", ".join(DRIVES))
     if kind == "free" and not (bare and recording.angular):
-        raise InputError("drive", kind, "angles of an arm without a whip")
+        raise InputError("drive", kind, "another drive, because free takes angles of an arm without a whip")
     if kind != "free" and bare:
-        raise InputError("drive", kind, "free, for an arm without a whip")
+        raise InputError("drive", kind, "free for an arm without a whip")
     try:
         return DRIVES[kind](recording, plant, options)
     except InputError as error:

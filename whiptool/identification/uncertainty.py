@@ -139,7 +139,7 @@ def assess(
     if not np.isfinite(rows).all():
         raise InputError(
             "fit",
-            "an end where the model diverges",
+            "a fit that ended where the model diverges",
             "finite derivatives",
             "start nearer to the solution, or set bounds",
         )

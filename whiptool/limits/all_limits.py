@@ -73,7 +73,7 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
     if not named.get("ignore_collisions") and (floor is not None or Clearance.is_of(model)):
         found.append(Clearance(model, floor, clearance))
     elif clearance:
-        raise InputError("clearance", clearance, "0 for an arm without capsules, above no floor")
+        raise InputError("clearance", clearance, "0 for an arm with neither capsules nor a floor")
     return found
 
 
@@ -192,7 +192,7 @@ class AllLimits:
                 low, high = (np.r_[x, x, end] for x, end in zip(limits.positions, (-np.inf, np.inf), strict=True))
                 lower, upper = np.maximum(lower, low), np.minimum(upper, high)
         if not (lower < upper).all():
-            raise InputError("bounds", bounds.box, "a box that is not wholly beyond the limits of position")
+            raise InputError("bounds", bounds.box, "a box with strikes within the position limits")
         return StrikeBounds(tuple(lower), tuple(upper))
 
     def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:

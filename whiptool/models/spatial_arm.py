@@ -343,7 +343,7 @@ class SpatialArm(JointedArm):
             raise InputError("links", self.links, "one or more SpatialLink")
         for i, link in enumerate(links):
             if link.kind == "prismatic" and not np.isfinite(link.limits.position).all():
-                raise InputError(f"links[{i}].limits.position", link.limits.position, "finite, for a prismatic joint")
+                raise InputError(f"links[{i}].limits.position", link.limits.position, "finite for a prismatic joint")
         object.__setattr__(self, "links", links)
         object.__setattr__(self, "joints", checked_joints(self.joints, len(links)))
         object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))

@@ -474,10 +474,10 @@ def _depths(
     """Depths of the points that were seen and their standard errors [m], (T, M) each; None without depths."""
     if depth is None:
         if sigma is not None:
-            raise InputError("depth_sigma", "given", "none without depth")
+            raise InputError("depth_sigma", "given", "None unless depth is given")
         return None, None
     if view is None:
-        raise InputError("depth", "measured", "none without a view, the camera that measured it")
+        raise InputError("depth", "measured", "None unless a view is given, the camera that measured it")
     z = _spread("depth", depth, seen.shape)
     z[(z == 0) | ~seen] = np.nan
     there = ~np.isnan(z)

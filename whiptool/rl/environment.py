@@ -100,7 +100,7 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise InputError("render mode", render_mode, "none, or rgb_array")
+            raise InputError("render mode", render_mode, "None or rgb_array")
         self.render_mode, self.task = render_mode, make_task(**options)
         self.observation_space, self.action_space = spaces(self.task)
         self._strike: np.ndarray | None = None

@@ -126,7 +126,7 @@ def train(
     seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
     plan = plan or TrainingPlan(episodes, random_episodes=episodes // 10)
     if isinstance(rollout, StrikeTask) and zone is not None:
-        raise InputError("zone", str(zone), "None: a StrikeTask has one")
+        raise InputError("zone", str(zone), "None, because a StrikeTask has a zone")
     task = rollout if isinstance(rollout, StrikeTask) else StrikeTask(rollout, zone)
     training = _training(method, settings or {}, task, plan, seed)
     with one_torch_thread(), Progress(total=plan.episodes, unit=" episodes", desc=method, disable=not progress) as bar:

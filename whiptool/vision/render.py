@@ -129,7 +129,7 @@ class VirtualCamera:
         if (count := self.trajectory.q.shape[1]) != self.model.coordinates:
             raise InputError("trajectory", f"{count} joints", f"{self.model.coordinates}, as the model has")
         if any(self.settings.distortion):
-            raise InputError("distortion", self.settings.distortion, "none, for a virtual camera")
+            raise InputError("distortion", self.settings.distortion, "zeros, because a virtual camera has no lens")
         if self.target is not None:
             self.target = np.asarray(self.target, float)
         self.truths: list[Truth] = []  # of the frames read so far

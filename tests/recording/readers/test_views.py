@@ -192,8 +192,8 @@ def test_a_table_says_depth_in_millimetres_and_of_which_pair(tmp_path):
         ({"depth": 1e3 * depths()}, "are these millimetres"),
         ({"depth": depths()[:9]}, "broadcasts"),
         ({"depth": depths(), "depth_sigma": 0.0}, "> 0 m wherever there is a depth"),
-        ({"depth_sigma": 0.1}, "none without depth"),
-        ({"depth": depths(), "view": None, "points": pixels() / 1e3}, "none without a view"),
+        ({"depth_sigma": 0.1}, "None unless depth"),
+        ({"depth": depths(), "view": None, "points": pixels() / 1e3}, "None unless a view"),
     ],
 )
 def test_depths_that_cannot_be(change, said):
