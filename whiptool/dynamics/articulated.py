@@ -130,9 +130,9 @@ class SpatialFrame(NamedTuple):
 class SpatialMoving(NamedTuple):
     """Motion of a link, in the world's axes.
 
-    `r` leads from its joint to its far end and `com` to its centre of mass; `centripetal` and `com_centripetal` are the
-    centripetal accelerations of these, `com_twist` the moment of the latter about the joint, `turning` the angular
-    acceleration due to the hinges' own speeds, `drag` the drag on the far end, and `axes` (3, K) the hinges' axes.
+    `r` and `com` lead from its joint to its far end and its centre of mass; these have the centripetal accelerations
+    `centripetal` and `com_centripetal`, and `com_twist` is the moment of the latter about the joint. `turning` is the
+    angular acceleration due to the hinges' own speeds, `drag` the drag on the far end, `axes` (3, K) the hinges' axes.
     """
 
     r: ca.SX

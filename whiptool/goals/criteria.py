@@ -84,7 +84,7 @@ class Criterion(ABC):
         """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
 
     def measure_of(self, value: float) -> float:
-        """Return the bound on the measures that corresponds to a value: measures below it mean at most that value."""
+        """Return the upper bound on the measures that keeps the criterion at or below `value`."""
         return value
 
     def cost(self, value: float, hit_radius: float) -> float:

@@ -87,7 +87,7 @@ class Autoregression:
         return np.array(known[:count])
 
     def independent(self, freedom: float, grids: Sequence[Grid]) -> float:
-        """Return the degrees of freedom of as many errors as `freedom` says that correlate along grids; at least 1."""
+        """Return the degrees of freedom of `freedom` errors that are correlated along grids; at least 1."""
         correlations = self.correlations(max(grid.frames for grid in grids))
         return max(freedom / (2 * float(correlations @ correlations) - 1), 1.0)
 

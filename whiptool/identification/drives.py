@@ -46,7 +46,7 @@ _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parab
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """How recordings are driven.
+    """Options of the drives of recordings.
 
     Args:
         kind: One of `DRIVES`.
@@ -130,7 +130,7 @@ class Drive:
 
     @property
     def of_start(self) -> np.ndarray:
-        """Matrix from the unknown initial state to joint angles and velocities."""
+        """Matrix (2 n, 2 n) from the unknown initial state to joint angles and velocities."""
         return np.eye(len(self.unknowns["start"]))
 
     @property

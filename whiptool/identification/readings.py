@@ -99,7 +99,7 @@ def _turned(given: Mapping[str, float], d: int) -> tuple[np.ndarray, dict[str, n
 
 
 class Reading:
-    """How one recording reads a path: which marker when, averaged how long, with what error, and through which camera.
+    """Readings of one recording of a path: their markers, times, exposures, standard errors, and the camera.
 
     A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
     hundredths of a pixel, where a point comes 10 cm nearer during an exposure. Depth is read as its inverse, which is

@@ -182,8 +182,8 @@ class Controller(NoArray, instead="its parameters()"):
         """Refuse a controller that does not fit an arm.
 
         Raises:
-            InputError: The law gives torques and the arm's inertia is unknown; or the law's matrices do not have as
-                many rows as the arm has joints, or in hand space the hand has coordinates; or `torque_limit` or
+            InputError: The law gives torques and the arm's inertia is unknown; or the law's matrices do not have
+                one row per joint of the arm, or in hand space per coordinate of the hand; or `torque_limit` or
                 `compensated` has a wrong length.
         """
         expect(ArmParameters, SpatialArm, arm=arm)

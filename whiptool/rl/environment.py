@@ -41,7 +41,7 @@ def make_task(
         model: A model, the name of a preset, or a TOML file.
         controller: A controller, or the name of a preset of OIAC or of constant impedance; default:
             `default_controller`.
-        options: Those of `StrikeTask`, by name, such as `observation`, `strikes`, `limits` and
+        options: Options of `StrikeTask`, by name, such as `observation`, `strikes`, `limits` and
             `zone=GoalRegion(Disc(), ArrivalRule(angle=(0.5, 1.5)), hit_radius=0.05)`.
 
     Raises:

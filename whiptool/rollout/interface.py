@@ -182,7 +182,9 @@ class Rollout(ABC):
     def gradient(
         self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY, names: Sequence[str] | None = None
     ) -> tuple[Approach, np.ndarray]:
-        """Return the closest approaches, and the exact derivatives of the miss distances, (B, m).
+        """Return the closest approaches, and the exact derivatives of the miss distances by m parameters, (B, m).
+
+        The arguments are those of `whiptool.rollout.CompiledRollout.gradient`.
 
         Raises:
             InputError: This simulator has no derivatives.

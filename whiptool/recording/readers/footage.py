@@ -103,7 +103,7 @@ def clock_of_rows(side: Sidecar, stamps: np.ndarray, note: str, what: str) -> Fr
     Args:
         side: Sidecar, of which the key `start` is read.
         stamps: Time stamps as in the file.
-        note: Where the stamps come from.
+        note: Sentence on the source of the stamps.
         what: Name of the stamps, for messages.
     """
     keep, bad = good_stamps(stamps, what)

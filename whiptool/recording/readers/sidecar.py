@@ -319,7 +319,7 @@ class Sidecar:
         """Return markers, positions [m] in whiptool's axes, and standard errors, as arguments of `StrikeRecording`.
 
         Args:
-            columns: Where each marker's columns are, see `split_columns`.
+            columns: Indices of each marker's columns, see `split_columns`.
             table: All columns, (T, columns).
         """
         axes = [axis for axis in AXES if axis in next(iter(columns.values()))]

@@ -122,7 +122,7 @@ def _cure(error: Exception) -> str:
 
 
 class KernelPort(_OfSdk):
-    """What differs from the SDK's `PortHandler`, the other base of the ports that `make_port` makes, in four things.
+    """Port that waits differently from the SDK's `PortHandler`, the other base of the ports that `make_port` returns.
 
     Ports wait in the kernel instead of polling, and read all available bytes at once; they use the monotonic clock
     instead of the time of day; an end of file is an error. With a `peer`, a reply counts as missing only if the peer
@@ -171,7 +171,7 @@ class KernelPort(_OfSdk):
         super().clearPort()
 
     def swallow(self) -> int:
-        """Throw away all that the peer has sent so far; how many bytes that were."""
+        """Discard all bytes that the peer has sent so far, and return their number."""
         thrown, self.held = len(self.held), b""
         while self.awaits_bytes():
             self._take()
