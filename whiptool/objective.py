@@ -237,7 +237,7 @@ class Objective:
         for criterion in criteria:
             expect(Criterion, criteria=criterion)
             if criterion.of_torques and rollout.model.arm.weightless:
-                rule = "miss, speed or robustness, as the inertia of the arm is not known, nor are its torques"
+                rule = "miss, speed or robustness, because the inertia of the arm and thus its torques are unknown"
                 raise InputError("criterion", criterion.name, rule, "write an <inertial> of each link into the file")
         self.criteria = tuple(criteria)
         self.t_stay = number("t_stay", t_stay, low=0)

@@ -192,7 +192,7 @@ def test_a_strike_at_rest_at_home_takes_the_home_posture():
 def test_what_the_arm_cannot_do_is_refused_in_one_line():
     space = SPACES["ur5e"]
     x = space.kinematics.coordinates(space.kinematics.posture)
-    with pytest.raises(InputError, match="places that the hand reaches"):
+    with pytest.raises(InputError, match="a start and an end that the hand reaches"):
         space.path(np.array([*x, 3.0, 0, 0, 0.6]))
     with pytest.raises(InputError, match="passes no singular posture"):
         space.path(np.array([-0.2, 0.9, 0.3, -0.2, -0.9, 0.3, 0.6]))  # behind its base

@@ -116,7 +116,7 @@ def test_a_body_whose_mesh_is_not_there_and_that_has_no_inertial_is_weightless(r
         "no mass of what rail moves is given (no <inertial>, or a mass of 0): the arm has to be under position control"
     )
     Controller(PositionControl()).check_fits(arm)
-    with pytest.raises(InputError, match=r"arm: got 'no inertia of what rail moves'.*--controller position"):
+    with pytest.raises(InputError, match=r"arm: got 'unknown inertia of the links of rail'.*--controller position"):
         Controller(ConstantImpedance()).check_fits(arm)
 
 

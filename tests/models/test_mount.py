@@ -57,7 +57,7 @@ def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
         InSpace(model="ur5e", base=("0", "90", "0")).build_model()
     with pytest.raises(InputError, match="arm in the plane"):
         ModelOptions(base=("wall",)).build_model()
-    with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: nothing but with a robot's file"):
+    with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: a tip only with a robot's file"):
         InSpace(model="ur5e", arm_tip="tool0").build_model()
 
 

@@ -204,7 +204,7 @@ def test_strikes_of_another_space_are_refused():
     rollout = interpreted(LEMON, of_hand(constant(LEMON, 200.0, 30.0), LEMON), 1e-3)
     with pytest.raises(InputError, match="the hand of an arm of 2 joints"):
         rollout.trajectory(np.zeros(7))
-    with pytest.raises(InputError, match="places that the hand reaches"):
+    with pytest.raises(InputError, match="a start and an end that the hand reaches"):
         rollout.trajectory(np.array([0.4, 0.0, 2.0, 0.0, 0.5]))
     with pytest.raises(InputError, match=r"matrices of 3 rows, one per coordinate of the hand"):
         interpreted(preset("ur5e"), Controller(ConstantImpedance(), hand=HandControl()), 1e-3)

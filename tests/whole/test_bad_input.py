@@ -215,7 +215,7 @@ optimize --space hand --lower 0 0 | 5 numbers, x_i y_i x_f y_f D
 simulate --model ur5e --space pose --turn-stiffness 9 --controller position | only with --controller constant
 simulate --model ur5e --space pose --controller position --strike 0 0 0 1 1 1 1 | x_i y_i z_i turn_x_i turn_y_i turn_z_i
 simulate --space hand --strike 0.3 0 0.4 | 5 numbers, x_i y_i x_f y_f D
-simulate --space hand --strike 0.4 0 2 0 0.5 | places that the hand reaches
+simulate --space hand --strike 0.4 0 2 0 0.5 | a start and an end that the hand reaches
 simulate --space hand --strike 0.4 0 0 0.4 -1 | D: got -1.0; allowed: a finite number > 0
 optimize --upper 0 0 0 0 0 0 0 | --upper
 optimize --stop-at-hit 3 | command line
@@ -418,7 +418,7 @@ train --direction 1 nan | direction
 train --direction 1 0 --arrival-angle 30 | only without --direction
 train --direction 1 0 --target 1.514 0 --zone-radius 0.01 | where arm and whip are stretched to their reach
 train --arrival-angle nan | --arrival-angle
-train --arrival-angle 90 30 | --arrival-angle: got (90.0, 30.0); allowed: an angle, or from which to which
+train --arrival-angle 90 30 | --arrival-angle: got (90.0, 30.0); allowed: an angle, or FROM TO
 train --arrival-angle 0 400 | one turn at most
 train --arrival-angle 1 2 3 | --arrival-angle
 train --arrival-angle -30 30 --cone 0 | --cone

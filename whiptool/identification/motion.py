@@ -37,7 +37,10 @@ def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: fl
     for i in np.flatnonzero((gaps > usual) & (moved > _MOVED) & (t[1:] > first) & (t[:-1] < last)):
         given = f"a hole of {gaps[i]:.3g} s from {t[i]:.3f} s, in which a joint moved by {moved[i]:.2g}"
         raise InputError(name, given, "no gap while the arm moves", "cut the recording before it, or record it again")
-    rule, fix = "a log from rest, to the last reading", "cut the recording to what the log holds, or record it again"
+    rule, fix = (
+        "a log that begins at rest and lasts to the last reading",
+        "cut the recording to what the log holds, or record it again",
+    )
     if t[0] > first + usual and _moves(q, t <= t[0] + _SHORT):
         raise InputError(name, f"a start at {t[0]:.3f} s, with the arm moving; readings from {first:.3f} s", rule, fix)
     early = last - t[-1]

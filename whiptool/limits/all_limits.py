@@ -60,10 +60,10 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
         found.append(ArmLimits.of(model.arm, keep_free=keep_free, prescribed=prescribed))
     elif name is not None:
         if model.arm.weightless:
-            rule = "arm or none, as the inertia of the arm is not known, nor are its torques"
+            rule = "arm or none, because the inertia of the arm and thus its torques are unknown"
             raise InputError("limits", name, rule, "write an <inertial> of each link into the file")
         if model.arm.slides:
-            rule = f"arm or none, as no such motor turns what slides: {', '.join(model.arm.slides)}"
+            rule = f"arm or none, because these joints are prismatic: {', '.join(model.arm.slides)}"
             raise InputError("limits", name, rule)
         found.append(limits_preset(name).keeping_free(keep_free))
     elif keep_free:

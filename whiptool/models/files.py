@@ -171,7 +171,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     if isinstance(whip, Mapping) and "profile" in whip:
         for key in whip:
             if key not in ("profile", "N", *_WITH_PROFILE):
-                rule = f"where a profile is given, only profile, N, {', '.join(_WITH_PROFILE)}"
+                rule = f"together with profile only N, {', '.join(_WITH_PROFILE)}"
                 raise InputError(f"whip.{key}", whip[key], rule)
         profile = _profile(whip["profile"])
         try:
@@ -260,7 +260,7 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     expect(str, PathLike, name=name)
     name = fspath(name)
     if tip and not name.endswith(ROBOT_FILES):
-        rule = "nothing but with a robot's file: " + ", ".join(ROBOT_FILES)
+        rule = "a tip only with a robot's file: " + ", ".join(ROBOT_FILES)
         raise InputError("tip", tip, rule, "in a model file it is arm.tip")
     if as_named(name, PRESETS) in PRESETS:
         return preset(name)

@@ -423,13 +423,13 @@ class HandSpace:
         i = int(refused[0])
         given = ", ".join(f"{x:.4g}" for x in vectors[i])
         if found.reach[i] > 0:
-            rule = "places that the hand reaches, on the straight line from where the home posture holds it"
+            rule = "a start and an end that the hand reaches on straight lines from the home posture"
         elif found.on_way[i] > 0:
-            rule = "a straight way of the hand within its reach, that passes no singular posture"
+            rule = "a straight path of the hand within its reach, without singular postures"
         else:
             worst = np.unravel_index(self._per_joint(found.nodes[i]).argmax(), found.nodes[i].shape)
             joint, q = self.arm.joints[worst[1]], found.nodes[i][worst]
-            rule = f"a way of the hand within the joints' limits; {joint} would be at {q:.2f}"
+            rule = f"a path of the hand within the joints' limits; {joint} would be at {q:.2f}"
         raise InputError("strike of the hand", f"({given})", rule)
 
     def _per_joint(self, q: np.ndarray) -> np.ndarray:

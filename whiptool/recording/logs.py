@@ -324,8 +324,8 @@ def check_angles(q: np.ndarray, names: Sequence[str]) -> None:
         if widest <= WIDEST and way <= WIDEST_WAY:
             continue
         name = f"joints_q, column {names[i]}" if i < len(names) else "joints_q"
-        given = float(widest) if not widest <= WIDEST else f"a way of {way:.4g}"
-        rule = f"finite angles within {WIDEST:g} rad, over a way of {WIDEST_WAY:.3g} rad"
+        given = float(widest) if not widest <= WIDEST else f"a range of {way:.4g}"
+        rule = f"finite angles within {WIDEST:g} rad, over a range of at most {WIDEST_WAY:.3g} rad"
         cure = "are these degrees (joint_units), or is it no joint (joint_columns)?"
         raise InputError(name, given, rule, cure)
 

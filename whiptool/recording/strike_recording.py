@@ -166,7 +166,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """Check markers and points."""
         points, markers = float_array("points", self.points), tuple(map(str, texts("markers", self.markers)))
         if points.ndim != 3 or points.shape[:2] != (len(self.t), len(markers)) or points.shape[2] not in (1, 2, 3):
-            allowed = f"shape ({len(self.t)}, {len(markers)}, 2 or 3), of angles 1"
+            allowed = f"shape ({len(self.t)}, {len(markers)}, 2 or 3), and 1 instead for angles"
             raise InputError("points", f"shape {points.shape}", allowed)
         if not markers or len(set(markers)) < len(markers) or not all(markers):
             raise InputError("markers", markers, "at least one name, all different, none empty")
@@ -310,7 +310,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             InputError: The positions have fewer coordinates, or are angles.
         """
         if self.angular:
-            fix = "angles are those of an arm without a whip: drive free"
+            fix = "angles belong to an arm without a whip: fit them with drive free"
             raise InputError(f"{self.called}: points", "angles", f"positions with {d} coordinates", fix)
         if self.view is None and self.points.shape[2] < d:
             rule = f"{d} coordinates, places in space (columns t, tip_x, tip_y, tip_z; z up), for a model in space"

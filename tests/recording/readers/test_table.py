@@ -235,7 +235,7 @@ def test_a_log_that_no_name_matches_is_refused_and_a_list_is_heard(tmp_path):
     ("rows", "side", "said"),
     [
         (np.column_stack([T, 60 * ELBOW, 60 * SHOULDER]), "", r"column elbow.*degrees \(joint_units\)"),
-        (np.column_stack([T, 30 * ELBOW, 30 * SHOULDER]), "", "a way of .*degrees"),
+        (np.column_stack([T, 30 * ELBOW, 30 * SHOULDER]), "", "a range of .*degrees"),
         (np.column_stack([1e3 * T, ELBOW, SHOULDER]), "", "joints_t: got 'steps of 10'.*milliseconds"),
         (
             np.column_stack([T + 4e5, ELBOW, SHOULDER]),
