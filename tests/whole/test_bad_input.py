@@ -231,7 +231,7 @@ optimize --arrival-angle nan | arrival
 optimize --least-speed 0 | --least-speed
 optimize --cone 20 | only with --direction
 optimize --keep-free 0.1 | 0 for an arm without limits
-optimize --clearance 0.1 | 0 for an arm without capsules
+optimize --clearance 0.1 | 0 for an arm with neither capsules
 optimize --rest 1 | only with --export-trajectory
 optimize --export-trajectory strike.txt | .csv
 optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate
@@ -342,7 +342,7 @@ simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --rest -1 | --rest
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --trajectory-rate nan | --trajectory-rate
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 numbers
 simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
-simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm without capsules
+simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm with neither capsules
 simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | a strike within limits; at 0.000 s
 simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: only without --strike
 optimize --minimise beauty | effort, peak-torque

@@ -298,9 +298,7 @@ def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
     if steepest > _STEEPEST:
         way, steepest = _best_way(turned.mean().as_matrix() @ cube, turned)
     if steepest > _STEEPEST:
-        rule = (
-            f"rotations of the hand that avoid gimbal lock by an angle of at most {np.rad2deg(_STEEPEST):.0f} degrees"
-        )
+        rule = f"rotations of the hand with a middle Euler angle of at most {np.rad2deg(_STEEPEST):.0f} degrees"
         raise InputError("hand", f"{np.rad2deg(steepest):.0f} degrees", rule)
     return free_hand(way), np.hstack([poses[:, :3], np.unwrap(_turns(way, turned), axis=0)])
 
