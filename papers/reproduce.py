@@ -48,10 +48,11 @@ class ReproduceOptions(ComparisonOptions):
     ranges: ClassVar[Ranges] = dict.fromkeys(("whips", "whip_targets"), Count(high=MANY_TARGETS))
 
     what: tyro.conf.Positional[Part] = "all"
-    """Part to reproduce (--help-all describes each). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere;
-    sim2real is Figs. 9 and 10. Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023
-    (another paper, an arm in space; minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces
-    (joint space compared with hand space; an hour)."""
+    """Part to reproduce: figures or a table of Wang et al. 2024, or hard, adapt, nah2023, aim, spaces (--help-all
+    describes these). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9 and 10.
+    Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023 (another paper, an arm in space;
+    minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces (joint space compared with hand
+    space; an hour)."""
     whips: int = 30
     """Number of unknown whips of each family, in the part adapt."""
     whip_targets: int = 3

@@ -53,12 +53,25 @@ def test_what_is_used_most_comes_first_in_groups(capsys):
     assert "--null-damping" not in "\n".join(lines)
 
 
+@pytest.mark.parametrize("command", ["rig", "map"])
+def test_lists_of_subcommands_are_wrapped(command, capsys):
+    assert max(map(len, said_by(f"{command} --help", capsys).splitlines())) <= 100
+
+
+def test_the_first_screen_cuts_no_sentence(capsys):
+    said = " ".join(said_by("optimize --help", capsys).split())
+    assert (
+        "(default: oiac, which is online impedance adaptation, position for arms in space, constant for nah2023)"
+        in said
+    )
+
+
 def test_types_and_defaults_are_told_as_people_read_them():
     every = OptimizeOptions(direction=(1.0, 0.0), space="pose")
     said = " ".join(help_text(every, prog="x", description="", whole=True).split())
     for part in (
-        "--target X ... Target position [m]: x y, in space x y z (default: 1.3 0 in the plane).",
-        "The default in space depends on the model's reach; it is 1.2 0.3 0.5 for ur5e and panda.",
+        "x y, in space x y z (default: 1.3 0, in space in proportion to the reach of the model).",
+        "The default in space is 1.2 0.3 0.5 for ur5e and panda.",
         "--max-trials N Largest number of trials, each of which is one strike. [default: 600]",
         "--space joint|hand|pose Coordinates",
         "--video, --no-video Render the strike as a video. [default: --video]",

@@ -8,6 +8,7 @@ import io
 import os
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
@@ -277,6 +278,11 @@ def command(
     return lambda args=None: run(lambda: called(args))
 
 
+def _listed(line: str) -> list[str]:
+    """Return the lines of a subcommand and its description, which continues below its own beginning."""
+    return textwrap.wrap(line, 100, subsequent_indent=" " * 11)
+
+
 def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = "") -> Main:
     """Return the `main` of a command whose first word is the name of a subcommand.
 
@@ -290,7 +296,8 @@ def subcommands(name: str, mains: Mapping[str, tuple[str, Main]], note: str = ""
         words = list(sys.argv[1:] if args is None else args)
         if words[:1] in (["-h"], ["--help"]):
             print(f"usage: whiptool {name} {'|'.join(mains)} [options]\n")
-            print("\n".join(f"  {word:8s} {what}" for word, (what, _) in mains.items()) + note)
+            lines = (line for word, (what, _) in mains.items() for line in _listed(f"  {word:8s} {what}"))
+            print("\n".join(lines) + note)
             return 0
         if not words or words[0] not in mains:
             fix = f"such as `whiptool {name} {next(iter(mains))} --help`"

@@ -102,7 +102,7 @@ def _lines(one: _Shown, *, short: bool) -> Iterator[str]:
         default = re.search(r" \[default: [^]]*\]$", meaning)
         sentence = re.split(r"(?<=[a-z)\]])[.;] ", meaning, maxsplit=1)[0].rstrip(".")
         value = default[0] if default and default[0] not in sentence else ""
-        meaning = textwrap.shorten(sentence, _WIDTH - _COLUMN - len(value), placeholder=" ...") + value
+        meaning = sentence + value
     lines = textwrap.wrap(meaning, _WIDTH - _COLUMN) or [""]
     if len(one.left) > _COLUMN - 4:
         yield from textwrap.wrap(

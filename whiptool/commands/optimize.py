@@ -68,8 +68,8 @@ class OptimizeOptions(
     ranges: ClassVar[Ranges] = {"max_time": Interval(0, strict=True)}
 
     method: Annotated[str, METHODS] | None = None
-    """Search method (default: directl, for an arm in space gradient). nlopt:NAME is any of NLopt's global algorithms,
-    such as nlopt:GN_CRS2_LM."""
+    """Search method (default: directl, or gradient for an arm in space). nlopt:NAME is any of NLopt's global
+    algorithms, such as nlopt:GN_CRS2_LM."""
     max_time: float | None = None
     """Start no trial after this time [s]. A resumed run with this limit may end differently from an uninterrupted one.
     Default: no limit."""

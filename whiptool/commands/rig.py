@@ -95,9 +95,9 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     max_trials: int = 20
     """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
-    """Camera (twin: rendered images, points: positions). With a real arm: realsense, or a RealSense recording. With the
-    twin: twin or d435-infrared (rendered infrared images), d435-color (colour images), or points (positions of the tip
-    with the error of tracked images)."""
+    """Camera: twin or d435-... (rendered images) or points (simulated positions of the tip), with a real arm realsense
+    or FILE.db3 (a RealSense recording). d435-color renders colour images, twin and d435-infrared infrared images;
+    points have the error of tracked images."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "method")

@@ -37,8 +37,8 @@ class ViewOptions(JsonOptions):
     """Options of `view`, which shows a run."""
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
-    """Run folder. The strike of optimize or simulate is shown, or one of the policy of train, which can also be a
-    policy file; the report of identify, adapt, reproduce or rig strike is opened."""
+    """Run folder, or policy file of train. For optimize or simulate the strike of the run is shown, for train a strike
+    of its policy; for identify, adapt, reproduce or rig strike the report is opened."""
     page: bool = False
     """Write the interactive page again and open it in the browser, instead of MuJoCo's viewer."""
 

@@ -96,12 +96,13 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     model: ModelName = "lemon2024"
     """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
     controller: LawName | None = None
-    """Controller of recordings without one (default: oiac in the plane). In space: position; for nah2023 constant."""
+    """Controller of recordings that name none (default: oiac, which is online impedance adaptation, position for arms
+    in space, constant for nah2023)."""
     preset: Preset | None = None
     """Parameters of the law of --controller; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
-    """Recordings for validation: number or paths (default: 1 of 3 or more). They are left out of the fit; a number
-    counts from the last recording."""
+    """Recordings for validation, left out of the fit: their number or paths (default: 1 if there are 3 or more, or 0).
+    A number counts from the last recording."""
     per_recording: tuple[Own, ...] = ()
     """Parameters whose value is fitted for each recording separately."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]

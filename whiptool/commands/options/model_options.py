@@ -22,7 +22,7 @@ class WhipOptions(OptionGroup):
     """Options that change the model's whip: length, nodes, taper and material."""
 
     heading: ClassVar[str] = "model"
-    first: ClassVar[tuple[str, ...]] = ("whip_length", "nodes")
+    first: ClassVar[tuple[str, ...]] = ("whip_length",)
 
     whip_length: float | None = None
     """Length of the whip [m] (default: that of --model). The material stays the same."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
-from whiptool.commands.options.controller_options import ControllerOptions, Preset
+from whiptool.commands.options.controller_options import ControllerOptions, LawName, Preset
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     Condition,
@@ -46,6 +46,9 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     usual_preset: ClassVar[Preset] = "printed"
     only_with: ClassVar[Conditions] = {"friction": when("port", "twin")}
 
+    controller: LawName | None = None
+    """Control law (default: oiac, which is online impedance adaptation). It gives torques, so a rig does not take
+    position. A TOML file has a table [controller], as config.toml of a run has."""
     preset: Preset | None = None
     """Parameters of the control law. OIAC: printed, or table4, which is stable only at rates far above 500 Hz; default:
     printed. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise
@@ -54,9 +57,9 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Serial device of the servos, or twin (a simulated rig). A device is, for example, /dev/ttyUSB0; twin emulates the
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """Camera (twin: rendered images, points: positions). With a real arm: realsense, or a RealSense recording. With
-    the twin: twin or d435-infrared (rendered infrared images), d435-color (colour images), or points (positions of the
-    tip with the error of tracked images)."""
+    """Camera: twin or d435-... (rendered images), points (simulated positions of the tip) or none, with a real arm
+    realsense, FILE.db3 (a RealSense recording) or none. d435-color renders colour images, twin and d435-infrared
+    infrared images; points have the error of tracked images."""
     rate: float = 500.0
     """Rate of the control loop [Hz]."""
     approach_speed: float = 0.2
@@ -239,17 +242,20 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         "starts": Count(high=1000),
     }
 
+    controller: LawName | None = None
+    """Control law (default: oiac, online impedance adaptation, while an arm in space and --port robot always take
+    position). A TOML file has a table [controller], as config.toml of a run has."""
     port: str = "twin"
-    """Serial device, twin (simulated rig) or robot. A device is, for example, /dev/ttyUSB0; twin emulates the servos
-    and their protocol; robot is your position-controlled robot. A robot takes each strike as a trajectory from the run
-    folder; put its recording there as recorded.csv and use --resume."""
+    """Serial device of servos, twin (simulated rig) or robot (your own position-controlled robot). A device is, for
+    example, /dev/ttyUSB0; twin emulates the servos and their protocol. A robot takes each strike as a trajectory from
+    the run folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera (twin: images, tip and points: positions). With the twin: points (the tip with the error of tracked
-    images), twin or d435-infrared (rendered infrared images), d435-color (colour images), or tip (60 frames a second, 5
-    mm noise, no servos). With a real arm: realsense, or a RealSense recording."""
+    """Camera: tip or points (simulated positions of the tip), twin or d435-... (rendered images), with a real arm
+    realsense or FILE.db3 (a RealSense recording). points have the error of tracked images; tip has 60 frames a second
+    and 5 mm noise, without servos; d435-color renders colour images, twin and d435-infrared infrared images."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
-    """Deviation of the simulated whip from --model. kin: a uniform whip near the model; strange: tapered, with a bead,
-    a soft joint and more; stranger: the same deviations, doubled."""
+    """Deviation of the simulated whip from --model, small, large or doubled. kin: a uniform whip near the model;
+    strange: tapered, with a bead, a soft joint and more; stranger: the same deviations, doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
     """Known material of the whip, for the prior (default: that of --model). It sets the prior mean; the prior
     covariance is that of materials in general."""

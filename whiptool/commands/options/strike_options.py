@@ -42,7 +42,6 @@ class StepOptions(OptionGroup):
     """Options for the accuracy of the compiled simulator."""
 
     heading: ClassVar[str] = "simulation"
-    first: ClassVar[tuple[str, ...]] = ("tolerance",)
     only_with: ClassVar[Conditions] = {"tolerance": unless("timestep")}
 
     tolerance: float | None = None
@@ -133,13 +132,13 @@ class LimitOptions(OptionGroup):
     }
 
     limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS", others=("arm", "none"))] | None = None
-    """Limits of a motor or of the joints (default: arm if it has any). xm430 is the speed-torque line of that motor.
-    optimize counts strikes that exceed a limit as misses; simulate reports them."""
+    """Limits that strikes keep (default: arm, the limits of the joints, if the model has any, else none). xm430 is the
+    speed-torque line of that motor. optimize counts strikes that exceed a limit as misses; simulate reports them."""
     keep_free: float = 0.0
     """Fraction of the limits that strikes leave unused, such as 0.1 (default: 0)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
-    """Height of the floor above the base [m] (default: 0 under a robot). Otherwise there is no
-    floor by default. The base of a planar arm is its shoulder; a floor below it has a negative height."""
+    """Floor's height above the base [m] (default: 0 under robots, else none). The base of a planar arm is its shoulder;
+    a floor below it has a negative height."""
     clearance: float = 0.0
     """Least distance between arm, whip and floor [m] (default: 0)."""
     ignore_collisions: bool = False

@@ -38,9 +38,9 @@ class TargetOptions(OptionGroup):
     ranges: ClassVar[Ranges] = {"t_stay": Interval(0, LONGEST_STAY)}
 
     target: tuple[float, ...] | None = None
-    """Target position [m]: x y, in space x y z (default: 1.3 0 in the plane). The origin is the shoulder and y is up;
-    in space the origin is the base, y is to the left and z is up. The default in space depends on the model's reach;
-    it is 1.2 0.3 0.5 for ur5e and panda."""
+    """Target position [m]: x y, in space x y z (default: 1.3 0, in space in proportion to the reach of the model). The
+    origin is the shoulder and y is up; in space the origin is the base, y is to the left and z is up. The default in
+    space is 1.2 0.3 0.5 for ur5e and panda."""
     hit_radius: float = 0.06
     """Largest distance between tip and target at a hit [m]."""
     t_stay: float = T_STAY
