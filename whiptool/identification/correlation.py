@@ -21,10 +21,10 @@ _LONGEST_GAP = 100  # frames that count where readings are missing: errors have 
 
 @dataclass(frozen=True)
 class Grid:
-    """Arrangement of a recording's K readings by channel and frame, with zero for a missing reading.
+    """Arrangement of a recording's K readings by channel (a coordinate of a marker) and frame; missing readings are 0.
 
     Args:
-        channels: Names of its C channels, (C,).
+        channels: Labels of the recording's C channels, (C,).
         place: Channel index and frame index of each reading, two arrays (K,).
         frames: Number F of frames.
     """
@@ -35,7 +35,7 @@ class Grid:
 
     @classmethod
     def of(cls, channel: np.ndarray, t: np.ndarray) -> Grid:
-        """Return the grid of readings with the given channel names (K,) and times (K,) [s]."""
+        """Return the grid of K readings with the given channel labels (K,) and times (K,) [s]."""
         channels, row = np.unique(channel, return_inverse=True)
         instants, which = np.unique(t, return_inverse=True)
         gaps = np.diff(instants)
@@ -44,13 +44,13 @@ class Grid:
         return cls(channels, (row, frame[which]), int(frame[-1]) + 1)
 
     def lay(self, x: np.ndarray) -> np.ndarray:
-        """Return readings (K, ...) arranged by channel and frame, (C, F, ...)."""
+        """Return readings x (K, ...) arranged by channel and frame, (C, F, ...)."""
         laid = np.zeros((len(self.channels), self.frames, *x.shape[1:]))
         laid[self.place] = x
         return laid
 
     def neighbours(self, x: np.ndarray, lag: int) -> np.ndarray:
-        """Return for each reading half the sum of its channel's readings `lag` frames before and after, (K, ...)."""
+        """Return, for each of readings x (K, ...), half the sum of its channel's readings `lag` frames earlier and later."""
         if lag >= self.frames:
             return np.zeros_like(x)
         laid = self.lay(x)
@@ -87,7 +87,12 @@ class Autoregression:
         return np.array(known[:count])
 
     def independent(self, freedom: float, grids: Sequence[Grid]) -> float:
-        """Return the degrees of freedom of `freedom` errors that are correlated along grids; at least 1."""
+        """Return the degrees of freedom (at least 1) of the variance of errors with this autocorrelation.
+
+        Args:
+            freedom: Degrees of freedom for independent errors.
+            grids: Grids of the recordings; the largest number of frames is the largest lag that counts.
+        """
         correlations = self.correlations(max(grid.frames for grid in grids))
         return max(freedom / (2 * float(correlations @ correlations) - 1), 1.0)
 
@@ -128,7 +133,8 @@ def error_correlation(
         grids: Grid of each recording.
         residuals: Whitened residuals of each recording, (K,).
         followed: For each recording, columns U (K, G + L) such that the fit removes `U U' errors` from its errors.
-        shared: Number G of the first columns, which belong to unknowns that all recordings share.
+        shared: Number G of the first columns, which belong to unknowns that all recordings share; the other L belong
+            to unknowns of the recording alone.
         freedom: Degrees of freedom of the residuals.
     """
     most = int(min(_MOST_TERMS, freedom // _READINGS_A_TERM))

@@ -46,14 +46,15 @@ _RELEASE = 0.1  # [s] through which a released whip's marker moves along a parab
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """Options of the drives of recordings.
+    """Options of a `Drive`, which moves the whip in one recording.
 
     Args:
-        kind: One of `DRIVES`.
+        kind: Kind of drive, a key of `DRIVES`.
         free: Names of the plant's free parameters.
         h: Time step [s].
-        unknown_start: Whether the initial state is unknown.
-        knots: Spacing of the knots of a prescribed motion's spline [s]; None: see `whiptool.identification.motion`.
+        unknown_start: Whether the initial state is unknown and fitted.
+        knots: Spacing of the knots of a prescribed motion's spline [s]; None: 1.5 frames for a tracked handle, by
+            cross-validation for joints and hand.
     """
 
     kind: str
@@ -65,11 +66,13 @@ class DriveOptions:
 
 @dataclass
 class Packed:
-    """Parameters of a plant (P,), and their derivatives by its m free parameters, (m, P), in the form that the compiled
-    engine takes.
+    """Parameters of a plant, in the form that the compiled engine takes, and their derivatives.
 
-    `hanging` has the same for the closed loop that computes the hanging whip; `turning` is the derivative of a clamp's
-    angle, (m,).
+    Args:
+        p, dp: Parameters (P,), and their derivatives by the plant's m free parameters, (m, P).
+        hanging: For a prescribed motion of the base: the structure with which the equilibrium of the hanging whip is
+            computed, its parameters, and their derivatives as in `dp`.
+        turning: For a prescribed motion of the base: the derivatives of the clamp's angle by the free parameters, (m,).
     """
 
     p: np.ndarray
@@ -80,16 +83,17 @@ class Packed:
 
 @dataclass
 class Shot:
-    """One recording prepared for simulation, with derivatives along D directions: the plant's free parameters, then
-    this recording's own unknowns.
+    """One recording prepared for simulation, with derivatives by D unknowns: the plant's free parameters, then this
+    recording's own unknowns.
 
     Args:
         p, dp: Parameters and their derivatives, (P,), (D, P).
-        x0, dx0: Initial state and its derivatives, (2 n,), (D, 2 n).
-        u: Motion of the base at I = steps + 2 instants, (I, 7), in space (I, 21); None if it does not move.
-        moving: Derivatives of u along some consecutive directions, (some, I, ...), starting with direction number
-            `first`.
-        place, dplace: Position of the base and its derivatives, (I, d), (D, I, d).
+        x0, dx0: Initial state (n joint angles, then n rates) and its derivatives, (2 n,), (D, 2 n).
+        u: Motion of the base at I instants, (I, 7), in space (I, 21), see `whiptool.dynamics.swing`; None: no motion of
+            a base is prescribed.
+        moving: Derivatives of u by the consecutive unknowns that change it, (unknowns, I, 7 or 21).
+        first: Index of the first of these unknowns.
+        place, dplace: Position of the base [m] and its derivatives, (I, d), (D, I, d).
     """
 
     p: np.ndarray
@@ -115,7 +119,7 @@ class Drive:
         ends, displacements: For a command, the time at which its reference ends [s], and the largest displacement of
             the tip per unit of each coordinate [m].
         period: Time for which the controller holds its torque [s]; None: the controller is continuous.
-        motion: Motion of the base, in drives with unknowns other than `start`.
+        motion: Prescribed motion of the whip's base (`SwingDrive` only).
     """
 
     structure: Structure | SwingStructure
@@ -130,26 +134,26 @@ class Drive:
 
     @property
     def of_start(self) -> np.ndarray:
-        """Matrix (2 n, 2 n) from the unknown initial state to joint angles and velocities."""
+        """Matrix (2 n, 2 n) that converts the unknown initial state to angles and velocities of the n joints."""
         return np.eye(len(self.unknowns["start"]))
 
     @property
     def packed_like(self) -> object:
-        """Return a key that is equal for drives that give the same result of `pack`."""
+        """Key that is equal for drives whose `pack` returns the same result."""
         return None
 
     def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
-        """Return the plant's parameters for the compiled engine; `slopes` are their derivatives by the free
-        parameters."""
+        """Return the plant's parameters for the compiled engine; `slopes` are the derivatives of `plant.quantities()`
+        by each free parameter."""
         raise NotImplementedError
 
     def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
-        """Return the input of a simulation for a packed plant and this recording's unknowns."""
+        """Return the input of a simulation with packed parameters and the values of `unknowns`, one after the other."""
         raise NotImplementedError
 
     def link_of(self, marker: str) -> int | None:
-        """Return the index of the link at whose end a marker is, ORIGIN, AT_BASE, or None if the system has no such
-        point.
+        """Return the index of the link at whose end a marker is; ORIGIN for a marker at the shoulder, AT_BASE for one
+        at the whip's base, None for an unknown name.
         """
         raise NotImplementedError
 
@@ -179,8 +183,8 @@ def _numbered(marker: str, kind: str, count: int) -> int | None:
 
 
 class CommandDrive(Drive):
-    """The strike's command drives the whip, with the controller in the loop; the arm starts at its measured posture, if
-    any.
+    """Drive by the strike's command, with the arm and its controller simulated; the arm starts at its measured posture,
+    if the recording has one.
     """
 
     def __init__(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> None:
@@ -289,7 +293,7 @@ class SwingDrive(Drive):
 
     @property
     def of_start(self) -> np.ndarray:
-        """Matrix (2 n, 2 n) from the unknown initial state x to joint angles and velocities, `of_start @ x`.
+        """Matrix (2 n, 2 n) that converts the unknown initial state x to angles and velocities of the n joints.
 
         In the plane x contains the absolute angles of the links and their rates. Joint angles would be strongly
         correlated in the fit, because each of them moves all later links.
@@ -467,7 +471,7 @@ class FreeDrive(Drive):
 
 
 def pieces(swing: StrikeRecording, length: float) -> list[StrikeRecording]:
-    """Return pieces of `length` seconds of the angles of an arm; only the first has a measured initial state.
+    """Cut a recorded free swing into pieces of about `length` seconds; only the first keeps the measured initial state.
 
     A long swing of several links is chaotic, so that a fit to short pieces converges better at first.
     """
@@ -506,11 +510,11 @@ def _hand(recording: StrikeRecording) -> np.ndarray:
 
 
 def released(recording: StrikeRecording, plant: Plant, hand: np.ndarray) -> np.ndarray:
-    """Return an initial guess of a whip's deviation from its equilibrium at its release, angles [rad] and velocities,
-    (2 N,).
+    """Return an initial guess of a whip's deviation from its equilibrium at its release: the angles [rad] of its N
+    joints, then their velocities [rad/s], (2 N,).
 
-    It is computed from the direction of the farthest marker from the hand and its rate: a whip on a free hinge rotates
-    about it, any other whip bends evenly.
+    It is computed from the direction in which the hand sees the farthest marker, and from the rate of this direction. A
+    whip on a free hinge is assumed to rotate about the hinge, any other whip to bend evenly.
 
     Args:
         recording: Recording from the release on.
@@ -581,7 +585,7 @@ def make_drive(recording: StrikeRecording, plant: Plant, options: DriveOptions) 
     """Return the drive of a recording.
 
     Raises:
-        InputError: The kind is not in `DRIVES`, or the recording or plant lacks data that it needs.
+        InputError: The kind is not in `DRIVES`, or the recording or plant lacks data that the drive needs.
     """
     kind, bare = options.kind, isinstance(plant.model, BareArm)
     if kind not in DRIVES:

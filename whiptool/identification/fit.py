@@ -236,6 +236,6 @@ def predict(
 
 
 def best_nodes(fits: Mapping[int, Fit]) -> int:
-    """Return the number of nodes, among several fits, that predicts the held-out recordings best."""
+    """Return the number of nodes whose fit predicts the held-out recordings best, of fits by number of nodes."""
     error = {N: float(np.mean([r.chi**2 for r in found.held_out])) for N, found in fits.items()}
     return min(error, key=error.__getitem__)

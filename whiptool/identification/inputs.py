@@ -78,7 +78,8 @@ def full_name(name: str, plant: Plant) -> str:
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:
-    """Return the whip's profile: that in the model's file, else that from which the nodes were computed, else uniform.
+    """Return the whip's profile (its properties along its length): that in the model's file, else that from which the
+    nodes were computed, else that of a uniform whip.
 
     Args:
         model: Model that was read.
@@ -155,7 +156,8 @@ def read_marker(path: str | None) -> Marker | None:
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:
     """Return the controller that the recordings state, or None if they state none.
 
-    If a controller does not state its compensated masses, those of the other recordings are taken.
+    If a controller does not state the masses that its gravity compensation assumes, those of the other recordings are
+    taken.
 
     Raises:
         InputError: Two recordings state different controllers, or a description is invalid.
@@ -190,7 +192,8 @@ def check_controllers(
 ) -> None:
     """Refuse recordings of strikes that were made with another controller than the plant's.
 
-    The compensated masses are only compared if the recording states them, and the control period only if both do.
+    The masses that gravity compensation assumes are only compared if the recording states them, the control period only
+    if both state it.
 
     Args:
         recordings: Recordings; those without a controller are accepted.
@@ -219,7 +222,7 @@ def check_controllers(
 
 
 def each_episode(paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the paths, those of several swings of an arm replaced by `FILE#0`, `FILE#1` and so on."""
+    """Return the paths, with each file of several swings replaced by one path per swing: `FILE#0`, `FILE#1`, ..."""
     found: list[str] = []
     for path in paths:
         angles = Path(path).is_file() and find_format(path) == "angles"

@@ -73,7 +73,11 @@ class SmoothSpline:
         knots: Spacing of the knots [s].
         jerk: Prior root mean square of the third derivative [unit of the quantity / s^3].
         d: Number of quantities.
-        at_rest: Whether they begin at rest: the prior standard deviation of their initial rates is `REST`.
+        at_rest: Whether they begin at rest: the prior standard deviation of their initial rates is then `REST`.
+
+    Attributes:
+        size: Number of basis functions; there are `size d` coefficients c.
+        penalty: Rows of the prior, (rows, size d): `penalty @ c` is standard normal.
     """
 
     def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int, at_rest: bool = False) -> None:
@@ -212,9 +216,10 @@ class StillMotion:
 
 
 class HandleMotion:
-    """The base follows a spline through the handle's path without rotating.
+    """Motion of the whip's base along a spline through the tracked path of the handle, without rotation.
 
-    The handle's markers are residuals of the fit like all others; the only prior is the typical size of the jerk.
+    The handle's measured positions are residuals of the fit like those of the whip's markers. The prior contains only
+    the typical size of the jerk and, if requested, the start at rest.
 
     Args:
         t, points, sigma: Times (T,) [s], positions (T, 2) [m] and standard errors (T,) [m] of the tracked handle; NaN
@@ -258,7 +263,16 @@ class HandleMotion:
 
 
 class JointMotion:
-    """Motion of the base as the hand of a planar arm whose joints were measured; it rotates with the last link."""
+    """Motion of the whip's base with the hand of an arm whose joints were measured; the base rotates with the last
+    link.
+
+    Args:
+        t, q: Times (S,) [s] and joint positions (S, a) [rad or m] of the log.
+        arm: Arm with a joints.
+        instants: Times at which the base's motion is computed [s], (I,), equally spaced.
+        knots: Spacing of the spline's knots [s]; default: by cross-validation.
+        at_rest: Whether the arm is at rest at the first instant.
+    """
 
     def __init__(
         self,
@@ -330,8 +344,8 @@ _QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t 
 
 
 class LaggedReference:
-    """Motion of joints that follow a strike's reference with a first-order lag, `lag dq/dt = reference - q`, in closed
-    form.
+    """Motion of the whip's base with the hand of an arm whose joint positions q follow a strike's reference with a
+    first-order lag, `lag dq/dt = reference - q`, in closed form.
 
     Args:
         strike: The command in joint space.

@@ -38,7 +38,7 @@ class BareArm:
         name: A label only.
 
     Raises:
-        InputError: A value breaks its rule.
+        InputError: A value is not allowed.
     """
 
     arm: ArmParameters
@@ -66,21 +66,21 @@ class BareArm:
         return {f"link.{name}": x for name, x in named.items()} | {name: getattr(self, name) for name in SHARED}
 
     def with_parameters(self, changes: Mapping[str, float]) -> BareArm:
-        """A copy with some of `parameters()` changed."""
+        """Return a copy with some of `parameters()` changed."""
         known = {name.removeprefix("link."): x for name, x in (self.parameters() | dict(changes)).items()}
         arm = self.arm.with_parameters({name: known[name] for name in self.arm.parameters()})
         each = {name: tuple(known[f"{name}[{i}]"] for i in range(self.arm.n)) for name in EACH}
         return dataclasses.replace(self, arm=arm, **each, **{name: known[name] for name in SHARED})
 
     def quantities(self) -> dict[str, np.ndarray]:
-        """Return the parameters as blocks for `whiptool.dynamics.swing`, by name."""
+        """Return the parameters as arrays (one value per link, or one) by their names in `whiptool.dynamics.swing`."""
         blocks = {name: self.arm.per_link(name) for name in self.arm.QUANTITIES}
         blocks["damping"] = blocks.pop("friction")
         return blocks | {name: np.atleast_1d(getattr(self, name)) for name in (*EACH, *SHARED)}
 
 
 def read_bare_arm(path: Path | str) -> BareArm:
-    """An arm without a whip from its TOML file.
+    """Read an arm without a whip from its TOML file.
 
     Raises:
         InputError: The file cannot be read, a key is unknown or missing, or a value is not allowed.
@@ -160,10 +160,10 @@ class Plant:
 
     @property
     def held(self) -> Model:
-        """The model with the clamp applied: the hinge gets the bending parameters of half a link.
+        """The model with the whip held by the clamp: the hinge at the hand gets the bending parameters of half a link.
 
         Compliance, rest angle and losses of the hinge are half those of a joint between two links. Values that are
-        given per node are kept, as they include the hinge.
+        given per node are kept, as they include the hinge. Without a clamp the model is unchanged.
         """
         if self.clamp is None:
             return self.model
@@ -244,7 +244,7 @@ class Plant:
         return Plant(dataclasses.replace(self.model, whip=whip), self.controller, self.profile, self.clamp)
 
     def quantities(self) -> Quantities:
-        """Return the parameters of arm, whip, gravity and law as blocks, by name."""
+        """Return the parameters of arm, whip, gravity and control law as arrays by name, such as `whip.k`, (N,)."""
         if isinstance(self.model, BareArm):
             return self.model.quantities()
         model, blocks = self.held, {}
@@ -282,10 +282,10 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
 
 
 def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
-    """Return the derivatives of the blocks of `quantities()` by each named parameter.
+    """Return the derivatives of the arrays of `plant.quantities()` by each named parameter, one dict per parameter.
 
-    Blocks are linear in the parameters of model and law, so that a unit difference is the derivative; derivatives by a
-    profile's parameters are computed with CasADi.
+    The arrays are linear in the parameters of model and control law, so that a unit difference is the derivative;
+    derivatives by a profile's parameters are computed with CasADi.
 
     Raises:
         InputError: A name is unknown.

@@ -41,7 +41,7 @@ class Prediction:
 
 
 class Predictor:
-    """Predicts the readings of recordings that have the same kind of drive.
+    """Predicts the readings of recordings that have the same kind of drive; a call returns one `Prediction` for each.
 
     Args:
         recordings: Recordings to predict.
@@ -51,7 +51,12 @@ class Predictor:
         own: Names in `NUISANCE` of parameters that are free for each recording separately; also `start`, its initial
             state.
         timestep: Time step [s]; None: 1 ms, or for the drive `command` chosen by the integration error.
-        knots: Spacing of the spline of a prescribed motion [s].
+        knots: Spacing of the knots of a prescribed motion's spline [s]; None: see `DriveOptions`.
+
+    Attributes:
+        start: Initial guess of each recording's own unknowns, (L,).
+        measured, sigma: Each recording's readings that are not missing, and their standard errors, (K,).
+        channels: Frame, marker and axis of these readings, (K, 3).
 
     Raises:
         InputError: A name is unknown or given twice, or a recording lacks data that the drive needs.
@@ -147,8 +152,8 @@ class Predictor:
         return found
 
     def many(self, i: int, plants: Sequence[Plant], delays: Sequence[float]) -> np.ndarray:
-        """Return the K readings of recording i for each of many plants and clock delays [s], (plants, K); NaN after
-        divergence.
+        """Return the K predicted readings of recording i for each of many plants and clock delays [s], (plants, K); NaN
+        after a simulation diverges.
         """
         d, read = self.drives[i], self._read[i]
         own = self.start[i][: sum(len(x) for x in d.unknowns.values())]

@@ -83,7 +83,16 @@ class FitOptions:
 
 
 class Problem:
-    """Recordings, plant and free parameters as a least-squares problem in the solver's blocks."""
+    """The fit of a plant's free parameters to recordings as a least-squares problem of the solver.
+
+    Args:
+        recordings: Recordings to fit.
+        plant: Plant with the values of the parameters that are not free.
+        free: Names of the G shared free parameters.
+        variables: The solver's variables of these parameters, in the same order.
+        options: Options of the fit.
+        starting: For the drive `free`, whether the initial states are unknown.
+    """
 
     def __init__(
         self,
@@ -122,7 +131,7 @@ class Problem:
         return {v.name: v.value(x) for v, x in zip(self.variables, z, strict=True)}
 
     def split(self, z: np.ndarray) -> tuple[Plant, dict[str, float]]:
-        """Return the plant with the parameters of z (G,), and the shared nuisance parameters by name."""
+        """Return the plant for the solver's variables z (G,), and the shared nuisance parameters by name."""
         values = self.values(z)
         plant = self.plant.changed({k: v for k, v in values.items() if k not in NUISANCE})
         return plant, {k: v for k, v in values.items() if k in NUISANCE}
@@ -313,7 +322,8 @@ class Problem:
         """Return the problem with a free delay and clock rate for each recording; None if they are free already or
         cannot be fitted.
 
-        With a free initial state a delay cannot be distinguished, and encoders have no separate clock.
+        For the drive `passive` a delay cannot be distinguished from the initial state; for `free` the encoders have no
+        separate clock.
         """
         kinds: Sequence[str] = {"free": (), "passive": ("clock_rate",)}.get(self.options.drive, CLOCK)
         own = [name for name in kinds if name not in (*self.free, *self._own)]

@@ -48,8 +48,8 @@ class Samples:
         self.rate = rates @ _TO_POLYNOMIAL * (shares * inside)[..., None] / interval
 
     def value(self, path: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """Return readings (..., K, d) of a path (..., S, quantities, d); `which` (K,) is the quantity of each
-        reading."""
+        """Return readings (..., K, d) of paths (..., S, M, d) of M markers on the grid of S points; `which` (K,) is the
+        index of each reading's marker."""
         return np.einsum("...kepd,kep->...kd", path[..., self.index, which[:, None, None], :], self.weight)
 
     def velocity(self, path: np.ndarray, which: np.ndarray) -> np.ndarray:
@@ -67,19 +67,20 @@ NEUTRAL = {name: float(name in ("scale", "clock_rate")) for name in NUISANCE}
 
 
 def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
-    """Return positions x (..., d) in the frame of the measurement, for placement parameters `PLACED[d]`."""
+    """Return positions x (..., d) [m] as measured, with the scale, rotations and shifts `PLACED[d]` in `given`."""
     d = x.shape[-1]
     shift = [given[f"shift_{axis}"] for axis in "xyz"[:d]]
     return given["scale"] * x @ _turned(given, d)[0].T + shift
 
 
 def carried(dx: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
-    """Return the change of measured positions for a change dx (..., d) of the true ones."""
+    """Return the change of measured positions for a change dx (..., d) of the true positions."""
     return given["scale"] * dx @ _turned(given, dx.shape[-1])[0].T
 
 
 def by_placement(x: np.ndarray, given: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Return the derivatives of measured positions x (K, d) by each of `PLACED[d]`, (K, d) each."""
+    """Return the derivatives of the measured positions by each scale, rotation and shift `PLACED[d]`, (K, d) each, at
+    true positions x (K, d) [m]."""
     d = x.shape[-1]
     R, slopes = _turned(given, d)
     found = {"scale": x @ R.T}
@@ -99,12 +100,24 @@ def _turned(given: Mapping[str, float], d: int) -> tuple[np.ndarray, dict[str, n
 
 
 class Reading:
-    """Readings of one recording of a path: their markers, times, exposures, standard errors, and the camera.
+    """Measured readings of one recording, and their prediction from a simulated path.
 
-    A camera's reading is where it sees the mean of the path: that differs from the mean of what it sees by some
-    hundredths of a pixel, where a point comes 10 cm nearer during an exposure. Depth is read as its inverse, which is
-    the stereo pair's disparity except for a factor: its errors are normal and as large at all distances, while depths
-    that err to the near side would state smaller errors than those that err to the far side, and draw the fit to them.
+    A camera's reading is the image of a marker's mean position during the exposure; the mean of its images differs by
+    some hundredths of a pixel if the marker comes 10 cm nearer during an exposure. Depth is fitted as inverse depth,
+    which is proportional to a stereo pair's disparity: its errors are normal and equally large at all distances. Errors
+    of depth grow with the measured depth, so that depths measured too small would have too large a weight.
+
+    Args:
+        names, links: Names of M markers, and for each the index of the link at whose end it is, see `Drive.link_of`.
+        t: Middle of each marker's exposure [s], (T, M).
+        values, sigma: Measured values and their standard errors, (T, M, axes): positions [m], angles [rad], or pixels
+            and inverse depth [1/m]; NaN if missing.
+        exposure: Exposure time [s].
+        view: Camera of a recording in pixels; None: positions or angles were measured.
+
+    Attributes:
+        measured, sigma: The K readings that are not missing, and their standard errors, (K,).
+        channels: Frame, marker and axis of each reading, (K, 3).
     """
 
     def __init__(
@@ -131,10 +144,16 @@ class Reading:
     def read(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Return the readings (K,), their derivatives along the path's directions (D, K) and by the nuisance parameters
-        `given`, and the shortest displacement of a point that changes a reading by one, (K,).
+        """Predict the readings from a simulated path.
 
-        The path (S, ...) is sampled each `interval` [s] from the time `start` [s] on; `dpath` are its derivatives.
+        Args:
+            path, dpath: Positions or angles of the M markers, (S, M, d), and their derivatives by D unknowns.
+            given: Values of all nuisance parameters by name.
+            start, interval: Time of the path's first sample, and time between two samples [s].
+
+        Returns:
+            Readings (K,), their derivatives by the D unknowns (D, K) and by each nuisance parameter (K,), and the
+                smallest displacement of a point that changes a reading by one unit, (K,).
         """
         rate = given["clock_rate"]
         key = (given["delay"], rate, start, interval, len(path))

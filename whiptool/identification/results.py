@@ -149,8 +149,9 @@ class FittedStart:
 def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart]:
     """Return the runs sorted by cost, each with `over_best` and `failed` set.
 
-    A run failed by the likelihood ratio test: if two runs ended in the same minimum, twice the difference of their
-    costs over the residual variance of the best is chi-squared, with as many degrees of freedom as there are unknowns.
+    A run has failed if a likelihood ratio test rejects that it ended in the minimum of the best run. Under that
+    hypothesis twice the difference of the two costs, over the residual variance of the best run, has a chi-squared
+    distribution with as many degrees of freedom as there are unknowns.
 
     Args:
         runs: Runs, all with the same loss.

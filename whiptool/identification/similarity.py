@@ -19,10 +19,10 @@ class Similarity:
     """Comparison of a simulated tip path with a measured one.
 
     Args:
-        rho: Eq. 23 for each coordinate, divided by the number of samples (the paper prints the sum): 1 if the paths are
-            equal. It depends on the origin, here the shoulder.
-        rho_mean: Mean over the coordinates.
-        left_out: Number of samples, over all coordinates, at which Eq. 23 divides by zero; they are left out of rho.
+        rho: For each coordinate the mean of `1 - |measured - simulated| / |measured|` over the samples (Eq. 23 of the
+            paper, which prints the sum): 1 if the paths are equal. It depends on the origin, here the shoulder.
+        rho_mean: Mean of `rho` over the coordinates.
+        left_out: Number of measured coordinates that are 0, by which `rho` cannot divide; they are left out of it.
         rmse: Root mean square distance [m].
         nrmse: `rmse` divided by the diagonal of the measured path's bounding box.
         largest: Largest distance [m].

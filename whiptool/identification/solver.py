@@ -39,7 +39,8 @@ class Ending(Enum):
 
 @dataclass(frozen=True)
 class Block:
-    """Whitened residuals of one recording and their derivatives by shared (K, G) and own (K, L) unknowns."""
+    """Whitened residuals r (K,) of one recording, and their derivatives: A (K, G) by the unknowns that all recordings
+    share, B (K, L) by this recording's own unknowns."""
 
     r: np.ndarray
     A: np.ndarray
@@ -111,11 +112,15 @@ class Loss:
 
 
 def reduce(block: Block, damping: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Eliminate the unknowns of one recording: return the triangular form of [B A r], first L rows and remaining rows.
+    """Eliminate a recording's own L unknowns: reduce the matrix [B A r] of its block to triangular form.
+
+    Args:
+        block: The recording's residuals and derivatives.
+        damping: Diagonal of the rows that damp the own unknowns, (L,); None: no damping.
 
     Returns:
-        First L rows, (L, L + G + 1), and the remaining rows, which do not contain these unknowns, (at most G + 1, G +
-        1).
+        First L rows of the triangular form, (L, L + G + 1), and the remaining rows without the columns of these
+            unknowns, (at most G + 1, G + 1).
     """
     L = block.B.shape[1]
     rows = np.hstack([block.B, block.A, block.r[:, None]])
@@ -144,8 +149,8 @@ def solve(
 ) -> Solution:
     """Minimise the loss of all blocks from a starting point inside the bounds.
 
-    Marquardt's damping is scaled by the columns; its factor follows Nielsen (1999). A shared unknown at a bound whose
-    gradient points outside is fixed for one step.
+    Marquardt's damping is scaled by the norms of the Jacobian's columns; its factor follows Nielsen (1999). A shared
+    unknown at a bound is fixed for one step if the cost decreases beyond the bound.
 
     Args:
         evaluate: Returns the blocks at (z, own), with derivatives or without (A and B are then ignored).

@@ -36,7 +36,7 @@ def format_interval(p: Parameter) -> str:
 
 
 def parameter_lines(fit: Fit) -> list[str]:
-    """Return lines of text: one for each parameter, and those on directions without information."""
+    """Return lines of text: one per parameter, per direction without information, and per ratio that is determined."""
     width = max(len(p.name) for p in fit.parameters)
     lines = []
     for p in fit.parameters:
@@ -136,7 +136,8 @@ def tip_paths(recording: StrikeRecording, found: RecordingFit) -> tuple[np.ndarr
     """Return times (S,) [s], measured and predicted positions (S, d) [m], and the name of the marker: the tip or,
     without a tip, the last marker.
 
-    For a camera in space the positions are pixels, and depth [m] if it was measured.
+    For an arm's angles the positions are angles [rad]; for a camera in space they are pixels, followed by depth [m] if
+    it was measured.
     """
     which = found.markers.index("tip") if "tip" in found.markers else len(found.markers) - 1
     mine = found.channels[:, 1] == which
@@ -230,7 +231,7 @@ def seen_ratios(uncertainty: Uncertainty) -> dict[str, tuple[float, tuple[float,
 
 
 def known_ratios(fit: Fit) -> dict[str, tuple[float, tuple[float, float]]]:
-    """Return `seen_ratios` of a fit; empty if its intervals are withdrawn."""
+    """Return the determined ratios of a fit, see `seen_ratios`; empty if its intervals are withdrawn."""
     return seen_ratios(fit.uncertainty) if fit.explains else {}
 
 

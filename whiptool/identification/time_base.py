@@ -74,8 +74,8 @@ class FittedReadings:
         channel: Channel (marker and axis) of each residual, (K,).
         t: Time of each reading [s], (K,).
         slope: Whitened derivative of each reading by its time, (K,).
-        clock: The recording's own delay [s] and clock rate minus 1, if they are fitted and to be tested: column in the
-            block's B, and value, by kind.
+        clock: The recording's own `delay` and `clock_rate` that were fitted and are to be tested: for each the column
+            of the block's B, and the fitted delay [s] or clock rate minus 1.
     """
 
     block: Block

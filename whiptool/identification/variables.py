@@ -115,7 +115,8 @@ _OFF_BOUND = 0.05  # of the usual size, or of a bounded range: how far from a bo
 
 @dataclass(frozen=True)
 class Variable:
-    """A free parameter as the solver sees it: z is its logarithm if `log`, else the parameter divided by `scale`."""
+    """A free parameter as the solver sees it: z is its logarithm if `log`, else the parameter divided by `scale`;
+    `lower` and `upper` are the bounds of z, and `unit` is the parameter's unit."""
 
     name: str
     log: bool
@@ -154,8 +155,8 @@ class Variable:
 
 
 def variable(name: str, value: float, bounds: tuple[float, float] | None = None, unit: str | None = None) -> Variable:
-    """Return the solver's variable of a parameter with this name and starting value; default unit: as for revolute
-    joints.
+    """Return the solver's variable of a parameter with this name, starting value and bounds; the default unit is that
+    with revolute joints.
 
     Raises:
         InputError: The bounds are not ordered or the value has no logarithm.
@@ -209,7 +210,7 @@ class Prior:
         object.__setattr__(self, "covariance", covariance)
 
     def rows(self, variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
-        """Return `W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal.
+        """Return `W` (m, G) and `mean` (G,) such that `W (z - mean)` is standard normal a priori for the G variables z.
 
         Raises:
             InputError: A parameter of the prior is not free.
@@ -232,9 +233,9 @@ class Prior:
 def room(variables: Sequence[Variable], z: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
     """Return the error of each unknown above which the unknown counts as not determined, in units of z, (G,).
 
-    It is a factor of e for a positive parameter, and ten times its magnitude, at least its typical size, for one that
-    may be zero. An inertia about the centre of mass may become negligible, so that its logarithm has no effect; the
-    value returned for it is at least the inertia of a rod with the link's mass and length.
+    For a positive parameter it is a factor of e, for a parameter that may be zero ten times its magnitude or its
+    typical size, whichever is larger. An inertia about the centre of mass may become negligible, so that its logarithm
+    has no effect; the value returned for it is at least the inertia of a rod with the link's mass and length.
 
     Args:
         variables, z: The G unknowns and their values (G,).
