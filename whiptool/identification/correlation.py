@@ -50,7 +50,7 @@ class Grid:
         return laid
 
     def neighbours(self, x: np.ndarray, lag: int) -> np.ndarray:
-        """Return, for each of readings x (K, ...), half the sum of its channel's readings `lag` frames earlier and later."""
+        """Return (K, ...): for each reading x, half the sum of its channel's readings `lag` frames before and after."""
         if lag >= self.frames:
             return np.zeros_like(x)
         laid = self.lay(x)
