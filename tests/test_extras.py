@@ -86,7 +86,7 @@ def test_what_installed_packages_add_is_taken_up_once(monkeypatch, tmp_path):
     [
         (
             "four = lab:five",
-            "entry point four of whiptool.numbers: got 'lab:five'; allowed: a name other than four, which is taken",
+            "entry point four of whiptool.numbers: got 'the name four'; allowed: a name that no other object has",
         ),
         ("five = lab:six", "got 'lab:six'; allowed: an object that can be imported"),
         ("five = lab:word", "got 'lab:word'; allowed: an object of type int"),

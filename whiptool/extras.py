@@ -143,7 +143,9 @@ class Registry(dict[str, T]):
             if not isinstance(found, self.kind):
                 raise InputError(name, point.value, f"an object of type {self.kind.__name__}")
             if self.setdefault(point.name, found) is not found:
-                raise InputError(name, point.value, f"a name other than {point.name}, which is taken")
+                raise InputError(
+                    name, f"the name {point.name}", "a name that no other object has", f"rename {point.value}"
+                )
 
 
 def _not_installed(purpose: str, modules: list[str]) -> MissingPackage:

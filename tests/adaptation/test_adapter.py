@@ -105,7 +105,7 @@ def test_a_strike_that_was_asked_for_is_asked_for_again_until_it_is_told(prior, 
     assert late.ask() is None
     assert told(prior, tmp_path, strikes=2).ask() is None
     with pytest.raises(
-        InputError, match="recording: got 'one of strike 3'; allowed: the recording of a requested strike"
+        InputError, match="recording: got 'one of strike 3'; allowed: the recording of a strike that was planned"
     ):
         late.tell(still(3))
 
@@ -113,7 +113,7 @@ def test_a_strike_that_was_asked_for_is_asked_for_again_until_it_is_told(prior, 
 def test_what_was_not_asked_for_and_what_was_told_before_is_refused(prior, tmp_path):
     adapter = told(prior, tmp_path, strikes=3)
     with pytest.raises(
-        InputError, match="recording: got 'one of strike 1'; allowed: the recording of a requested strike"
+        InputError, match="recording: got 'one of strike 1'; allowed: the recording of a strike that was planned"
     ):
         adapter.tell(still(1))
     adapter.ask()

@@ -206,7 +206,7 @@ def test_limits_within_which_no_start_or_no_end_can_be_held_are_refused_at_once(
     level_torque = weight * (m1 * c1 + m2 * (l1 + c2) + heavy.whip.mass * (l1 + l2))
     asked = float(said.split("shoulder ")[1].split(" N m")[0])
     assert 4.1 < 0.93 * level_torque < asked < level_torque
-    assert f"{end} postures: got 'all beyond the arm: " in said
+    assert f"{end} postures: got 'none that the arm can hold: " in said
     down = ["--lower", "-0.1", "-0.1", "0.2", "0.1", "0.5", "--upper", "1.7", "0.1", "1.5", "1.0", "1.0"]
     limits = AllLimits(XM430)
     bounds = StrikeBounds(*(tuple(map(float, x)) for x in (down[1:6], down[7:])))

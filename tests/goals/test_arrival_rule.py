@@ -108,7 +108,7 @@ def test_targets_that_ask_for_what_the_rule_asks_for_are_taken():
     ("rule", "target", "said"),
     [
         (ArrivalRule(), Target((1.0, 0.2), direction=(1.0, 0.0)), "direction: got .* only points were learned"),
-        (ArrivalRule(), Target((1.0, 0.2), speed=1.0), "least speed: got 1.0; allowed: none, as was learned"),
+        (ArrivalRule(), Target((1.0, 0.2), speed=1.0), "least speed: got 1.0; allowed: none, as no speed was learned"),
         (ArrivalRule(speed=2.0), Target((1.0, 0.2), speed=2.1), "least speed: got 2.1; allowed: up to 2 m/s"),
         (ArrivalRule(direction=(0.0, 1.0)), Target((1.0, 0.2), direction=(0.01, 1.0)), r"allowed: \(0, 1\), as was"),
         (ArrivalRule(angle=(0.0, 1.0)), Target((1.0, 0.2)), r"direction: got nothing; allowed: .*Target.arriving"),

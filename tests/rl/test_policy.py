@@ -108,7 +108,7 @@ def test_a_policy_strikes_within_the_zone_that_it_learned():
     task = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)
     policy = Policy(Scripted(task, []), task)
     assert policy.strike((1.0, 0.1)) == policy.strike(Target((1.0, 0.1)))
-    with pytest.raises(InputError, match=r"^target: got \(1.2, 0.2\); allowed: one of the policy's zone"):
+    with pytest.raises(InputError, match=r"^target: got \(1.2, 0.2\); allowed: a target in the policy's zone"):
         policy.strike((1.2, 0.2))
     with pytest.raises(InputError, match="2 coordinates"):
         policy.strike((1.0, 0.1, 0.0))

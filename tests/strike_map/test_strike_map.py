@@ -156,7 +156,7 @@ def test_a_gate_chooses(building, parts):
 
 def test_targets_that_it_was_not_built_for_are_refused(building, parts):
     made = StrikeMap(building.striker, AIMED, Answers.joined(parts))
-    with pytest.raises(InputError, match=r"one of the map's region, a disc of radius 0.2 m around \(1.3, 0\) m"):
+    with pytest.raises(InputError, match=r"a target in the map's region, a disc of radius 0.2 m around \(1.3, 0\) m"):
         made.strike(Target.arriving((0.2, 0.1), 0.3))
     with pytest.raises(InputError, match="2 coordinates"):
         made.strike(Target((1.3, 0.0, 0.1)))

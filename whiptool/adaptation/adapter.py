@@ -165,7 +165,7 @@ class Adapter:
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
-            raise InputError("recording", f"one of strike {self.number}", "the recording of a requested strike")
+            raise InputError("recording", f"one of strike {self.number}", "the recording of a strike that was planned")
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:

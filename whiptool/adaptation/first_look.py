@@ -125,7 +125,9 @@ def choose_wiggle(
             return Strike.from_vector(strikes[best]), float(gain[best])
         slowest = min(slowest, fastest.min())
     if np.isfinite(slowest):
-        raise InputError("wiggle", f"{slowest:.1f} m/s at the tip", f"{FASTEST:g} m/s", "strike without it")
+        raise InputError(
+            "wiggle", f"at least {slowest:.1f} m/s at the tip", f"at most {FASTEST:g} m/s", "strike without it"
+        )
     raise InputError(
         "wiggle",
         f"none of {ROUNDS * candidates} movements within the limits",

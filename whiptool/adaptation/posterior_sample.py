@@ -58,7 +58,7 @@ class PosteriorSample:
             InputError: The name is not among `names`.
         """
         if name not in self.names:
-            raise InputError("number", name, "one of " + ", ".join(self.names))
+            raise InputError("parameter", name, "one of " + ", ".join(self.names))
         column = self.values[:, self.names.index(name)]
         order = np.argsort(column)
         below = np.cumsum(self.weights[order]) - self.weights[order] / 2

@@ -180,7 +180,12 @@ class FitRun:
 
         nodes = self.options.nodes
         if nodes and not self.held_out:
-            raise InputError("--nodes", nodes, "a held-out recording, whose error selects N", "give --held-out 1")
+            raise InputError(
+                "--nodes",
+                nodes,
+                "only with a held-out recording, whose error decides among the numbers",
+                "give --held-out 1",
+            )
         if nodes and self.how.prior is not None and any(n.startswith("whip.") for n in self.how.prior.names):
             raise InputError("--prior", self.how.prior.names, "no values per node with --nodes", "give --profile")
         self.plants = {N: self.plant.with_nodes(N) for N in nodes}

@@ -90,7 +90,9 @@ class OptimizeOptions(
         if self.method is not None:
             find_method(self.method)
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
-            raise InputError("--method", self.method, "one that uses no derivatives: --simulator reference has none")
+            raise InputError(
+                "--method", self.method, "a method without derivatives, which --simulator reference does not compute"
+            )
 
     def needs(self) -> tuple[str, ...]:
         return learned_with([self.method] if self.method else [])

@@ -110,7 +110,9 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
         if self.method in WITH_DERIVATIVES:
             raise InputError("--method", self.method, "a method that needs no derivatives, because a rig has none")
         if self.camera == "none":
-            raise InputError("--camera", self.camera, "one that sees the tip, because a search needs the miss distance")
+            raise InputError(
+                "--camera", self.camera, "a camera that sees the tip, because a search needs the miss distance"
+            )
 
     def needs(self) -> tuple[str, ...]:
         return (*super().needs(), *learned_with([self.method]))

@@ -356,4 +356,9 @@ def _along_profile(row: np.ndarray, structure: Structure, model: Model, name: st
         if block in structure.layout:
             row[structure.columns(block)] = slopes
         elif slopes.any():
-            raise InputError("parameter", name, "one whose terms this rollout has", f"name {block} in `free`")
+            raise InputError(
+                "parameter",
+                name,
+                f"a parameter that does not change {block}, which this rollout lacks",
+                f"name {block} in `free`",
+            )

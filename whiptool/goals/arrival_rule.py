@@ -48,7 +48,9 @@ class ArrivalRule:
         if isinstance(self.angle, (tuple, list)):
             low, high = (float(x) for x in numbers("arrival angle", self.angle, 2))
             if not low < high <= low + 2 * math.pi + _SAME:
-                raise InputError("arrival angle", self.angle, "a range from < to, of one turn at most [rad]")
+                raise InputError(
+                    "arrival angle", self.angle, "a range (from, to) [rad] with from < to, at most one turn wide"
+                )
             object.__setattr__(self, "angle", (low, high))
         elif self.angle is not None:
             object.__setattr__(self, "angle", number("arrival angle", self.angle))
@@ -152,8 +154,8 @@ class ArrivalRule:
     def _check_speed(self, target: Target) -> None:
         """Refuse a target that asks for more speed."""
         if target.speed is not None and target.speed > (self.speed or 0.0):
-            learned = "none" if self.speed is None else f"up to {self.speed:g} m/s"
-            raise InputError("least speed", target.speed, f"{learned}, as was learned")
+            learned = "none, as no speed" if self.speed is None else f"up to {self.speed:g} m/s, as this"
+            raise InputError("least speed", target.speed, f"{learned} was learned")
 
     def _check_direction(self, target: Target, own: Goals) -> None:
         """Refuse a target whose direction, or the part of the velocity that counts for it, is not the rule's."""

@@ -128,7 +128,7 @@ class Effort(Criterion):
 
     def values(self, struck: StrikesAtGoal) -> np.ndarray:
         if struck.near.effort is None:
-            raise InputError("simulator", struck.rollout.engine, "one with torques over time")
+            raise InputError("simulator", struck.rollout.engine, "a simulator that computes torques over time")
         return struck.near.effort.sum(axis=1)
 
     def measures(self, struck: StrikesAtGoal) -> np.ndarray:

@@ -307,7 +307,9 @@ class Region(Zone):
         within = np.prod(np.ptp(corners, axis=0) / cell + 1)
         if within > _MOST_CELLS:
             raise InputError(
-                f"{path}: corners", f"within {within:.0e} cells", f"corners within {_MOST_CELLS:.0e} cells"
+                f"{path}: corners",
+                f"spread over {within:.0e} cells",
+                f"corners spread over at most {_MOST_CELLS:.0e} cells",
             )
         return cls(corners, cell)
 

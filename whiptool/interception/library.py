@@ -74,7 +74,9 @@ class Library:
         strikes, paths = strikes[kept], paths[kept]
         if not len(strikes):
             limits = " and ".join(x.words for x in striker.limits.members) or None
-            raise InputError("limits", limits, "limits that some strike keeps", "slow the strikes: raise D")
+            raise InputError(
+                "limits", limits, "limits that some strike keeps", "make the strikes slower: raise the bounds of D"
+            )
         velocities = np.gradient(paths, 1 / RATE, axis=1)
         fast = np.linalg.norm(velocities, axis=2)
         with np.errstate(invalid="ignore"):

@@ -399,7 +399,7 @@ def of_material(whip: WhipParameters, *, youngs_modulus: float, diameter: float,
     """
     stiffness, damping = whip.per_node("k"), whip.per_node("b")
     if whip.N < 2 or stiffness[1] <= 0:
-        rule = "a whip whose second joint has a stiffness, with which its damping is compared"
+        rule = "a stiffness > 0 at the second joint, from which the ratio of damping to stiffness is taken"
         raise InputError("whip.k", whip.k, rule, "give the whip as a profile in a file")
     material = {"youngs_modulus": youngs_modulus, "diameter": diameter, "density": density}
     undamped = WhipProfile.round(length=whip.length, bending_damping=0.0, **material)

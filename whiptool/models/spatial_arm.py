@@ -231,7 +231,7 @@ def _checked_inertia(given: object, mass: float) -> tuple[float, ...]:
     moments = numbers("inertia", given, 6)
     principal = np.linalg.eigvalsh(_symmetric(moments))
     if principal[0] < -1e-9 * principal[2]:
-        raise InputError("inertia", given, "Ixx Iyy Izz Ixy Ixz Iyz of a body: its principal moments are >= 0")
+        raise InputError("inertia", given, "Ixx Iyy Izz Ixy Ixz Iyz with principal moments >= 0")
     if mass == 0 and any(moments):
         raise InputError("inertia", given, "zeros if mass is 0")
     return moments

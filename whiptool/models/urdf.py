@@ -216,8 +216,8 @@ def _check_moving(joint: ET.Element) -> None:
     """Refuse a joint that cannot be moved on its own."""
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
     if mimic is not None:
-        rule = "joints between base and tip that no equality couples"
-        fix = f"a tip before it, or arm.locked = {{ {name} = 0 }} in a model file"
+        rule = "joints between base and tip that mimic no other joint"
+        fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     if joint.get("type") == "continuous":
         return

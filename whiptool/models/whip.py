@@ -140,7 +140,9 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
             raise InputError("joints", self.joints, ", ".join(KINDS))
         for name in self.kind.absent:
             if self.per_node(name).any():
-                untwisted = "0 for rods, which do not twist with the hand: nothing says which way they would bend"
+                untwisted = (
+                    "0 for rods, which do not twist with the hand, so that the direction of the bend is undefined"
+                )
                 rule = untwisted if name == "rest_angle" else f"0 for joints of the kind {self.joints}"
                 raise InputError(name, getattr(self, name), rule)
 

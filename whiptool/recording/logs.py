@@ -176,14 +176,17 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
         InputError: The times do not overlap; the message names likely errors of the clocks.
     """
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
-        cause = "does the clock count since the computer was started, or since 1970? Say when the command began: start"
+        cause = (
+            "does the clock count since the computer was started, or since 1970? Give the time at which the command "
+            "began by that clock: key start of the sidecar"
+        )
         raise InputError(
             "t", f"frames from {t[0]:.6g} to {t[-1]:.6g} s", f"frames within the strike, 0 to {command[1]:.3g} s", cause
         )
     for name, times in logs.items():
         if times[0] <= t[-1] and times[-1] >= t[0]:
             continue
-        cause = f"do their clocks differ? Say when the command began by each: start and {name}_start"
+        cause = f"do the clocks differ? Give when the command began by each: keys start and {name}_start of the sidecar"
         given = f"from {times[0]:.6g} to {times[-1]:.6g} s"
         raise InputError(f"{name}_t", given, f"times of the frames, {t[0]:.6g} to {t[-1]:.6g} s", cause)
 
@@ -304,7 +307,13 @@ def order_of(names: Sequence[str], joints: Sequence[str], *, listed: bool = Fals
             return order
     twice = next((joint for joint, of in zip(joints, found, strict=True) if len(of) > 1), None)
     missing = ", ".join(joint for joint, of in zip(joints, found, strict=True) if not of)
-    why = f"there are several for {twice}" if twice else f"no column is for {missing}" if missing else "one is of two"
+    why = (
+        f"there are several for {twice}"
+        if twice
+        else f"no column is for {missing}"
+        if missing
+        else "one column fits two joints"
+    )
     fix = "say which is which in the sidecar: joint_columns = {" + ", ".join(f'{x} = "COLUMN"' for x in joints) + "}"
     raise InputError(
         "joints", ", ".join(names), f"one column for each joint of the arm: {', '.join(joints)}", f"{why}; {fix}"

@@ -166,7 +166,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         """Check markers and points."""
         points, markers = float_array("points", self.points), tuple(map(str, texts("markers", self.markers)))
         if points.ndim != 3 or points.shape[:2] != (len(self.t), len(markers)) or points.shape[2] not in (1, 2, 3):
-            allowed = f"shape ({len(self.t)}, {len(markers)}, 2 or 3), and 1 instead for angles"
+            allowed = f"shape ({len(self.t)}, {len(markers)}, d), d = 2 or 3 coordinates, or 1 for angles"
             raise InputError("points", f"shape {points.shape}", allowed)
         if not markers or len(set(markers)) < len(markers) or not all(markers):
             raise InputError("markers", markers, "at least one name, all different, none empty")

@@ -174,7 +174,7 @@ def build_recording(
     during = cycles.during(Phase.STRIKE)
     seen = np.isfinite(during.q).all(axis=1)
     if seen.sum() < 2:
-        raise InputError("run", f"{len(cycles)} cycles", "one that reached its strike")
+        raise InputError("run", f"{len(cycles)} cycles", "a run that reached its strike")
     t = during.stamp[seen] - during.stamp[seen][0] + during.t[seen][0] - during.t[0]
     q = during.q[seen]
     joints: dict[str, Any] = {

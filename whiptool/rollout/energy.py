@@ -63,7 +63,7 @@ def energies(model: Model, trajectory: Trajectory) -> Energies:
     whip, a, n = model.whip, model.arm.n, model.coordinates
     t, q, v = trajectory.t, trajectory.q, trajectory.v
     if q.shape[1] != n:
-        raise InputError("trajectory", f"of {q.shape[1]} joints", f"one of the model's {n}")
+        raise InputError("trajectory", f"{q.shape[1]} joints", f"a trajectory of the model's {n} joints")
     moving = _motion(model, q, v)
 
     mass = np.r_[model.arm.per_link("mass"), whip.per_node("m")]

@@ -307,7 +307,7 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
 def _add_whip(place: _Place, whip: WhipParameters, reach: float, least: float) -> None:
     hinges = whip.kind.hinges
     if not hinges and place.joints:
-        raise InputError("arm.links", "a last one without mass", "one with mass, for a whip of rods in MuJoCo")
+        raise InputError("arm.links", "a last link without mass", "a last link with mass, for a whip of rods in MuJoCo")
     names = ("l", "m", "k", "b", "cubic_stiffness", "node_inertia")
     slack = iter(whip.rest_angles)
     for i, (l, m, k, b, cubic, own) in enumerate(zip(*(whip.per_node(name) for name in names), strict=True)):

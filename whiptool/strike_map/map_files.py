@@ -102,7 +102,9 @@ def opened(striker: Striker, region: GoalRegion, folder: Path) -> StrikeMap:
     """
     parts = load_parts(folder, _MANY)
     if not parts:
-        raise InputError("strike map", str(folder), "a folder with answers, that every worker sees")
+        raise InputError(
+            "strike map", str(folder), "a folder that holds the files of a map and that every worker can read"
+        )
     return StrikeMap(striker, region, Answers.joined(parts), load_gate(folder))
 
 
@@ -135,7 +137,7 @@ def map_of(model: Model) -> StrikeMap:
     for name in shipped_names():
         if PRESETS[name] == model:
             return shipped_map(name)
-    raise InputError("model", model.name, f"one that has a map: {', '.join(shipped_names())}, unchanged")
+    raise InputError("model", model.name, f"an unchanged preset that has a map: {', '.join(shipped_names())}")
 
 
 def _gate_arrays(gate: Gate) -> dict[str, np.ndarray]:

@@ -193,7 +193,7 @@ class StrikeMap:
         if len(asked.position) != zone.dimension:
             raise InputError("target", asked.position, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(asked.position)):
-            raise InputError("target", asked.position, f"one of the map's region, {zone}")
+            raise InputError("target", asked.position, f"a target in the map's region, {zone}")
         return asked.goals
 
     def strike(self, target: Target | Sequence[float], *, refined: bool = True) -> Strike:

@@ -338,14 +338,14 @@ def _check(recordings: Sequence[StrikeRecording]) -> None:
     for recording in recordings:
         if recording.view is None:
             raise InputError(
-                recording.source or "recording", "places", "pixels of a camera (tip_u, tip_v), with its view"
+                recording.source or "recording", "positions", "pixels of a camera (tip_u, tip_v), with its view"
             )
     names = [r.view.name for r in recordings if r.view is not None]
     if len(set(names)) < len(names):
-        raise InputError("recordings", f"by {', '.join(names)}", "one of each camera")
+        raise InputError("recordings", f"of the cameras {', '.join(names)}", "one recording of each camera")
     strikes = {tuple(r.strike.vector.tolist()) for r in recordings if r.strike is not None}
     if len(strikes) > 1:
-        raise InputError("recordings", f"{len(strikes)} commands", "one strike")
+        raise InputError("recordings", f"{len(strikes)} different commands", "recordings of one strike")
 
 
 def _delay(first: StrikeRecording, second: StrikeRecording) -> float:

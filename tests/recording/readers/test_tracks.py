@@ -101,7 +101,10 @@ def test_an_uptime_clock_needs_a_start(tmp_path, clock):
     """Frames by a clock since the computer was started, or since 1970, are none of a strike that begins at 0."""
     rows = plain_rows()
     write_rows(tmp_path / "a.csv", [rows[0], *[[row[0] + clock, *row[1:]] for row in rows[1:]]])
-    with pytest.raises(InputError, match=r"a\.csv: t: got 'frames from .*1970\? Say when the command began: start"):
+    with pytest.raises(
+        InputError,
+        match=r"a\.csv: t: got 'frames from .*1970\? Give the time at which the command began by that clock: key start",
+    ):
         read_recording(tmp_path / "a.csv", strike=STRIKE)
     np.testing.assert_allclose(read_recording(tmp_path / "a.csv", strike=STRIKE, start=clock).t, times(), atol=1e-6)
 

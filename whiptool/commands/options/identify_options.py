@@ -158,7 +158,7 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
             if self.drive != "free":
                 return super().find_model()
             if not self.model.endswith(".toml"):
-                raise InputError("--model", self.model, allowed, "see the file formats")
+                raise InputError("--model", self.model, allowed, "docs/file-formats.md describes it")
             return read_bare_arm(self.model)
         except InputError:
             if fix := self._pendulum_meant():

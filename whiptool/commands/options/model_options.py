@@ -139,7 +139,7 @@ class ModelOptions(WhipOptions):
         if self.base == ("floor",):
             return model
         if model.dimension == 2:
-            raise InputError("--base", self.base, "nothing but floor for an arm in the plane")
+            raise InputError("--base", self.base, "only floor, for an arm in the plane")
         try:
             angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
             return replace(model, arm=mounted(model.arm.in_space(), angles))

@@ -94,7 +94,9 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
             allowed = "one without control_period: a rig holds every torque for a cycle of --rate"
             raise InputError("--controller", self.controller, allowed)
         if controller.prescribed:
-            raise InputError("--controller", self.controller, "one that gives torques: oiac, constant, or their file")
+            raise InputError(
+                "--controller", self.controller, "a law that gives torques: oiac, constant, or a file with one of them"
+            )
         return controller
 
 

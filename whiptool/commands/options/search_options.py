@@ -218,7 +218,7 @@ def refuse_unheld(model: Model, controller: Controller, limits: AllLimits, bound
         if beyond > _SURELY:
             rule = f"within {' and '.join(each.words for each in limits.members)}"
             fix = f"{name} elsewhere (--lower, --upper), or take a lighter whip or arm, or stronger motors"
-            raise InputError(f"{name} postures", f"all beyond the arm: the easiest needs {torques}", rule, fix)
+            raise InputError(f"{name} postures", f"none that the arm can hold: the easiest needs {torques}", rule, fix)
 
 
 def _easiest_to_hold(

@@ -201,5 +201,5 @@ class RegionOptions(ZoneGoalOptions):
         super().check()
         if self.sector is not None:
             if len(self.sector) != 5:
-                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH ANGLE")
+                raise InputError("--sector", self.sector, "five numbers: NEAR FAR LOW HIGH [m] and ANGLE [degrees]")
             named_sector(self.sector)

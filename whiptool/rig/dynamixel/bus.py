@@ -273,7 +273,12 @@ def check_rate(
         raise InputError("USB latency timer", f"{latency * 1e3:g} ms", f"at most 1 ms for {rate:g} Hz", fix)
     if delays and total - delays <= 1 / rate:
         fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-return-delay 0"
-        raise InputError("return delay", f"{delays * 1e6:.0f} us a cycle", f"less for {rate:g} Hz", f"run {fix}")
+        raise InputError(
+            "return delay",
+            f"{delays * 1e6:.0f} us a cycle",
+            f"at most {(1 / rate - (total - delays)) * 1e6:.0f} us a cycle at {rate:g} Hz",
+            f"run {fix}",
+        )
     faster = next((b for b in (1_000_000, 2_000_000, 3_000_000, 4_000_000) if b > baud), None)
     fix = f"python -m whiptool.rig.dynamixel --port {device} --baud {baud} --set-baud {faster}" if faster else ""
     fits = f"{1 / total:.0f} Hz ({bytes_per_cycle} bytes a cycle at {baud} baud)"
