@@ -32,7 +32,7 @@ _BEFORE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # from the world's axe
 
 
 def distort(flat: np.ndarray, distortion: tuple[float, ...]) -> np.ndarray:
-    """Return normalised image coordinates (..., 2) after a lens's distortion (OpenCV's coefficients)."""
+    """Return normalised image coordinates `flat` (..., 2) as a lens distorts them, with OpenCV's coefficients."""
     if not distortion:
         return flat
     x, y = np.moveaxis(flat, -1, 0)
@@ -72,7 +72,7 @@ def _radial(r2: np.ndarray, distortion: tuple[float, ...]) -> tuple[np.ndarray, 
 def undistort(
     pixels: np.ndarray, camera_matrix: np.ndarray | None = None, distortion: Sequence[float] = ()
 ) -> np.ndarray:
-    """Return pixels (..., 2) corrected for a lens's distortion."""
+    """Return pixels (..., 2) corrected for a lens's distortion, with OpenCV's coefficients."""
     pixels = np.asarray(pixels, float)
     if not len(distortion) or camera_matrix is None or not pixels.size:
         return pixels
@@ -168,7 +168,7 @@ class Camera:
 
     @property
     def distance(self) -> float:
-        """Distance from the strike plane [m], negative behind it."""
+        """Distance of the camera from the strike plane [m], negative behind it."""
         return -float(self.position[1])
 
     def table(self) -> dict[str, Any]:
@@ -198,12 +198,13 @@ class Camera:
     ) -> np.ndarray:
         """Return the standard error of depth [m] that a stereo pair with this camera's focal length measures.
 
-        The pair sees a depth z as a disparity f b / z [pixels], the shift of what it shows between two images from
-        places that are b apart. The disparity errs by the same at all distances: `sigma_z = z^2 sigma_d / (f b)`.
+        A depth z appears as a disparity f b / z [pixels], the shift of a point between the images of two cameras with
+        focal length f [pixels] that are b apart. Its standard error sigma_d is the same at all distances, so that
+        `sigma_z = z^2 sigma_d / (f b)`.
 
         Source: A. Grunnet-Jepsen, J. N. Sweetser, J. Woodfill, "Tuning depth cameras for best performance" (Intel),
         https://dev.intelrealsense.com/docs/tuning-depth-cameras-for-best-performance, which calls sigma_d the subpixel.
-        Of a D435 it can be as low as 0.03 on a surface with texture; one of its authors advises 0.08
+        For a D435 it can be as low as 0.03 on a surface with texture; one of its authors advises 0.08
         (https://github.com/IntelRealSense/librealsense/issues/3904).
 
         Args:
@@ -253,12 +254,13 @@ class Camera:
         return to_plane(self.homography, self.undistorted(pixels))
 
     def facing(self, distance: float) -> np.ndarray:
-        """Return the homography of a plane that faces the camera at a distance [m], with its origin on the axis."""
+        """Return the homography (3, 3) from undistorted pixels to metres on a plane perpendicular to the optical axis,
+        at a distance [m]; the plane's origin is on that axis."""
         (fx, fy), (u, v) = self.focal_lengths, self.principal_point
         return np.array([[distance / fx, 0, -u * distance / fx], [0, -distance / fy, v * distance / fy], [0, 0, 1]])
 
     def scale(self, point: np.ndarray) -> float:
-        """Return the image scale at a point (2 or 3,) [m] of small objects that face the camera [pixels/m]."""
+        """Return the image scale [pixels/m] of a small object that faces the camera, at a point (2 or 3,) [m]."""
         return float(np.sqrt(np.prod(self.focal_lengths)) / self.to_camera(point)[2])
 
     def slant(self, point: np.ndarray) -> float:
@@ -315,7 +317,7 @@ def before_plane(position: Sequence[float], turn: np.ndarray | None = None) -> d
     """Return rotation and position, as `Camera` takes them, of a camera before the strike plane.
 
     Args:
-        position: Position of the camera in front of the shoulder, above it, and its distance from the plane [m], (3,).
+        position: Distances of the camera [m], (3,): forward of the shoulder, above it, and from the strike plane.
         turn: Rotation in the camera's axes, (3, 3), from an upright camera perpendicular to the plane to this one;
             None: no rotation.
 

@@ -132,7 +132,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Estimate of a miss distance.
+    """Estimate of the miss distance of a strike, and of the probability that the strike hit.
 
     Args:
         miss: Posterior mean of the miss distance [m].
@@ -148,7 +148,7 @@ class Judgement:
 
     @property
     def hit(self) -> bool:
-        """Whether a hit is claimed: `probability` is at least `CLAIMED`."""
+        """Whether a hit is claimed: `probability` is at least 90 % (`CLAIMED`)."""
         return self.probability >= CLAIMED
 
     @property
@@ -209,10 +209,12 @@ def judge_frames(frames: Frames, target: Target) -> Judgement:
 def weigh(
     t: np.ndarray, paths: np.ndarray, frames: Frames, target: Target, sizes: np.ndarray, paces: np.ndarray
 ) -> Judgement:
-    """Return the judgement of a miss distance from sampled paths of the tip and from frames.
+    """Estimate the miss distance of a strike from predicted paths of the tip and from frames of a film.
+
+    The true path is assumed to be one of the predicted paths plus a smooth random model error, which the frames show.
 
     Args:
-        t, paths: Times (T,) [s] and sampled paths (S, T, d) [m].
+        t, paths: Times (T,) [s] and S equally probable predicted paths of the tip, (S, T, d) [m].
         frames: Frames that show the tip.
         target: Point and hit radius.
         sizes, paces: Candidate standard deviations [m] and correlation times [s] of the model error.

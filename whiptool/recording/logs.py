@@ -123,7 +123,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
 
 
 def float_array(name: str, value: object) -> np.ndarray:
-    """Return numbers as a new float array with NaN where missing, or refuse what is not a number, or infinite."""
+    """Return numbers as a new float array, with NaN if missing; refuse values that are not numbers, or infinite."""
     try:
         array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
     except (ValueError, TypeError, OverflowError):
@@ -134,7 +134,7 @@ def float_array(name: str, value: object) -> np.ndarray:
 
 
 def increasing_times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:
-    """Return two or more finite, strictly increasing times [s], (T,), whose steps and span can be right, or refuse."""
+    """Return times (T,) [s] as an array; refuse fewer than two, times that do not increase, or implausible steps."""
     t = float_array(name, value)
     if t.ndim != 1 or len(t) < 2:
         raise InputError(name, f"shape {t.shape}", "at least two times, shape (T,)")
@@ -206,7 +206,8 @@ def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
 
 
 def of_use(times: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return whether samples of a log lie near the frames or the command's start, (S,)."""
+    """Return which samples of a log, at `times` (S,) [s], are kept, (S,): those from 1 s before the command's start
+    (time 0) or the first of the frames at t (T,) [s], until 1 s after the last frame."""
     return (times >= min(t[0], 0.0) - LEAD) & (times <= t[-1] + LEAD)
 
 
@@ -327,7 +328,7 @@ def _ends(a: tuple[str, ...], b: tuple[str, ...]) -> bool:
 
 
 def check_angles(q: np.ndarray, names: Sequence[str]) -> None:
-    """Refuse columns (S, a) that no joint's angle in rad can be."""
+    """Refuse a joint log (S, a) whose columns, called `names`, are too large or wide in range for angles in rad."""
     for i, column in enumerate(q.T):
         widest, way = np.abs(column).max(), np.ptp(column)
         if widest <= WIDEST and way <= WIDEST_WAY:
@@ -340,7 +341,7 @@ def check_angles(q: np.ndarray, names: Sequence[str]) -> None:
 
 
 def read_by_name(names: Sequence[str], order: Sequence[int]) -> list[str]:
-    """What was read by which name, where it is not as it stands, and what was left aside."""
+    """Return a sentence on the columns that were read as joints, and on those left out; empty if all are in order."""
     if not names or list(order) == list(range(len(names))):
         return []
     aside = [name for i, name in enumerate(names) if i not in order]

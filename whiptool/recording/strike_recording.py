@@ -271,7 +271,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
 
     @property
     def stood(self) -> Callable[[np.ndarray], np.ndarray] | None:
-        """The measured deviation `sag` as a function of q_i (B, a), as simulators take it; None if not measured."""
+        """Function of start postures q_i (B, a) that returns the deviation `sag` for each; None if not measured."""
         sag = self.sag
         return None if sag is None else lambda q_i: np.broadcast_to(sag, q_i.shape)
 

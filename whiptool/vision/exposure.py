@@ -33,7 +33,8 @@ class Exposed:
 
 
 def expose(camera: Camera, t: np.ndarray, path: np.ndarray, starts: np.ndarray) -> Exposed:
-    """Apply the measurement model: means of a path over exposures, with the time of its row for a rolling shutter.
+    """Return a camera's measurements of a moving point: means of its path over exposures, which a rolling shutter
+    starts when it reads the point's row.
 
     Args:
         camera: The camera.
@@ -83,7 +84,7 @@ def measurement_sigma(camera: Camera, speed: float | np.ndarray, *, distance: fl
 
 
 def stereo_depth(camera: Camera, depth: float | np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return simulated measurements of depth by a D435 [m]; 0 where the disparity is lost in noise, as there.
+    """Return simulated measurements of depth by a D435 [m]; 0, as a D435 reports, if noise exceeds the disparity.
 
     Args:
         camera: The camera; see `Camera.depth_error`.

@@ -117,10 +117,10 @@ _NEARING = Light(tolerance=0.35, usual=0.15, most_size_error=2.5, slow=np.inf, w
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One marker in one frame.
+    """Measured position of one marker in one frame.
 
     Args:
-        t_point: Middle of its exposure [s], of its row for a rolling shutter.
+        t_point: Middle of the marker's exposure [s]; with a rolling shutter, that of its image row.
         pixel: Mean position over the exposure [pixels], (2,); NaN where unsure.
         point: Mean position on the strike plane [m], (2,); NaN where unsure.
         sigma: Standard error of `point`, per coordinate [m]; NaN where unsure.
@@ -174,7 +174,7 @@ class MarkerTracker:
         self._locked = False  # on something that the gate is around
 
     def update(self, frame: Frame) -> Sighting:
-        """Find the marker in the next frame."""
+        """Return the marker's measured position in the next frame."""
         if not self._begun:
             self._begin(frame)
         blob, confidence = self._gated(frame) if self._locked else (None, 0.0)

@@ -52,11 +52,11 @@ class Marker:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Weights of red, green and blue in the marker's strength [1 / level], (1, 3), or of brightness in infrared,
-        (1, 1).
+        """Weights [1 / level] that add up red, green and blue to a pixel's strength, (1, 3); in infrared that of
+        brightness, (1, 1).
 
-        The strength is linear in light, so that the centroid of a blurred blob is the mean position over the exposure;
-        grey has strength 0.
+        The strength says how much of the marker's colour a pixel has: 1 for the pure bright colour, 0 for grey. It is
+        linear in light, so that the centroid of a blurred marker is its mean position over the exposure.
         """
         if self.hue is None:
             return np.full((1, 1), 1 / 255, np.float32)
@@ -67,7 +67,7 @@ class Marker:
         return (chroma / (chroma @ rgb) / 255).astype(np.float32)[None]
 
     def strength(self, image: np.ndarray) -> np.ndarray:
-        """Return the strength of the marker in each pixel, (H, W) float32; 1 for its pure bright colour."""
+        """Return the strength of the marker in each pixel, (H, W) float32; see `weights`."""
         return opencv().transform(image.astype(np.float32), self.weights)
 
     def is_of_color(self, rgb: np.ndarray) -> bool:
@@ -95,7 +95,7 @@ class Blob:
     """A connected region of an image with a marker's colour.
 
     Args:
-        pixel: Centroid weighted by strength, (2,) [pixels].
+        pixel: Centroid weighted by strength (see `Marker.weights`), (2,) [pixels].
         mass: Sum of the strength [pixels].
         peak: Largest strength after filtering.
         box: Bounding box: left, top, width, height [pixels].
@@ -112,8 +112,8 @@ class Blob:
 
 
 def noise_of(strength: np.ndarray) -> float:
-    """Return a robust estimate of the noise's standard deviation in a strength image, from differences of neighbours in
-    rows.
+    """Return a robust estimate of the noise's standard deviation in an image of `Marker.strength`, (H, W), from
+    differences of neighbours in rows.
     """
     return float(1.4826 * np.median(np.abs(np.diff(strength[::4], axis=1))) / np.sqrt(2))
 
@@ -137,7 +137,7 @@ def find_blobs(
         background: Strength (H, W) of the scene without the marker; None: not used.
         noise: Noise of the strength, from `noise_of`.
         region: Left, top, right, bottom of the region [pixels].
-        least_mass: Light of the whole marker [pixels]; blobs with less than a share `_FAINT` of it are left out.
+        least_mass: Sum of the strength of the whole marker [pixels]; blobs with less than 35 % of it are left out.
         least_strength: Least strength of any part of a blob.
         near: Expected position of the marker (2,) [pixels]; the blob found from there by mean shift is then the first
             of the list.

@@ -152,8 +152,8 @@ class CameraTrack:
         return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
 
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the distances between this and the other camera's lines of sight in the image [pixels], (P,), and
-        their standard errors (P,).
+        """Return, at P instants, the distances in the image between this and the other camera's line of sight to the
+        marker [pixels], (P,), and their standard errors, (P,).
 
         Args:
             other: Track of the same marker by another camera.
@@ -202,8 +202,8 @@ def disagreements(recordings: Sequence[StrikeRecording]) -> list[Disagreement]:
     """Return the pairs of cameras that disagree on the positions of markers.
 
     Args:
-        recordings: Recordings of any strikes; those without a view are ignored. Those with the same joint log are of
-            one strike; without joint logs, the k-th recordings of a command by each camera are taken as of one strike.
+        recordings: Recordings of any strikes; recordings without a view are ignored. Recordings with the same joint log
+            are of one strike; without joint logs, so are the k-th recordings of the same command by different cameras.
     """
     found = []
     for strike in _by_strike([r for r in recordings if r.view is not None]):

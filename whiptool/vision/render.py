@@ -105,6 +105,9 @@ class VirtualCamera:
         screens: Objects that may hide the tip.
         start: Time of the first frame relative to the strike's start [s]; before the strike the arm is at rest.
 
+    Attributes:
+        truths: Ground truth of each frame that was read.
+
     Raises:
         InputError: A radius is not positive, the trajectory has other joints than the model, or the lens distorts.
         WhiptoolError: Raised by `open` without OpenGL.

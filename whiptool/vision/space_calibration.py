@@ -70,8 +70,8 @@ class SpaceCalibration:
     Args:
         cameras: Cameras by name.
         residual: Root mean square reprojection error of each camera [pixels], by name.
-        views: The same by camera and instant; a value far above the others indicates a wrong detection or a moving
-            board.
+        views: This error by camera and instant [pixels]; a value far above the others indicates a wrong detection or a
+            moving board.
         boards: Pose of the board in the world, by instant.
     """
 
@@ -269,8 +269,8 @@ class Agreement:
 
     Args:
         misfit: Root mean square reprojection error of the corners over all cameras, at the best common pose [pixels].
-        without: The same without one camera, by its name; a camera without which the others agree was moved. Empty for
-            two cameras.
+        without: This error of the other cameras if one camera is left out, by its name; if the others agree without a
+            camera, that camera was moved. Empty for two cameras.
     """
 
     misfit: float

@@ -32,8 +32,7 @@ class StrikeDrawing:
         settings: The camera.
         model: Whip and arm.
         target: Centre of the target [m], (2,) or (3,), or None.
-        marker_radius, target_radius: Marker radius and target radius of the tip's ball and of the target's disc or ball
-            [m].
+        marker_radius, target_radius: Radius of the tip's ball, and of the target's disc or ball [m].
 
     Raises:
         WhiptoolError: OpenGL is not available.
@@ -102,7 +101,7 @@ class StrikeDrawing:
 
         Args:
             q: Joint positions [rad], (n,); None for the static parts, without arm and whip.
-            region: Left, top, width and height [pixels]; left and top are those of a pixel's corner plus one half.
+            region: Left, top, width and height [pixels], counted from the image's upper left corner.
             scale: Samples per pixel in each direction.
         """
         s, (left, top, width, height) = self.settings, region
@@ -136,7 +135,7 @@ class StrikeDrawing:
         return pixels[::-1]
 
     def largest_scale(self, width: int, height: int, wanted: int) -> int:
-        """Largest `scale` at which a rectangle can be drawn."""
+        """Return the largest `scale` up to `wanted` at which a rectangle of this size [pixels] can be drawn."""
         return max(1, min(wanted, _LARGEST // max(width, height)))
 
     def is_tip(self, pixels: np.ndarray) -> np.ndarray:

@@ -52,7 +52,8 @@ class MarkerTrack:
 
 @dataclass(frozen=True, eq=False)
 class StrikeTrack:
-    """Tip, target and their distance [m] (Fig. 3), (T,), over T frames of one camera."""
+    """Tracks of tip and target over T frames of one camera (`settings`), and the `distance` between tip and target [m],
+    (T,), as in the paper's Fig. 3."""
 
     tip: MarkerTrack
     target: MarkerTrack

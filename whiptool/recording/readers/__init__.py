@@ -35,7 +35,7 @@ class Format:
 
     Args:
         what: Description of the format.
-        matches: Whether a path with these first bytes (none of a folder) has this format.
+        matches: Function of a path and its first bytes (empty for a folder) that returns whether it has this format.
         tracks: Function that reads tracks, if the format can contain any.
         video: Function that reads images, if the format can contain any.
         needs: Module of an extra with which the format is read, if any.
@@ -132,7 +132,7 @@ def _installed_format(path: Path, head: bytes) -> str | None:
 
 
 def needed_for(paths: Iterable[Path | str]) -> tuple[str, ...]:
-    """Return the modules of extras with which recordings are read; other files are reported when they are read."""
+    """Return the optional modules with which these recordings are read; files of unknown format are skipped."""
     found = []
     for path in paths:
         with suppress(InputError):

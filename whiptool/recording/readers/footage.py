@@ -50,7 +50,7 @@ class FrameClock:
 
     Args:
         times: Middle of the first row's exposure of each kept frame [s], (F,), relative to the command's start.
-        keep: Whether each frame is kept, (count,).
+        keep: Whether each of the file's frames is kept, (frames in the file,).
         notes: Sentences on the clock that was used and on frames that were left out.
     """
 
@@ -98,11 +98,11 @@ def frame_clock(
 
 
 def clock_of_rows(side: Sidecar, stamps: np.ndarray, note: str, what: str) -> FrameClock:
-    """Return the clock of rows with time stamps (T,) [s], relative to the command's `start`.
+    """Return the times of a table's rows, relative to the command's `start`, without rows that have bad stamps.
 
     Args:
         side: Sidecar, of which the key `start` is read.
-        stamps: Time stamps as in the file.
+        stamps: Time stamps as in the file, (T,) [s].
         note: Sentence on the source of the stamps.
         what: Name of the stamps, for messages.
     """

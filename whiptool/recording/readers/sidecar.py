@@ -99,7 +99,7 @@ class Sidecar:
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
 
     def refuse(self, key: str, allowed: str, fix: str = "") -> InputError:
-        """Return the error that a key's value is not allowed."""
+        """Return the error for a key's value; `allowed` says which values are allowed, `fix` how to correct it."""
         return InputError(self.place + key, self.table.get(key), allowed, fix)
 
     def number(self, key: str, default: float, *, low: float = -np.inf, high: float = np.inf) -> float:
@@ -137,8 +137,10 @@ class Sidecar:
         return array
 
     def names(self, key: str) -> dict[str, str] | None:
-        """Return a key's table `name in whiptool = "name in the file"`, or list of unchanged names, as a dict; None if
+        """Return a key's table of names, `name in whiptool = "name in the file"`, as a dict; None if the key is
         missing.
+
+        The key may also be a list of names that are the same in whiptool and in the file.
         """
         value = self.table.get(key)
         if value is None:
@@ -159,8 +161,8 @@ class Sidecar:
         return self.folder / name
 
     def fields(self, notes: Sequence[str] = (), log: JointLog | None = None) -> dict[str, Any]:
-        """Return the values of the common keys as arguments of `StrikeRecording`; `start` is not yet subtracted from
-        times.
+        """Return the values of the keys common to all formats as arguments of `StrikeRecording`; `start` is subtracted
+        from the times of joints and hand only.
 
         Args:
             notes: Further remarks of the reader.

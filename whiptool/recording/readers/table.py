@@ -124,7 +124,7 @@ def time_column(names: Sequence[str]) -> tuple[int, float, str]:
 
 
 def without_repeated_rows(table: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the rows (R, columns) without exact repetitions of the previous row, time included, and their number."""
+    """Return a table's rows without those that equal the row before, time included, and how many were left out."""
     same = (table[1:] == table[:-1]) | (np.isnan(table[1:]) & np.isnan(table[:-1]))
     new = np.concatenate([[True], ~same.all(axis=1)])
     return table[new], int((~new).sum())
@@ -165,7 +165,7 @@ def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:
 def split_columns(
     names: list[str], more: tuple[str, ...] = (), *, axes: tuple[str, ...] = AXES
 ) -> dict[str, dict[str, int]]:
-    """Return the columns of each marker by quantity (`x`, `y`, `z` and `more`), in order of appearance.
+    """Return the index of each marker's column for each quantity (`x`, `y`, `z` and `more`), in order of appearance.
 
     Args:
         names: Names of the columns.
@@ -203,7 +203,15 @@ def stacked(
     *,
     unit: float = 1.0,
 ) -> np.ndarray:
-    """Return the columns `what`, such as `x`, of all M markers times a unit, (T, M); where missing, `otherwise`."""
+    """Return one quantity of all M markers, (T, M).
+
+    Args:
+        table: Numbers of the file, (T, columns).
+        columns: Indices of each marker's columns, see `split_columns`.
+        what: The quantity, such as `x`.
+        otherwise: Value of markers that lack the column, a number or broadcastable to (T, M).
+        unit: Factor that converts the column's values.
+    """
     default = np.broadcast_to(otherwise, (len(table), len(columns)))
     found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
     return np.stack(found, axis=1)
