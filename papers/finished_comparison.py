@@ -116,7 +116,7 @@ def read_run(folder: Path | str) -> Results:
     kinds: dict[str, type[Any]] = {"compare": CompareOptions, "reproduce": ReproduceOptions}
     kind = kinds.get(config.get("command", ""))
     if kind is None:
-        raise InputError("run folder", str(folder), "one of whiptool.compare or whiptool.reproduce")
+        raise InputError("run folder", str(folder), "a run folder of whiptool.compare or whiptool.reproduce")
     mine = {f.name for f in fields(kind)}  # older runs hold options that there are no more
     begun = {_RENAMED.get(name, name): value for name, value in config["options"].items()}
     options = stored_options(kind, {name: value for name, value in begun.items() if name in mine}, folder)

@@ -114,7 +114,7 @@ class ReproduceOptions(ComparisonOptions):
 
 
 _EXAMPLE = (
-    "Reproduce the paper's figures and tables in one HTML file, with the paper's numbers next to ours. `all` takes "
+    "Reproduce figures and tables of Wang et al. 2024 in one HTML file, with its numbers next to ours. `all` takes "
     "hours and can be interrupted and resumed. Example: python -m whiptool.reproduce all --quick"
 )
 

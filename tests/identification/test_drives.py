@@ -144,7 +144,7 @@ def test_the_hands_pose_drives_a_whip_as_its_arms_joints_do():
     np.testing.assert_allclose(found["hand"].value, found["joints"].value, atol=1e-4)
     scale = np.abs(found["joints"].by_shared).max(axis=0)
     np.testing.assert_allclose(found["hand"].by_shared / scale, found["joints"].by_shared / scale, atol=1e-3)
-    with pytest.raises(InputError, match="one with the hand's pose"):
+    with pytest.raises(InputError, match="a recording with the hand's pose"):
         Predictor([replace(seen, hand_t=None, hand_pose=None)], plant, drive="hand", shared=shared)
     with pytest.raises(InputError, match="for a model in the plane"):
         Predictor([seen], Plant(preset("lemon2024"), Controller()), drive="hand", shared=shared)
@@ -154,7 +154,7 @@ def test_of_several_recordings_the_culprit_is_named():
     t = np.linspace(0.1, 0.5, 9)
     good = replace(recorded(("tip",), t, np.zeros((9, 1, 2))), source="one.csv", joints_t=t, joints_q=np.zeros((9, 2)))
     for change, said in (
-        ({"joints_t": None, "joints_q": None}, "one with measured joints"),
+        ({"joints_t": None, "joints_q": None}, "a recording with measured joint angles"),
         ({"joints_q": np.zeros((9, 3))}, "joints_q: got 'shape"),
         ({"joint_names": ("hip", "knee")}, "one column for each joint of the arm"),
         ({"markers": ("toe",)}, "tip or nodes of the whip"),

@@ -191,7 +191,7 @@ def test_the_reference_has_approaches_too(compiled):
         assert path.t[-1] == pytest.approx(strike.D + T_STAY)
         np.testing.assert_array_equal(columns(near)[i], columns(path.approach(target))[0])
     np.testing.assert_allclose(near.distance, compiled.approach(STRIKES_INTERFACE, targets).distance, atol=5e-3)
-    with pytest.raises(InputError, match="one with derivatives"):
+    with pytest.raises(InputError, match="a simulator with derivatives"):
         reference.gradient(STRIKES_INTERFACE, TARGET_INTERFACE)
 
 

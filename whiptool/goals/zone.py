@@ -148,7 +148,7 @@ class ReachableDisc(Zone):
             raise InputError(
                 "zone",
                 f"{round_name(self.disc)} of radius {self.disc.radius:g} m around {self.disc.centre} m",
-                f"one that comes within {self.reach:.3f} m of the shoulder, the model's reach",
+                f"a zone that comes within {self.reach:.3f} m of the shoulder, the model's reach",
             )
 
     def __str__(self) -> str:
@@ -431,7 +431,7 @@ class Sector(Zone):
         inner, outer = self._rims(z)
         volumes = _integrals(self.aside * (outer - inner), z)
         if not volumes[-1] > 0:
-            raise InputError("sector", (self.near, self.far, self.low, self.high), "one that contains points")
+            raise InputError("sector", (self.near, self.far, self.low, self.high), "a sector that contains points")
         return z, volumes
 
     def _rims(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -307,7 +307,7 @@ class SwingDrive(Drive):
             raise InputError(
                 "recording",
                 recording.called,
-                "one with measured joints",
+                "a recording with measured joint angles",
                 "or drive by command or handle",
             )
         arm, t = plant.model.arm, recording.joints_t
@@ -321,7 +321,7 @@ class SwingDrive(Drive):
     def _measured_hand(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if recording.hand_t is None or recording.hand_pose is None:
             fix = "or drive by joints or command"
-            raise InputError("recording", recording.called, "one with the hand's pose", fix)
+            raise InputError("recording", recording.called, "a recording with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
         check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))
         return self._along(recording, recording.hand_t, joints, self._arm, options)
@@ -431,7 +431,12 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
         fix = "record the arm's joints, or the hand's pose"
         raise InputError("drive", kind, "joints, robot, hand or command for a model in space", fix)
     if unknown and rods:
-        raise InputError("free per recording", "start", "other names for a whip of rods", "start with the whip at rest")
+        raise InputError(
+            "free per recording",
+            "start",
+            "names other than start for a whip of rods",
+            "record a strike that begins with the whip at rest",
+        )
 
 
 class FreeDrive(Drive):

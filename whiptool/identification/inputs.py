@@ -214,9 +214,7 @@ def check_controllers(
         if other:
             shown = ["law"] if "law" in other else ["law", *other]
             given, allowed = (", ".join(f"{key} = {table.get(key)}" for key in shown) for table in (then, now))
-            fix = (
-                "give the plant the controller that struck it; fit takes it from the recordings if it is given a Model"
-            )
+            fix = "give the plant the controller of the recordings; fit reads it from them if it is given a Model"
             name = f"{recording.called}: controller"
             raise InputError(name, given, f"{allowed}, as the plant's controller has", fix)
 

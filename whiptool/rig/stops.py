@@ -39,7 +39,7 @@ class NotConfirmed(InputError):
     """A person did not confirm that the arm may move; nothing was armed, and the session ends."""
 
     def __init__(self, strike: Sequence[float]) -> None:
-        super().__init__("strike", strike, "one that was confirmed")
+        super().__init__("strike", strike, "a strike that was confirmed")
         self.args = ("not confirmed; nothing was armed",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:

@@ -101,7 +101,7 @@ class CompiledRollout(Rollout):
             raise InputError("engine", engine, ", ".join(RUNGS))
         self.model, self.controller = model, controller
         if tolerance is not None and timestep is not None:
-            raise InputError("tolerance and timestep", (tolerance, timestep), "one of the two")
+            raise InputError("tolerance and timestep", (tolerance, timestep), "only one of the two")
         if timestep is None:
             self.tolerance = number(
                 "tolerance", TOLERANCE if tolerance is None else tolerance, low=FINEST, high=COARSEST
@@ -465,7 +465,7 @@ class CompiledRollout(Rollout):
             raise InputError(
                 "model or controller of a batch",
                 str(needs),
-                f"one within {self.structure}",
+                f"a model and controller with no other terms than {self.structure}",
                 "construct the rollout with a model and controller that have all these terms",
             )
 

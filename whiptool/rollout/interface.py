@@ -218,7 +218,7 @@ class Rollout(ABC):
         return near, slopes.tip, slopes.velocity
 
     def _without_derivatives(self) -> InputError:
-        return InputError("simulator", self.engine, "one with derivatives", "use the compiled simulator")
+        return InputError("simulator", self.engine, "a simulator with derivatives", "use the compiled simulator")
 
 
 def joined(approaches: Sequence[Approach], joints: int, dimension: int) -> Approach:

@@ -250,7 +250,7 @@ def calibrate_board(
     """
     view = board.find(image)
     if not len(view.ids):
-        raise InputError("image", f"{image.shape[1]} x {image.shape[0]}", f"one that shows the board, {board}")
+        raise InputError("image", f"{image.shape[1]} x {image.shape[0]}", f"an image that shows the board, {board}")
     local = board.points[view.ids, :2] * [1, -1]  # its rows go down, y goes up
     c, s = np.cos(angle), np.sin(angle)
     metres = np.asarray(origin, float) + local @ np.array([[c, s], [-s, c]])

@@ -101,10 +101,10 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     preset: Preset | None = None
     """Parameters of the law of --controller; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
-    """Recordings for validation, left out of the fit: their number or paths (default: 1 if there are 3 or more, or 0).
-    A number counts from the last recording."""
+    """Recordings for validation, left out of the fit: their number or paths (default: 1 if there are 3 or more, 0 if
+    fewer). A number counts from the last recording."""
     per_recording: tuple[Own, ...] = ()
-    """Parameters whose value is fitted for each recording separately."""
+    """Parameters whose value is fitted for each recording separately; start is the first state. Default: none."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
     """Numbers of nodes to try (default: that of the model). The one with the smallest held-out error is kept."""
     profile: bool = False

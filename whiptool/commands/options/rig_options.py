@@ -91,7 +91,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         """Return the controller that the options describe, or that of the file."""
         controller = super().build_controller()
         if controller.control_period is not None:
-            allowed = "one without control_period: a rig holds every torque for a cycle of --rate"
+            allowed = "a controller without control_period, because a rig holds every torque for a cycle of --rate"
             raise InputError("--controller", self.controller, allowed)
         if controller.prescribed:
             raise InputError(
