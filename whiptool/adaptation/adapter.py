@@ -83,7 +83,7 @@ class Options:
             number(name, value, low=0)
 
     def demands(self, believed: Model) -> Demands:
-        """Requirements of a strike, given the posterior mean of whip and arm."""
+        """Return the requirements of a strike; `check` is given `believed`, the posterior mean of whip and arm."""
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
         return Demands(self.bounds, self.limits, asked, self.t_stay)

@@ -63,12 +63,12 @@ def information(
 
 
 def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
-    """Return a strike without movement, in the middle of the start postures: the length of the whip can be measured
-    while it hangs.
+    """Return a strike without movement, in the middle of the start postures, during which the length of the hanging
+    whip can be measured.
 
     Args:
-        belief: Belief whose plant has the arm.
-        bounds: Box of strikes; default: `default_bounds`.
+        belief: Belief about whip and arm, of which only the arm is used.
+        bounds: Bounds of strikes; default: `default_bounds`.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
@@ -85,7 +85,7 @@ def choose_wiggle(
     candidates: int = 32,
     keeps: Given = (),
 ) -> tuple[Strike, float]:
-    """Return the D-optimal movement among short movements with a slow tip, and its information gain [nat].
+    """Return the random short movement with a slow tip that has the largest `information` gain, and this gain [nat].
 
     In space, the linearised prior overestimates the gain of movements whose outcome is hardly predictable; such
     movements are left out if others remain.
@@ -93,7 +93,7 @@ def choose_wiggle(
     Args:
         belief: Belief before the movement.
         rng: Random generator of the candidates.
-        bounds: Box of strikes, in which the arm starts and remains; default: `default_bounds`.
+        bounds: Bounds of strikes, in which the arm starts and remains; default: `default_bounds`.
         t_stay: As in `information`.
         candidates: Number of random movements that are compared. While none of them keeps the limits with a slow tip,
             as many are drawn again, up to `ROUNDS` times.

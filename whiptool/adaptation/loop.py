@@ -20,11 +20,12 @@ from whiptool.rig.stops import STOPPED, Interlock, StrikeStopped
 
 @dataclass
 class Adaptation:
-    """Strike with an unknown whip, identify it from each recording, and plan the next strike, until it hits.
+    """A run that strikes with an unknown whip, identifies it from each recording, and plans the next strike, until a
+    hit.
 
     Args:
         prior: Prior of the whip's parameters before the first strike.
-        port: A twin, a rig or your robot, which strikes and films.
+        port: Simulated whip, rig or your robot, which strikes and films.
         target: Point to hit, and hit radius.
         options: See `Options`.
         folder: Run folder; None: nothing is written.

@@ -94,12 +94,12 @@ class Material:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Logarithms of the lower and upper end of each property of `CAUSES`, (7, 2)."""
+        """Logarithms of the lower and upper end of the range of each of the seven properties `CAUSES`, (7, 2)."""
         return np.log([getattr(self, name) for name in CAUSES])
 
     @property
     def factors(self) -> np.ndarray:
-        """Constant factor of each of `NUMBERS`: its value if all properties are 1, (6,)."""
+        """Values of the six parameters `NUMBERS` of a whip (see `Stock`) whose properties are all 1, (6,)."""
         return np.array([1.0, np.pi / 4, np.pi / 64, np.pi / 64, AIR * self.width / 2, 1.0])
 
 
@@ -119,13 +119,17 @@ USUAL = ("cotton", "leather", "nylon", "silicone", "steel-chain")  # of which a 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class Stock:
-    """Distribution of the whips of a material: the logarithms of their parameters are linear in its properties.
+    """Distribution of the whips of a material.
+
+    The six parameters of a whip (`NUMBERS`: length, linear density, bending stiffness, bending damping, drag, dry
+    friction) are constants times powers of its seven properties (`CAUSES`: length, diameter, density, modulus,
+    relaxation, friction, drag coefficient). The properties are independent, with logarithms uniform over their ranges.
 
     Args:
         name: Name of the material, or of the model.
-        centre: Logarithms of `NUMBERS`, (6,).
-        spread: Change of each logarithm when one of the independent properties `CAUSES` changes from the middle to the
-            upper end of its range, (6, 7).
+        centre: Logarithms of the median whip's parameters in SI units, (6,).
+        spread: Change of each of these logarithms if the logarithm of one property changes from the middle to the upper
+            end of its range, (6, 7).
     """
 
     name: str
@@ -139,7 +143,7 @@ class Stock:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the logarithms of the parameters, each property being uniform over its range, (6, 6)."""
+        """Covariance of the logarithms of the six parameters, (6, 6)."""
         return self.spread @ self.spread.T / 3
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
@@ -148,7 +152,7 @@ class Stock:
         return dict(zip(NUMBERS, np.exp(log).tolist(), strict=True))
 
     def owned(self, model: Model) -> Model:
-        """Return the model with its whip replaced by the uniform whip with the median parameters, the prior mean."""
+        """Return the model with a uniform whip that has the median parameters, and with this material's name."""
         return dataclasses.replace(model, whip=uniform_whip(self.numbers, model.whip), name=self.name)
 
 

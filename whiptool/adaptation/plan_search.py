@@ -59,7 +59,7 @@ class Demands:
     """Constraints on a strike in addition to the hit.
 
     Args:
-        bounds: Box of strikes; default: `default_bounds`.
+        bounds: Bounds of strikes; default: `default_bounds`.
         limits: One or several limits that the strike has to keep with the belief's mean; a strike that breaks them is
             only chosen if no strike keeps them.
         check: Function that returns the reason why a strike must not be made, or None; it is called for the best
@@ -106,7 +106,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Passes:
-    """Closest approaches of B strikes with each of S whips to a goal.
+    """Closest approaches of the tip to a goal, for B strikes with each of S whips.
 
     Args:
         distance: Miss distance [m], (B, S); infinite if not known.
@@ -117,7 +117,7 @@ class Passes:
     velocity: np.ndarray
 
     def probability(self, goal: Goals, error: ModelError, *, blur: float = 0.0) -> np.ndarray:
-        """Return the hit probability of each strike, (B,), see `ModelError.hit_probability`."""
+        """Return the mean hit probability of each strike over the whips, (B,), see `ModelError.hit_probability`."""
         return error.hit_probability(goal, self.distance, self.velocity, blur=blur).mean(axis=1)
 
     def angle(self, goal: Goals) -> np.ndarray:
@@ -126,7 +126,8 @@ class Passes:
 
 
 class Search(ABC):
-    """Simulates strikes with a belief's mean and samples, and scores them; subclasses generate the candidates.
+    """Searches for a strike that hits with the mean whip of a belief and with whips sampled from it; subclasses
+    generate the candidates.
 
     Args:
         belief: Distribution of the whip's parameters.
@@ -139,6 +140,7 @@ class Search(ABC):
             first search is made.
         checked: Number of the best strikes of a search that are tried with `check`; None: all.
         margin: The fraction of the current search.
+        spread: Standard deviation of the first random steps around the best strike, as a fraction of the bounds' width.
     """
 
     margins: tuple[float, ...] = (0.0,)
@@ -167,13 +169,13 @@ class Search(ABC):
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
         """Return strikes (B, m) that pass near the goal with the belief's mean, and the number of strikes from which
-        they were chosen; the strikes `past` that were tried before are among those.
+        they were chosen; these include the strikes `past`, which were tried before.
         """
 
     @abstractmethod
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the excess of strikes (B, m) over the limits with the belief's mean, (B,): finite; at most 0 within
-        them.
+        """Return by how much strikes (B, m) exceed the limits with the belief's mean, (B,), always finite; at most 0 if
+        a strike keeps the limits.
         """
 
     def allows(self, strike: np.ndarray) -> bool:
@@ -181,16 +183,16 @@ class Search(ABC):
         return self.check is None or self.check(Strike.from_vector(strike)) is None
 
     def usage(self, near: Approach) -> float | None:
-        """Return the usage of the motors' speed-torque line by a strike (one approach, B = 1), 1 being the limit; None:
-        not computed.
+        """Return the usage of the motors' speed-torque line by one strike, whose closest approach is `near`: 1 at the
+        limit; None: not computed.
         """
         return None
 
     def look(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort, whips: Sequence[Plant]
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Run a search: return strikes (B, m), the score of each over the sampled whips (B,), and the number of
-        candidates.
+        """Run one search; return its strikes (B, m), the score of each over the sampled whips (B,), and the number of
+        strikes from which the first were chosen.
         """
         tried, number = self.candidates(rng, past, effort)
         scores = self.score(tried, whips)
@@ -202,11 +204,11 @@ class Search(ABC):
         return np.vstack([tried, draws]), np.concatenate([scores, values]), number
 
     def mean(self, strikes: np.ndarray) -> Approach:
-        """Return the closest approaches of strikes (B, m) with the belief's mean."""
+        """Return the closest approaches of strikes (B, m) to the goal with the belief's mean."""
         return self.rollout.approach(strikes, self.goal.positions[0], t_stay=self.striker.t_stay)
 
     def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> Passes:
-        """Return the closest approaches of all strikes (B, m) with all S whips."""
+        """Return the closest approaches of all strikes (B, m) to the goal with all S whips."""
         order = [whip for _ in strikes for whip in whips]
         near = self.rollout.approach(
             np.repeat(strikes, len(whips), axis=0),
@@ -247,10 +249,10 @@ class Search(ABC):
         *,
         allowed: bool,
     ) -> Plan:
-        """Return the plan of the chosen strike (m,), its predictions and its reason.
+        """Return the plan: the chosen strike, predictions of its outcome, and the reason for the choice.
 
         Args:
-            strike: The chosen strike.
+            strike: The chosen strike, (m,).
             whips: Whips sampled from the belief.
             rng: Random generator.
             spent: Time that the planner took [s].

@@ -43,7 +43,7 @@ class PlanarSearch(Search):
     def candidates(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
-        """See `Search.candidates`."""
+        """Return refined random and past strikes, and the number of candidates; see `Search.candidates`."""
         lower, upper = self.striker.bounds.box
         pool = self.striker.admissible(rng.uniform(lower, upper, (effort.pool, len(lower))))
         if len(past):
@@ -59,18 +59,18 @@ class PlanarSearch(Search):
         return tried, len(pool)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the excess of strikes (B, m) over the limits and below the least speed, (B,); see `Search.beyond`."""
+        """Return the `excess` of strikes (B, m) over the limits with the belief's mean, (B,); see `Search.beyond`."""
         if not self.striker.limits and self.goal.speed is None:
             return np.zeros(len(strikes))
         return self.excess(self.mean(strikes))
 
     def usage(self, near: Approach) -> float | None:
-        """See `Search.usage`."""
+        """Return the usage of the motors' speed-torque line by one strike; None without limits. See `Search.usage`."""
         return float(self._violation(near)[0]) + 1 if self.striker.limits else None
 
     def excess(self, near: Approach) -> np.ndarray:
-        """Return the excess of strikes over the limits with margin and below the least speed, (B,); 0: both are
-        kept."""
+        """Return by how much strikes, whose closest approaches are `near`, exceed the limits less the margin, plus
+        their relative lack of speed at the goal, (B,); 0 if limits and least speed are kept."""
         excess = np.zeros(len(near.distance))
         if self.goal.speed is not None:
             arrival = self.goal.arrival_speed(near.velocity)
@@ -83,15 +83,15 @@ class PlanarSearch(Search):
         return np.max([limits.violation_of_peaks(near) for limits in self.striker.limits.members], axis=0)
 
     def rank(self, near: Approach) -> np.ndarray:
-        """Return miss distances (B,), with 10 or more added to strikes that break the motors' limits or are too
-        slow."""
+        """Return the miss distances (B,) [m] of strikes, whose closest approaches are `near`; 10 or more is added for a
+        strike that breaks the motors' limits or is too slow."""
         excess = self.excess(near)
         distance = np.where(near.known, near.distance, 1e3)
         return distance + np.where(excess > 0, 10 + excess, 0)
 
     def polish(self, strikes: np.ndarray, steps: int) -> np.ndarray:
-        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean; for each strike
-        the best step counts.
+        """Return strikes (B, m) after Gauss-Newton steps that reduce the miss with the belief's mean, each at its best
+        step.
         """
         width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
         for step in range(steps + 1):
@@ -109,7 +109,7 @@ class PlanarSearch(Search):
         return best
 
     def squeeze(self, strikes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return strikes that rank better with the belief's mean, found by shrinking random steps; limits have no
+        """Return the best ranked strikes after random, ever smaller steps from strikes (B, m), because limits have no
         derivatives.
         """
         kept, rank, spread = strikes, self.rank(self.mean(strikes)), 0.1
@@ -136,13 +136,13 @@ class AimedSearch(Search):
 
     @cached_property
     def front(self) -> Front:
-        """Rotation about the arm's first joint that brings a strike to the direction of the goal."""
+        """Rotations about the arm's first joint, which turn a strike to the direction of the goal."""
         return Front(self.rollout.model)
 
     def candidates(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
-        """See `Search.candidates`."""
+        """Return refined random and past strikes, and the number of candidates; see `Search.candidates`."""
         starts = self.starts(rng, effort)
         if len(past):
             starts = np.vstack([np.array(past, float), starts])
@@ -153,7 +153,7 @@ class AimedSearch(Search):
         return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
 
     def allows(self, strike: np.ndarray) -> bool:
-        """See `Search.allows`; limits are judged over the whole strike."""
+        """Whether a strike (m,) may be chosen: it keeps the limits at all times, and `check` allows it."""
         return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
@@ -220,11 +220,10 @@ RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is belo
 
 
 def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort]) -> Plan:
-    """Return the best plan of successive searches, which end at an allowed plan with a hit probability of at least
-    `UNSURE`.
+    """Return the best plan of successive searches; these end at an allowed plan whose hit probability is at least 50 %.
 
-    After several searches the stated probability is the largest of several estimates, each over `JUDGED` sampled whips,
-    and is therefore a few percent too high.
+    After several searches the stated probability is the largest of several estimates, each over 64 sampled whips, and
+    is therefore a few percent too high.
 
     Args:
         look: Function that searches for a strike with a given effort.

@@ -93,7 +93,7 @@ class TipPort:
 
 
 def truth_of(twin: Twin, motor: Motor = HARDWARE) -> TwinTruth:
-    """Return the parameters of a twin as the argument of a simulated rig."""
+    """Return the true parameters of a twin with these motors, as a simulated rig takes them."""
     delay = twin.latency / 2
     return TwinTruth(twin.model, motor, command_delay=delay, sample_delay=delay, clock_offset=twin.clock_offset)
 

@@ -86,7 +86,7 @@ class Belief:
 
     Args:
         plant: Model and controller; all their parameters that are not in `names` are taken as known.
-        names: Names of `Plant.values()`, or `delay`, the camera's.
+        names: Names of the parameters in `Plant.values()`, or `delay` for the delay of the camera's clock.
         z: Mean, (m,), of the solver's variables: logarithms of positive numbers, others divided by their usual size.
         covariance: Covariance of z, (m, m), positive definite.
         model_error: Distribution of the distance between the true path of the tip and that of the best-fitting whip.
@@ -141,8 +141,8 @@ class Belief:
         return Prior(self.names, tuple(self.values().values()), self.covariance * np.outer(scales, scales))
 
     def errors(self) -> dict[str, float]:
-        """Standard deviation of each parameter: relative if the solver's variable is its logarithm, else in its own
-        unit.
+        """Return the standard deviation of each parameter by name: relative if the solver's variable is its logarithm,
+        else in its own unit.
         """
         scales = [v.scale for v in self.variables]
         return dict(zip(self.names, (np.sqrt(np.diag(self.covariance)) * scales).tolist(), strict=True))
@@ -342,7 +342,7 @@ def read_belief(
     motor: Motor | None = None,
     stock: Stock | None = None,
 ) -> Belief:
-    """The default prior, changed by a file of lines such as `"profile.length" = {value = 0.9, error = 0.05}`.
+    """Return the default prior, changed by a file of lines such as `"profile.length" = {value = 0.9, error = 0.05}`.
 
     Args:
         path: A TOML file; None: the default. An error is relative for a parameter that is always positive, and in its
@@ -399,8 +399,8 @@ def _belief(plant: Plant, entries: Mapping[str, tuple[float | None, float]]) -> 
 
 
 def fresh_terms(belief: Belief) -> list[str]:
-    """Return the terms of the model that a simulator must include even if they are zero at the mean, as samples may not
-    be.
+    """Return the names of the model's terms, such as `whip.drag`, that a simulator must include even if they are zero
+    for the mean of the belief, because they may differ from zero for samples.
     """
     of = {"profile.drag": "whip.drag", "profile.rest_curvature": "whip.rest_angle"}
     terms = [of.get(name, name) for name in belief.names if name.startswith(("whip.", "arm.")) or name in of]

@@ -169,7 +169,8 @@ class Port(Protocol):
 
 
 def checked(seen: Any, strike: Strike, number: int) -> Seen:
-    """Check the result of a port, and add the strike and a source to a recording without them.
+    """Return a port's result of strike `number` after checking it; its recording gets the strike and a source that
+    names the number.
 
     Raises:
         InputError: `seen` is not a `Seen`, or its recording lacks the tip, is in pixels or belongs to another strike.

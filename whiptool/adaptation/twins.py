@@ -98,7 +98,7 @@ Drawn = tuple[
 
 @dataclass(frozen=True)
 class Family:
-    """A family of unknown whips.
+    """A family of simulated unknown whips, see `draw_twin`.
 
     Args:
         stream: Whole number with which random numbers are seeded, next to the seed: families with the same number
