@@ -73,7 +73,7 @@ class Adaptation:
             raise InputError("target", self.target.position, rule, "give both the same")
 
     def adapter(self) -> Adapter:
-        """Return the part of the adaptation that plans and identifies, without the port."""
+        """Return the `Adapter`, which plans the strikes and identifies the whip, without the port."""
         return Adapter(
             self.prior,
             self.target,

@@ -34,8 +34,8 @@ _NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps alon
 class PlanarSearch(Search):
     """Search in the plane: the best of random strikes, past strikes and their neighbours are refined along derivatives.
 
-    If limits or a least speed allow only a small part of the box, random steps find that part. If `check` forbids the
-    best `CHECKED` strikes, the search is repeated with a larger margin to the limits (`MARGINS`).
+    If limits or a least speed allow only a small part of the bounds, random steps find that part. If `check` forbids
+    the best three strikes, the search is repeated with a larger margin to the limits, from 10 to 40 %.
     """
 
     margins, checked, spread = MARGINS, CHECKED, 0.04

@@ -246,7 +246,7 @@ class Step:
 
 
 class Steps(list[Step]):
-    """All steps in order, beginning with the measurement before the first strike, number 0, if any."""
+    """All steps of a run in order, beginning with the measurement before the first strike, number 0, if any."""
 
     def __repr__(self) -> str:
         strikes = self.strikes

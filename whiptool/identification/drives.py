@@ -148,7 +148,7 @@ class Drive:
         raise NotImplementedError
 
     def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
-        """Return the input of a simulation with packed parameters and the values of `unknowns`, one after the other."""
+        """Return the input of a simulation, for packed parameters and values of this recording's own unknowns, (L,)."""
         raise NotImplementedError
 
     def link_of(self, marker: str) -> int | None:

@@ -48,7 +48,7 @@ def sections(
     nodes: Sequence[tuple[int, float, float]] = (),
     chosen: int = 0,
 ) -> list[Section]:
-    """The report's sections, for `whiptool.viz.report.to_html`.
+    """Return the report's sections, for `whiptool.viz.report.to_html`.
 
     Args:
         fit: The fit.

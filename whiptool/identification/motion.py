@@ -268,7 +268,7 @@ class JointMotion:
 
     Args:
         t, q: Times (S,) [s] and joint positions (S, a) [rad or m] of the log.
-        arm: Arm with a joints.
+        arm: Arm; a is its number of joints.
         instants: Times at which the base's motion is computed [s], (I,), equally spaced.
         knots: Spacing of the spline's knots [s]; default: by cross-validation.
         at_rest: Whether the arm is at rest at the first instant.
@@ -349,7 +349,7 @@ class LaggedReference:
 
     Args:
         strike: The command in joint space.
-        arm: Arm with a joints, in space.
+        arm: Arm in space.
         instants: Times at which the hand's motion is computed [s], (I,), not below 0.
 
     Attributes:

@@ -166,13 +166,13 @@ class Problem:
         return solution
 
     def first(self, i: int, share: float) -> np.ndarray:
-        """Return 1 for those of recording i's K readings in the first `share` (0 to 1) of its frames, else 0, (K,)."""
+        """Return a mask (K,) of recording i's readings: 1 in the first `share` (0 to 1) of its frames, else 0."""
         frame = self.predictor.channels[i][:, 0]
         frames = np.unique(frame)
         return (frame < frames[min(int(np.ceil(share * len(frames))), len(frames) - 1)]).astype(float)
 
     def of_marker(self, i: int, marker: str) -> np.ndarray:
-        """Return 1 for those of the K readings of recording i that are of one marker, and 0 for the others, (K,)."""
+        """Return a mask (K,) of recording i's readings: 1 for readings of this marker, else 0."""
         return (self.predictor.channels[i][:, 1] == self.predictor.names(i).index(marker)).astype(float)
 
     def _solve_stage(

@@ -176,7 +176,7 @@ def is_explained(uncertainty: Uncertainty, recordings: Sequence[RecordingFit], c
     """Whether a model explains the readings and no recording's times are wrong; otherwise the fit's intervals are not
     valid.
 
-    The misfit has to be at most `MISFIT`, both with all readings and with Huber's weights.
+    The RMS residual has to be at most 3 standard errors (`MISFIT`), both with all readings and with Huber's weights.
     """
     too_far = misfit_of(recordings) > MISFIT or uncertainty.residual_variance > MISFIT**2
     return clock_fault is None and not too_far
@@ -262,7 +262,7 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def failed(self) -> tuple[FittedStart, ...]:
-        """The runs that ended far above the best one."""
+        """The runs whose cost ended far above that of the best run."""
         return tuple(run for run in self.runs if run.failed)
 
     @property

@@ -119,7 +119,7 @@ def _source(fit: Fit, recording: int) -> str:
 
 
 def recording_facts(recordings: Sequence[StrikeRecording]) -> dict[str, str]:
-    """Return a description of each recording's source and content, by the name of its file."""
+    """Return for each recording, by the name of its file, a description of its source and content."""
     facts = {}
     for recording in recordings:
         about = recording.provenance

@@ -66,7 +66,7 @@ class Labels:
 
     Args:
         exchanges: Exchanges in order of time.
-        swallowed: Double labels in order of time.
+        swallowed: Pairs of labels that were on the same marker, in order of time.
         order: Column that contains each marker at every frame, (T, M): `points[f, order[f, m]]` is marker m.
     """
 
@@ -95,7 +95,7 @@ def check_labels(recording: StrikeRecording) -> Labels:
 
 
 def put_back(recording: StrikeRecording, labels: Labels) -> StrikeRecording:
-    """Return the recording with exchanged labels corrected and without points of double labels."""
+    """Return the recording with exchanged labels corrected, and without points whose two labels are on one marker."""
     columns_too = ("sigma", "t_points", *(() if recording.depth is None else ("depth", "depth_sigma")))
     columns: dict[str, Any] = {x: np.take_along_axis(getattr(recording, x), labels.order, axis=1) for x in columns_too}
     points = np.take_along_axis(recording.points, labels.order[..., None], axis=1)

@@ -38,7 +38,7 @@ class Format:
         matches: Function of a path and its first bytes (empty for a folder) that returns whether it has this format.
         tracks: Function that reads tracks, if the format can contain any.
         video: Function that reads images, if the format can contain any.
-        needs: Module of an extra with which the format is read, if any.
+        needs: Optional module with which the format is read, if any.
     """
 
     what: str

@@ -244,11 +244,11 @@ class JointLog:
 
 
 def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None = None) -> JointLog:
-    """Read a joint log.
+    """Read a log of joint positions from a CSV file.
 
     Args:
         path: The file.
-        columns: See `asked` of `joint_log`.
+        columns: Columns of the arm's joints, see `asked` of `joint_log`.
 
     Raises:
         InputError: The file is not a joint log, has no joints, lacks a column, units differ, or time stamps are
