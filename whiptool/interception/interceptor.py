@@ -123,10 +123,10 @@ class Interceptor:
         time.
 
         As the start time t0 is free, the tip's path only has to cross the target's path. Points at which paths of the
-        library come near it are ranked by the expected squared miss: that between the paths plus the track's variance
-        perpendicular to the relative velocity. The best of different strikes are refined by Gauss-Newton steps of
-        strike, t0 and time of contact along exact derivatives. The refined strike that hits most samples of the track
-        is chosen.
+        library come near it are ranked by the expected squared miss: the squared distance of the two paths plus the
+        track's variance, both perpendicular to the relative velocity. The best of different strikes are refined by
+        Gauss-Newton steps of strike, t0 and time of contact along exact derivatives. The refined strike that hits most
+        samples of the track is chosen.
 
         Args:
             track: Track of the target.
@@ -277,10 +277,10 @@ class Aim:
         return self._seen[bin]
 
     def crossings(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return, for at most `count` points at which a tip path can best meet the target, the strike's index in the
-        library, its start time, and the time of contact after the start [s], (B,) each.
+        """Find at most `count` strikes of the library whose tips can best meet the target, and where on their paths.
 
-        Each point belongs to a different strike of the library.
+        Returns:
+            Index in the library, start time [s], and time of contact after the start [s] of each, (B,).
         """
         lib = self.library
         t = np.arange(self.earliest, self.latest, 1 / _AHEAD)
@@ -309,12 +309,12 @@ class Aim:
     def steer(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, free: np.ndarray, steps: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Find by Gauss-Newton the smallest change that gives `tip(tau) = target(start + tau)`, for B strikes at once.
+        """Change B strikes as little as possible, by Gauss-Newton, so that `tip(tau) = target(start + tau)`.
 
         Args:
-            x: Strikes (B, 2 a + 1).
+            x: Strike vectors of an arm with a joints, (B, 2 a + 1).
             start, tau: Start of each strike, and time of contact after it [s], (B,).
-            free: Coordinates of the strikes that may change, (2 a + 1,).
+            free: Whether each coordinate of a strike may change, (2 a + 1,).
             steps: Number of steps.
 
         Returns:
@@ -377,8 +377,8 @@ class Aim:
     def outlook(
         self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
-        """Return the hit probability and the miss distances of a tip path (T, 2) [m] at times (T,) [s] over samples of
-        the track.
+        """Return, for a tip path (T, 2) [m] at times (T,) [s], the hit probability and mean miss distance over samples
+        of the track, and the miss distance with the most probable track.
         """
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
         miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance

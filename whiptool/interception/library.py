@@ -23,8 +23,8 @@ class Library:
 
     Args:
         striker: Simulator of strikes within bounds and limits.
-        free: Which coordinates of a strike may be chosen, (2 a + 1,).
-        strikes: Strike vectors, (B, 2 a + 1).
+        free: Whether each coordinate of a strike may be chosen, (2 a + 1,), for an arm with a joints.
+        strikes: Vectors of the B strikes, (B, 2 a + 1).
         owner: Index of the strike to which each of the N points belongs, (N,).
         tau: Time of each point after the strike's start [s], (N,).
         points, velocities: Points and velocities of the tip [m], [m/s], (N, 2).
@@ -92,10 +92,10 @@ def sure_paths(striker: Striker, strikes: np.ndarray, *, rate: float) -> tuple[n
     Args:
         striker: Simulator of strikes.
         strikes: Strike vectors, (B, m).
-        rate: Samples a second [1/s].
+        rate: Sampling rate [1/s].
 
     Returns:
-        Whether each keeps the limits, (B,), and the paths as from `tip_path`, (B, S, d) [m].
+        Whether each strike keeps the limits, (B,), and S samples of each path in d dimensions, (B, S, d) [m].
     """
     near, paths = striker.rollout.peaks_and_path(strikes, t_stay=striker.t_stay, rate=rate)
     beyond = [striker.limits.violation_of_command(strikes)]

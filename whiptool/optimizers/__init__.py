@@ -232,7 +232,9 @@ def search(
 def run_search(
     objective: Objective, run: Method, name: str, *, seed: int, first: Sequence[float] | np.ndarray | None = None
 ) -> Result:
-    """Run a search function that is not in `METHODS`; the other arguments are those of `search`."""
+    """Run the search function `run`, which need not be in `METHODS`, under a name; the other arguments are as in
+    `search`.
+    """
     start = time.monotonic()
     try:
         if first is not None:

@@ -211,8 +211,8 @@ UPDATES = 4  # of an off-policy learner per strike: a trial costs more than an u
 
 
 def gain(costs: np.ndarray, hits: np.ndarray) -> np.ndarray:
-    """Return the rewards of costs [m] and hits, any shape: Eq. 17, for hits that are ranked by a criterion multiplied
-    by the negative cost.
+    """Return the rewards (Eq. 17) for costs [m] and hits, of the same shape. Hits that are ranked by a criterion have
+    negative costs; their reward is multiplied by the magnitude of the cost.
     """
     from whiptool.rl.task import reward
 

@@ -29,7 +29,7 @@ KEPT = 1e-9  # by which smooth functions may be beyond, for rounding
 
 
 def slsqp(objective: Objective, *, steps: int, further: int = 0) -> nlopt.opt:
-    """Return an optimizer over the unit box.
+    """Return an SLSQP optimizer over the unit box.
 
     Args:
         objective: Objective whose bounds are the box, and whose smooth limits are kept.
@@ -47,7 +47,9 @@ def slsqp(objective: Objective, *, steps: int, further: int = 0) -> nlopt.opt:
 
 
 def run_down(optimizer: nlopt.opt, start: np.ndarray, ended: Sequence[BaseException]) -> None:
-    """Run an optimizer to its end, even at a kink, and raise the first error of the objective that ended it."""
+    """Run an optimizer from `start` until it ends or fails, as at a kink, and raise the first error in `ended`, if any:
+    the errors of the objective that ended it.
+    """
     # it was given up, the search ended, or there is a kink: what was found until there is kept
     with contextlib.suppress(nlopt.ForcedStop, nlopt.RoundoffLimited, nlopt.runtime_error, RuntimeError):
         optimizer.optimize(start)
@@ -83,8 +85,8 @@ class Cap(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HitPoint:
-    """Measures (k,) and constraints (c,) at a strike, and their derivatives in the unit box; constraints are met if
-    they are at most 0.
+    """Measures (k,) of a criterion and constraints (c,) at a strike, and their derivatives by the m coordinates in the
+    unit box, (k, m) and (c, m). Constraints are met if they are at most 0.
     """
 
     measures: np.ndarray
@@ -94,7 +96,8 @@ class HitPoint:
 
 
 class HitProblem:
-    """Measures and constraints of strikes, whose coordinates are scaled to the unit box; each new strike is a trial.
+    """Problem for NLopt: minimise the measures of a criterion, with a hit as constraint, over strikes whose coordinates
+    are scaled to the unit box. Each new strike is a trial.
 
     Args:
         objective: Objective, which counts the trials.
@@ -147,14 +150,17 @@ class HitProblem:
         return u, self._point
 
     def measure(self, u: np.ndarray, gradient: np.ndarray) -> float:
-        """Return the only measure, for NLopt."""
+        """Return the criterion's only measure at `u`, (m,), and write its derivatives into `gradient`, for NLopt."""
         point = self(u)
         if gradient.size:
             gradient[:] = point.measure_slopes[0]
         return float(point.measures[0])
 
     def beyond(self, result: np.ndarray, x: np.ndarray, gradient: np.ndarray) -> None:
-        """Set the constraints, for NLopt, and by how much measures exceed the variable that has to bound them."""
+        """Write the constraints at `x` into `result`, and their derivatives into `gradient`, for NLopt.
+
+        If `x` has a further variable, which has to bound all measures, their excesses over it are constraints as well.
+        """
         n = len(self.lower)
         point, above = self(x[:n]), len(x) > n
         result[:] = np.r_[point.constraints, point.measures - x[n] if above else []]

@@ -58,7 +58,7 @@ class ParetoFront:
 
     @property
     def strikes(self) -> np.ndarray:
-        """Strike vectors of the front, (P, m)."""
+        """Strike vectors of the P hits, with m coordinates each, (P, m)."""
         return np.array([trial.strike for trial in self.trials])
 
     @property

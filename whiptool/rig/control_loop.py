@@ -60,7 +60,9 @@ class WallClock:
 
 
 class StepClock:
-    """Time that advances only in `sleep_until`, for the twin in lock step, which is driven by the loop's writes."""
+    """Clock whose time advances only in `sleep_until`. It serves an emulated rig in lock step, whose simulated time
+    advances with the loop's writes.
+    """
 
     def __init__(self) -> None:
         self._t = 0.0
@@ -75,7 +77,7 @@ class StepClock:
 
 
 def posture_controller(model: Model, options: LoopOptions) -> Controller:
-    """Return constant impedance that holds the arm: `omega^2 I` and `2 zeta omega I`.
+    """Return a controller with constant stiffness `omega^2 I` and damping `2 zeta omega I`, which holds the arm.
 
     I is the inertia of the hanging arm with the whip's mass at its hand [kg m^2]; omega and zeta are
     `options.stiffness` and `options.damping`.
@@ -162,9 +164,10 @@ class RigLoop:
             about: Description to store with the log.
             on_cycle: Called at the start of every cycle with its number and phase, for a camera's trigger; it must be
                 quick.
-            believed: The posterior mean of whip and arm, which the rehearsal uses; default: the model.
-            signals: Collector of signals from arming on, which the caller closes after writing the records. Default:
-                signals are collected until torque is off.
+            believed: Model with the posterior mean of whip and arm, with which the strike is simulated beforehand;
+                default: the loop's model.
+            signals: Object that collects stop signals, such as Ctrl-C, from arming on, and that the caller closes after
+                writing the records. Default: a new object, which is closed when torque is off.
 
         Raises:
             StrikeRefused: The rehearsal refuses the strike.

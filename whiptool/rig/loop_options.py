@@ -20,9 +20,9 @@ from whiptool.models.strike import T_STAY, Strike
 class Caps:
     """Largest stiffness and damping of the controller; if either is exceeded, both matrices are scaled down together.
 
-    For constant impedance the limits apply to the matrices' norms. OIAC's torque is `eps (|e|^2 + |de|^2) / gamma`
-    (Eqs. 2, 8-10), i.e. a scalar g times `e + beta de`; its effective stiffness is g and its effective damping `beta
-    g`.
+    For constant impedance the limits apply to the matrices' spectral norms. The torque of the adaptive law OIAC is a
+    scalar g times `e + beta de` (Eqs. 2, 8-10), with the errors e of position and de of velocity; its effective
+    stiffness is g and its effective damping `beta g`.
 
     Args:
         K: Stiffness [N m/rad].

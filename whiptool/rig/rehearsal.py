@@ -31,7 +31,8 @@ class Rehearsal:
     """Result of simulating a strike with the rig's sampling.
 
     Args:
-        trajectory: States and requested torques at every cycle; `K` and `B` are those of the law before caps.
+        trajectory: States and requested torques at every cycle; its stiffness `K` and damping `B` are those before
+            `LoopOptions.caps` limit them.
         usage: Largest usage of the motors' limits; 1 is on the speed-torque line.
         chatter: Ratio of the root mean square of the torque's second difference to that of the torque, for the worst
             joint.
@@ -55,7 +56,7 @@ def rehearse(
     motor: Motor | None = None,
     believed: Model | None = None,
 ) -> Rehearsal:
-    """Simulate a strike at the loop's rate with the twin's physics, and return whether it is refused.
+    """Simulate a strike at the loop's rate with the emulator's physics, and return whether it is refused.
 
     A controller that is stable in continuous time may be unstable if its torques are held for a period, since OIAC's
     gains grow with the square of the error. Then limit the gains (`caps`) or choose another strike.
@@ -67,7 +68,7 @@ def rehearse(
         options: Settings of the loop: `rate`, `delay`, `t_stay`, `caps`, `margin`; default: `LoopOptions()` without
             delay.
         limits: Limits of the motors.
-        guards: Guards of the run; its speed and tracking error must not be reached.
+        guards: Limits of the run; a strike that exceeds those of position, speed or tracking error is refused.
         motor: Motor of the simulation; default: one without friction.
         believed: The posterior mean of whip and arm, with which the strike is simulated; default: the model. Gravity
             compensation always uses the model.

@@ -330,7 +330,7 @@ class RigRollout(Rollout):
         self.refused: dict[int, str] = {}
 
     def approach(self, strikes: Strikes, target: Points, *, t_stay: float = T_STAY) -> Approach:
-        """Make strikes one after the other; see `whiptool.rollout.CompiledRollout.approach`."""
+        """Make strikes one after the other and return their closest approaches, as `CompiledRollout.approach` does."""
         found = []
         vectors = self.vectors(strikes)
         for vector, point in zip(vectors, target_points(target, len(vectors)), strict=True):

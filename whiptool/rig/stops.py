@@ -43,7 +43,7 @@ class NotConfirmed(InputError):
         self.args = ("not confirmed; nothing was armed",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
-        """Return the error unchanged, as no option is the cause."""
+        """Return the error unchanged: no option of the command is its cause, so that none is named."""
         return self
 
 

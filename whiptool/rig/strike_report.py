@@ -76,7 +76,7 @@ def save_pictures(folder: str | Path, pictures: dict[str, Figure]) -> list[Path]
 
 
 def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> dict[str, Figure]:
-    """Return those of the figures `strike`, `servos` and `cycles` for which the run has data.
+    """Return the figures `strike`, `servos` and `cycles` by name, as far as the run has data for them.
 
     A run that ended before its strike only has `cycles`. The arguments are those of `sections`.
     """

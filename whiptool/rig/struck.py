@@ -56,7 +56,7 @@ class Struck:
     Args:
         run: Result of the control loop.
         recording: Recording of the joints and of the filmed tip; None if the run ended before its strike.
-        truth: True motion of a twin's arm and whip, relative to the strike's first cycle; None for hardware.
+        truth: True motion of simulated arm and whip, with time 0 at the strike's first cycle; None for hardware.
     """
 
     run: Run
@@ -65,7 +65,10 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Return the closest approach of the filmed tip (B = 1), marked as diverged if the tip was not seen."""
+        """Return the closest approach of the filmed tip to a target (2,) [m], as a batch of one strike.
+
+        It is marked as diverged if the tip was not seen.
+        """
         seen = None
         if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
             seen = approach_seen(self.recording, target)
@@ -100,7 +103,9 @@ class Struck:
         return self._judged[target]
 
     def unseen(self, target: Target) -> tuple[float, float] | None:
-        """Return the interval without the tip around the closest approach [s]; None if the tip was seen there."""
+        """Return start and end [s] of the interval around the closest approach in which no frame shows the tip; None if
+        the tip was seen there.
+        """
         frames, judged = self._frames(target), self.judged(target)
         if frames is None or judged is None or judged.nearest is None:
             return None
@@ -114,15 +119,15 @@ class Struck:
 
 
 def nothing_seen(a: int) -> Approach:
-    """Return the approach (B = 1) of a strike that was refused, ended in a fault or was not filmed, for an arm with a
-    joints.
+    """Return the `Approach`, as a batch of one, of a strike that was refused, ended in a fault or was not filmed; `a`
+    is the number of the arm's joints.
     """
     nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
     return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
 
 
 def carried_out(struck: Struck) -> Struck:
-    """Return the result of a strike if it was carried out.
+    """Return the result unchanged, or raise an error if a fault or signal ended the strike.
 
     Raises:
         StrikeInterrupted: A signal came.
@@ -137,7 +142,7 @@ def carried_out(struck: Struck) -> Struck:
 
 
 def came_to_its_strike(run: Run) -> bool:
-    """Whether there are joints of the strike that can be recorded."""
+    """Whether the joints were measured in at least two cycles of the strike, so that they can be recorded."""
     return bool(np.isfinite(run.cycles.during(Phase.STRIKE).q).all(axis=1).sum() > 1)
 
 

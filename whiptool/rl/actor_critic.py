@@ -35,11 +35,11 @@ class SAC(OffPolicyLearner):
 
     @torch.no_grad()
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """Return the squashed mean if `deterministic`, or a sample; (B, n_act)."""
+        """Return the policy's actions (B, n_act): its squashed mean if `deterministic`, else a sample."""
         return torch.tanh(self.actor(obs)[0]) if deterministic else self._sample(obs)[0]
 
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return a sample of the policy, and the entropy term that is added to its value."""
+        """Return a sample of the policy (B, n_act), and the entropy term that is added to its value (B,)."""
         action, log_p = self._sample(obs)
         return action, -self.settings.alpha * log_p
 
@@ -50,7 +50,7 @@ class SAC(OffPolicyLearner):
         return {"actor": (self.settings.alpha * log_p - value).mean(), "entropy": -log_p.mean()}  # Eq. 16
 
     def update_targets(self) -> None:
-        """Make one step of the slow targets if the discount is not 0."""
+        """Move the target networks of the critics one step towards the critics (Eq. 14) if the discount is not 0."""
         if self.discount:
             super().update_targets()
 
@@ -90,7 +90,7 @@ class DDPG(OffPolicyLearner):
         return {"actor": -self.critic(obs, self.actor(obs))[0].mean()}
 
     def update_targets(self) -> None:
-        """Make one step of the slow targets of actor and critics, Eq. 14."""
+        """Move the target networks of actor and critics one step towards actor and critics (Eq. 14)."""
         soft_update(self.target_actor, self.actor, self.settings.tau)
         super().update_targets()
 
@@ -109,8 +109,8 @@ class TD3(DDPG):
         self._counter = _Counter()
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """Make one gradient step of the critics, and every `delay`-th time of actor and targets; return the losses by
-        name.
+        """Make one gradient step of the critics, and every `delay`-th time of actor and target networks; return the
+        losses by name.
         """
         self._counter.n += 1
         if self._counter.n % self.settings.delay == 0:
@@ -142,9 +142,9 @@ class _Counter:
 class PPO(Learner):
     """Proximal policy optimization (Schulman et al. 2017) with the adaptive KL penalty of Eq. 11.
 
-    A batch of strikes, one per lane, is used for several passes and then discarded.
-    Actions are clipped to the box only for simulation, so that their densities are those of the Gaussian. As a batch
-    has one strike per lane, the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
+    A batch of strikes, one per lane (sub-environment), is used for several passes and then discarded. Actions are
+    clipped to the box only for simulation, so that their densities are those of the Gaussian. As a batch has one strike
+    per lane, the advantage of Eq. 11 is the one-step residual r + gamma V(s') - V(s).
     """
 
     def __init__(self, settings: PPOSettings, **sizes) -> None:
@@ -157,7 +157,7 @@ class PPO(Learner):
 
     @torch.no_grad()
     def act(self, obs: Tensor, *, deterministic: bool = False) -> Tensor:
-        """Return the mean action, or a sample; (B, n_act), not clipped."""
+        """Return actions (B, n_act), not clipped: the policy's mean if `deterministic`, else a sample."""
         mean, log_std = self.actor(obs)
         if deterministic:
             return mean
@@ -203,14 +203,17 @@ class PPO(Learner):
 
 
 class Penalty:
-    """Weight beta of Eq. 11, doubled or halved to keep the divergence near its target (Schulman et al. 2017, Sect.
-    4)."""
+    """Weight beta of the KL divergence between old and new policy in Eq. 11, which is doubled or halved to keep the
+    divergence near its target (Schulman et al. 2017, Sect. 4).
+    """
 
     def __init__(self, beta: float, target: float) -> None:
         self.beta, self.target = beta, target
 
     def adapt(self, divergence: float) -> None:
-        """Adapt beta to the divergence after an update."""
+        """Double beta if the divergence after an update is above 1.5 times its target; halve it if below the target /
+        1.5.
+        """
         if divergence > 1.5 * self.target:
             self.beta = min(self.beta * 2, 1e6)
         elif divergence < self.target / 1.5:

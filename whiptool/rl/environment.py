@@ -58,8 +58,8 @@ def make_task(
 
 
 def spaces(task: StrikeTask) -> tuple[Box, Box]:
-    """Return the spaces of observations in SI units, (n_obs,), and of actions in [-1, 1], (n_act,), which span the
-    strikes' box.
+    """Return the space of observations in SI units, (n_obs,), and that of actions, (n_act,); the actions -1 and 1 are
+    the lower and upper bounds of strikes.
     """
     lower, upper = task.zone.box
     d = task.zone.dimension

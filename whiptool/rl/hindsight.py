@@ -24,7 +24,7 @@ def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndar
     """Return the miss distance of each path from its target, with position and sample of the closest approach.
 
     Args:
-        paths: Paths of tips, (B, S, d) [m]; NaN after a strike's end.
+        paths: Paths of B tips, S samples in d dimensions, (B, S, d) [m]; NaN after a strike's end.
         targets: Positions of the targets, (B, d) [m].
 
     Returns:
@@ -48,7 +48,8 @@ def new_targets(
         zone: Zone of the targets.
         hit_radius: Hit radius [m].
         uniform: Uniform random numbers, (B, 2 d + 2).
-        wanted: Which samples are preferred, if any of them is in the zone, (B, S); None: all.
+        wanted: Whether each sample is preferred as a target, (B, S); ignored for a path on which no preferred sample is
+            in the zone. None: no preference.
 
     Returns:
         Targets, (B, d) [m].
@@ -82,13 +83,14 @@ def uniforms(zone: Zone, rule: ArrivalRule) -> int:
 def new_goals(paths: np.ndarray, zone: Zone, rule: ArrivalRule, hit_radius: float, uniform: np.ndarray) -> Goals:
     """Return for each path a goal: a target as in `new_targets`, and a direction close to the tip's there.
 
-    Samples at which the tip's motion could meet the rule are preferred. If directions are drawn, the new one is the
-    tip's, or deviates by half a cone or two cones to either side, limited to the range of angles.
+    Samples at which the tip moves as `rule` can require are preferred. If `rule` draws directions, the new direction is
+    that of the tip's motion, or deviates from it by half a cone or two cones to either side, within the rule's range of
+    angles.
 
     Args:
         paths: Paths of tips sampled at `RATE`, (B, S, d) [m].
         zone, rule, hit_radius: Zone of the targets, required arrival and hit radius.
-        uniform: Uniform random numbers, (B, `uniforms`).
+        uniform: Uniform random numbers, (B, `uniforms(zone, rule)`).
     """
     if rule.only_points:
         return rule.goals(new_targets(paths, zone, hit_radius, uniform), hit_radius, uniform[:, :0])
@@ -134,7 +136,9 @@ class Relabelled(NamedTuple):
 
 
 def judged_by_path(paths: np.ndarray, goals: Goals) -> Relabelled:
-    """Return the results of strikes with tip paths (B, S, d) [m], sampled at `RATE`, at goals that are points."""
+    """Return the results of strikes, from their tip paths (B, S, d) [m] sampled at `RATE`, at goals without direction
+    and speed.
+    """
     distance, tip, i = nearest(paths, goals.positions)
     lanes = np.arange(len(paths))
     velocity = (paths[lanes, i + 1] - paths[lanes, i]) * RATE

@@ -81,7 +81,7 @@ class Learner(ABC):
 
     Args:
         settings: Hyperparameters.
-        n_obs, n_act: Sizes of an observation (normalised) and of an action, each in [-1, 1].
+        n_obs, n_act: Numbers of entries of a normalised observation and of an action, whose entries are in [-1, 1].
         discount: Discount factor gamma.
         generator: Generator of all random numbers.
     """
@@ -137,7 +137,7 @@ class Learner(ABC):
 
 
 class OffPolicyLearner(Learner):
-    """Base of SAC, TD3 and DDPG: a replay buffer, and critics with slowly updated targets."""
+    """Base of SAC, TD3 and DDPG: a replay buffer, and critics with slowly updated target networks."""
 
     Actor: type[nn.Module]  # the network that acts
 
@@ -165,8 +165,8 @@ class OffPolicyLearner(Learner):
         return values
 
     def update(self, batch: Transitions) -> dict[str, Tensor]:
-        """Make one gradient step of the critics, then one of the actor and the slow targets; return the losses by
-        name.
+        """Make one gradient step of the critics, then one of the actor, and update the target networks; return the
+        losses by name.
         """
         losses = self.update_critic(batch)
         return losses | self.update_actor(batch)
@@ -191,7 +191,9 @@ class OffPolicyLearner(Learner):
         return batch.reward + self.discount * (1 - batch.terminated) * value
 
     def update_actor(self, batch: Transitions) -> dict[str, Tensor]:
-        """Make one step of the actor along the critics, whose gradients are not taken, and of the slow targets."""
+        """Make one gradient step of the actor with the critics fixed, and update the target networks; return the losses
+        by name.
+        """
         self.critic.requires_grad_(False)
         losses = self.actor_loss(batch.obs)
         descend(self.actor_optimizer, losses["actor"])
@@ -201,14 +203,16 @@ class OffPolicyLearner(Learner):
 
     @abstractmethod
     def next_action(self, obs: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the next action (B, n_act) of value targets, and the term that is added to its value, (B,) or ()."""
+        """Return the actions at the next observations, (B, n_act), and the term that is added to their value in the
+        critics' targets, (B,) or ().
+        """
 
     @abstractmethod
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:
         """Return the loss `actor`, and further values for the log."""
 
     def update_targets(self) -> None:
-        """Make one step of the slow targets, Eq. 14."""
+        """Move the target networks of the critics one step towards the critics (Eq. 14)."""
         soft_update(self.target_critic, self.critic, self.settings.tau)
 
     def normal(self, *shape: int) -> Tensor:

@@ -45,7 +45,7 @@ class Layers(nn.Module):
 
 
 class Critic(nn.Module):
-    """`count` estimates of Q(s, a)."""
+    """`count` networks, each of which estimates the value Q(s, a) of an action a in a state s."""
 
     def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator, count: int) -> None:
         super().__init__()
@@ -57,7 +57,7 @@ class Critic(nn.Module):
 
 
 class DeterministicActor(nn.Module):
-    """Actor without noise: a = tanh(f(s))."""
+    """Actor that returns the action a = tanh(f(s)) in a state s, with a network f."""
 
     def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()
@@ -69,7 +69,9 @@ class DeterministicActor(nn.Module):
 
 
 class SquashedGaussianActor(nn.Module):
-    """Actor a = tanh(u), u normal with mean and standard deviation from the state (SAC, appendix C)."""
+    """Actor with actions a = tanh(u); u is normally distributed, and its mean and standard deviation depend on the
+    state (SAC, appendix C).
+    """
 
     def __init__(self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator) -> None:
         super().__init__()
@@ -92,7 +94,7 @@ class SquashedGaussianActor(nn.Module):
 
 
 class GaussianActor(nn.Module):
-    """Actor with normal actions: mean from the state, one standard deviation for all states (PPO)."""
+    """Actor with normally distributed actions; the mean depends on the state, the standard deviation does not (PPO)."""
 
     def __init__(
         self, n_obs: int, n_act: int, hidden: Sequence[int], generator: torch.Generator, *, spread: float

@@ -68,7 +68,7 @@ class Policy:
         return (actions[0] if seen.ndim == 1 else actions), None
 
     def strike(self, target: Target | Sequence[float]) -> Strike:
-        """Return the policy's first strike at a target: its mean action for the observation at rest.
+        """Return the policy's first strike at a target: its mean action for the observation before any strike.
 
         A policy that learned one direction for all targets uses it also for targets without direction.
 
@@ -89,7 +89,7 @@ class Policy:
 
 
 def first_strikes(learner: Learner, task: StrikeTask, goals: Goals) -> np.ndarray:
-    """Return a policy's first strikes (B, n_act) at goals (B): its mean actions for the observation at rest."""
+    """Return a policy's first strikes (B, n_act) at B goals: its mean actions for the observation before any strike."""
     seen = torch.as_tensor(task.normalise(task.first_look(goals)), dtype=torch.float32)
     return task.to_strikes(learner.act(seen, deterministic=True).numpy().astype(float))
 
@@ -114,7 +114,7 @@ def trials_to_hit(
         task: Task with targets and observations.
         targets: Goals, or positions (B, d) [m] if the task draws no directions.
         cap: Largest number of strikes at each target.
-        convention: One of `CONVENTIONS`.
+        convention: One of `CONVENTIONS`, which state when strikes are the policy's mean action and when samples of it.
         on_trial: Called after every trial with the number of targets that are finished.
         on_strikes: Called after every trial with the indices (b,) of the targets that are not finished, and the results
             of the strikes at them.
@@ -194,7 +194,7 @@ class Best:
 
     @classmethod
     def of_table(cls, table: dict[str, Any]) -> Best:
-        """Return the policy from a table of `table`."""
+        """Return the policy from a dict that `table` made."""
         return cls(int(table["episode"]), Score(**table["score"]), table["actor"])
 
 

@@ -80,7 +80,7 @@ class OffPolicy(Settings):
     """Settings of SAC, TD3 and DDPG.
 
     Args:
-        tau: Soft-update rate of target networks, Eq. 14 (usual: 0.005).
+        tau: Step of the target networks towards the trained ones, Eq. 14 (usual: 0.005).
         batch_size: Transitions per update (usual: 256).
         updates: Updates per strike (Algorithm 1: one).
     """
@@ -118,9 +118,9 @@ class TD3Settings(DDPGSettings):
     """Twin delayed DDPG.
 
     Args:
-        target_noise: sigma of Eq. 15 (usual: 0.2).
-        noise_clip: c of Eq. 15 (usual: 0.5).
-        delay: Critic updates per update of actor and targets (usual: 2).
+        target_noise: Standard deviation sigma of the noise on the target policy's actions, Eq. 15 (usual: 0.2).
+        noise_clip: Largest magnitude c of that noise, Eq. 15 (usual: 0.5).
+        delay: Critic updates per update of actor and target networks (usual: 2).
     """
 
     target_noise: float = 0.2

@@ -54,7 +54,7 @@ REWARDS = ("paper", "log")
 
 
 def resting_points(model: Model, bounds: StrikeBounds) -> np.ndarray:
-    """Return the positions of joints and nodes before the first strike [m], (m, d).
+    """Return the positions [m] of the m joints and nodes before the first strike, in d dimensions, (m, d).
 
     In the plane the arm hangs straight down; in space it is in the middle of the box of start postures.
     """
@@ -110,7 +110,7 @@ class TaskStep:
 
     @property
     def hit(self) -> np.ndarray:
-        """Whether the goal was hit: the lane's trial has terminated, (B,)."""
+        """Whether each lane's goal was hit, which terminates its episode, (B,)."""
         return self.judged.hit
 
     @property
@@ -211,7 +211,9 @@ class StrikeTask:
         return self.first_look(self.goals)
 
     def renew(self, obs: np.ndarray, lanes: np.ndarray, targets: np.ndarray | Goals) -> np.ndarray:
-        """Give new goals (b) to the lanes in a mask (B,) whose episodes ended, and return the updated observations."""
+        """Give one of the new `targets` to each lane that is True in `lanes`, (B,), and return `obs` (B, n_obs) with
+        the observations of these lanes before their first strikes.
+        """
         new = self.as_goals(targets)
         self.goals, self.counts[lanes] = self.goals.with_rows(lanes, new), 0
         obs = obs.copy()
@@ -219,7 +221,7 @@ class StrikeTask:
         return obs
 
     def keep(self, lanes: np.ndarray) -> None:
-        """Continue only with the lanes in a mask (B,)."""
+        """Continue only with the lanes that are True in `lanes`, (B,)."""
         self.goals, self.counts = self.goals.rows(lanes), self.counts[lanes]
 
     def step(self, actions: np.ndarray) -> TaskStep:
@@ -236,7 +238,7 @@ class StrikeTask:
         )
 
     def judge(self, strikes: np.ndarray, goals: Goals) -> Judged:
-        """Simulate strikes (B, n_act), and return their results at goals (B)."""
+        """Simulate strikes (B, n_act), and return their results at B goals."""
         approach = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         wild, hit = approach.diverged | ~np.isfinite(approach.distance), goals.hit_by(approach)
         beyond, by = self._beyond(strikes, approach, hit & ~wild)
@@ -304,8 +306,8 @@ class StrikeTask:
         return [part for part in parts if part is not None]
 
     def normalise(self, obs: np.ndarray) -> np.ndarray:
-        """Scale observations for networks: targets by the zone's centre and half width, tip positions by its centre and
-        largest width (at least 1 m), velocities by 10 m/s.
+        """Return observations (B, n_obs) scaled for networks: targets by the zone's centre and half width, tip
+        positions by the zone's centre and largest width (at least 1 m), velocities by 10 m/s.
         """
         lower, upper = self.zone.box
         centre, half = (lower + upper) / 2, (upper - lower) / 2

@@ -48,7 +48,7 @@ def task_of(config: Mapping[str, Any]) -> StrikeTask:
 
 
 def training_of(config: Mapping[str, Any]) -> Training:
-    """Return the training of a run of `whiptool train`, from its configuration, not begun."""
+    """Return the training, before its first episode, that the configuration of a run of `whiptool train` describes."""
     options = config["options"]
     settings = {name: tuple(x) if isinstance(x, list) else x for name, x in config["settings"].items()}
     plan = TrainingPlan(**{name: options[name] for name in ("episodes", "trials", "random_episodes", "hindsight")})

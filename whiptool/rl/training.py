@@ -93,7 +93,10 @@ class Training:
         episodes: int | None = None,
         max_seconds: float | None = None,
     ) -> list[TrainingEpisode]:
-        """Train to the end of the plan, if given for at most `episodes` further episodes and `max_seconds` seconds.
+        """Train to the end of the plan, or until `episodes` further episodes or `max_seconds` have passed, if given.
+
+        Returns:
+            Results of these episodes.
 
         Raises:
             Diverged: A loss is not finite.
@@ -107,7 +110,9 @@ class Training:
         return seen
 
     def episode(self) -> TrainingEpisode:
-        """Make one strike in every lane, then as many updates."""
+        """Make one strike in every lane (sub-environment), update the learner unless strikes are still random, and
+        return the results.
+        """
         task, lanes = self.task, self.plan.trials
         explore = self.done < self.plan.random_episodes
         seen = self._tensor(task.normalise(self.obs))

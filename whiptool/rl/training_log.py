@@ -60,7 +60,7 @@ class EpisodeTable:
         append_whole(self.path, text.getvalue())
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return the numbers of all episodes by column, (E,) each; NaN where a value is missing."""
+        """Return the values of all E episodes by the name of the column, (E,) each; NaN where a value is missing."""
         with self.path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
         return {name: np.array([float(row.get(name) or "nan") for row in rows]) for name in (*self.names, *HELD_OUT)}

@@ -94,7 +94,7 @@ class DynamixelBus(Line):
         )
 
     def absent(self, id: int) -> InputError:
-        """Return the error that a servo does not answer, with the baud rate at which it does, if any."""
+        """Return the error for a servo that does not answer; it names the baud rate at which the servo answers, if any."""
         for other in (r for r in sorted(BAUD_RATES.values()) if r != self.baud):
             try:
                 with self._guarded():
@@ -112,7 +112,7 @@ class DynamixelBus(Line):
         return InputError(f"servo {id}", "no reply at any baud rate", "a servo with power", "check id, power and cable")
 
     def prepare_block(self) -> None:
-        """Map the indirect data registers to the registers of `BLOCK`, and verify the mapping.
+        """Map the indirect data registers to the registers that each cycle reads (`BLOCK`), and verify the mapping.
 
         Raises:
             BusError: A servo did not accept the mapping.
@@ -176,7 +176,7 @@ class DynamixelBus(Line):
     # -- all servos, every cycle ---------------------------------------------------------------------------------
 
     def read_block(self) -> list[tuple[int, ...]]:
-        """Return the registers of `BLOCK` of every servo, as signed counts.
+        """Return, for every servo, the values of the registers that each cycle reads (`BLOCK`), as signed counts.
 
         Raises:
             NoReply: A reply is missing, damaged or doubtful; the sample is lost, and the line is drained before the

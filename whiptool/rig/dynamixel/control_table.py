@@ -163,7 +163,7 @@ def register(name: str) -> Register:
 
 @dataclass(frozen=True)
 class Units:
-    """SI value of one count of the servo's registers, by the manual unless `fineness` is given.
+    """SI values of one count of the servo's registers: those of the manual, divided by `fineness`.
 
     Args:
         fineness: Factor by which counts are finer, for current at most 16 (its register has two bytes). It is 1 for a

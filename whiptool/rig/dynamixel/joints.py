@@ -36,9 +36,9 @@ class JointSample:
         current: Measured current [A], positive for positive torque.
         voltage: Voltage of the supply [V].
         temperature: Temperature [deg C].
-        hardware_error: Flags of Hardware Error Status(70).
-        torque_on: Torque Enable(64).
-        watchdog: Bus Watchdog(98); -1: it has tripped.
+        hardware_error: Value of the register Hardware Error Status(70), a set of bit flags.
+        torque_on: Value of the register Torque Enable(64); 0 with torque off.
+        watchdog: Value of the register Bus Watchdog(98); -1 if the watchdog has tripped.
         tick: The servos' clocks [ms], modulo 32768.
     """
 
@@ -211,8 +211,8 @@ class Guards:
         tracking: Largest tracking error of a joint [rad].
         stale: Largest lag of the servos' clocks behind the loop's between two samples [s].
         frozen: Largest movement of the reference while a joint's encoder does not change [rad].
-        missed: Number of consecutive cycles without a sample that is a fault.
-        overruns: Number of consecutive cycles that end too late that is a fault.
+        missed: Number of consecutive cycles without a sample at which the run ends.
+        overruns: Number of consecutive cycles ending too late at which the run ends.
     """
 
     low: float | tuple[float, ...] = -3.5

@@ -74,7 +74,7 @@ class Peer(Protocol):
         ...
 
     def follow(self, client: Any) -> None:
-        """Start to count the bytes of a port."""
+        """Start to count the bytes that the port `client` sends and receives."""
         ...
 
 
@@ -122,7 +122,7 @@ def _cure(error: Exception) -> str:
 
 
 class KernelPort(_OfSdk):
-    """Port that waits differently from the SDK's `PortHandler`, the other base of the ports that `make_port` returns.
+    """Base of the ports that `make_port` returns; it replaces how the SDK's `PortHandler`, their other base, waits.
 
     Ports wait in the kernel instead of polling, and read all available bytes at once; they use the monotonic clock
     instead of the time of day; an end of file is an error. With a `peer`, a reply counts as missing only if the peer
@@ -157,7 +157,7 @@ class KernelPort(_OfSdk):
         return super().isPacketTimeout() and not self.awaits_bytes()
 
     def has_more(self) -> bool:
-        """Whether bytes have come, or will come, that have not been read yet."""
+        """Whether there are unread bytes, or bytes that the peer has sent are still under way."""
         return self.getBytesAvailable() > 0 or self.awaits_bytes()
 
     def awaits_bytes(self) -> bool:
@@ -190,7 +190,7 @@ class KernelPort(_OfSdk):
 
 
 class Stuffing:
-    """Byte stuffing as Protocol 2.0 has it, for the SDK's handler.
+    """Byte stuffing of Protocol 2.0, which replaces the faulty methods of the SDK's handler.
 
     The SDK's `addStuffing` writes the stuffed packet to a new list that its caller never gets, so FF FF FD is sent
     unstuffed; `removeStuffing` overwrites bytes that it still compares, and does not shorten the list.
@@ -387,7 +387,7 @@ class Line:
 
 
 def accept(error: int, id: int, asked: str) -> None:
-    """Raise `Refused` if a status packet has an error number; `asked` are the words for the instruction.
+    """Raise `Refused` if a status packet has an error number; `asked` names the instruction in the message.
 
     The alert bit alone is not an error; its cause is among the values of `DynamixelBus.read_block`.
     """

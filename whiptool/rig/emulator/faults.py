@@ -90,8 +90,8 @@ class Faults:
         return [f for f in now if f.kind not in OF_THE_LINE]
 
     def strike(self, *, instruction: bool) -> tuple[str, np.random.Generator] | None:
-        """Return the bus fault that affects the next packet, if any; `instruction`: whether the packet comes from the
-        client.
+        """Return the kind of the bus fault that affects the next packet, and the fault's random generator; None without
+        a fault. `instruction` states whether the packet comes from the client.
         """
         for i, (fault, left, rng) in enumerate(self.line):
             if (fault.kind == "lose") == instruction:

@@ -69,7 +69,7 @@ def status(id: int, error: int, data: bytes = b"") -> bytes:
 
 
 def fast_length(parts: list[tuple[int, int, bytes]]) -> int:
-    """Return the value of the length field of `fast_status` [bytes]."""
+    """Return the length field [bytes] of the reply to a fast read; `parts` are (id, error, data) of each servo."""
     return 1 + sum(len(data) + 4 for _, _, data in parts)
 
 

@@ -131,7 +131,7 @@ class Physics:
         self.reset(options.start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
-        """Return to time 0, at rest in the posture `start` [rad], (a,); default: straight down."""
+        """Return to time 0, with the arm's a joints at rest at the angles `start` [rad], (a,); default: straight down."""
         a = self.model.arm.n
         q_i = np.zeros(a) if start is None else np.asarray(start, float)
         if q_i.shape != (a,):
@@ -236,7 +236,7 @@ class Physics:
         return self._acting
 
     def show(self) -> None:
-        """Update the servos' registers."""
+        """Write the measured position, speed and current into the servos' registers."""
         a = len(self.servos)
         q, v, t = self.data.qpos[:a], self.data.qvel[:a], self.t
         if self.options.sample_delay and self._past:
@@ -251,8 +251,8 @@ class Physics:
         self._rows.append((self.t, data.qpos.copy(), data.qvel.copy(), tuple(self.currents), tuple(self.torques)))
 
     def trajectory(self) -> dict[str, np.ndarray]:
-        """Return the stored trajectory: t (T,) [s], q, v (T, n), current [A] and torque [N m] of the arm (T, a), tip
-        (T, 2) [m].
+        """Return the T stored samples by name: times t (T,) [s], positions q and velocities v of the model's n joints
+        (T, n), current [A] and torque [N m] of the arm's a joints (T, a), positions of the tip (T, 2) [m].
         """
         from whiptool.models.kinematics import joint_points
 

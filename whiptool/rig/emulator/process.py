@@ -22,7 +22,7 @@ from whiptool.rig.stops import signals_held
 
 
 class Client(Protocol):
-    """A port to the emulated servos that counts its bytes."""
+    """A port to the emulated servos that counts the bytes that it has sent and received."""
 
     sent: int
     received: int
@@ -114,7 +114,7 @@ class Emulator:
         return self._ask("state")
 
     def trajectory(self) -> dict[str, np.ndarray]:
-        """Return the true motion: t (T,) [s], q, v (T, n), current [A], torque [N m] (T, a), tip (T, 2) [m]."""
+        """Return the true motion, as from `whiptool.rig.emulator.physics.Physics.trajectory`."""
         return self._ask("trajectory")
 
     def reset(self, start: Sequence[float] | None = None) -> None:
