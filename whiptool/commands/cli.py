@@ -252,13 +252,14 @@ def command(
     """Return the `main` of a command: it parses a command line, does the work, and returns the exit status of `run`.
 
     Args:
-        options: Class of its options; with `resume` they are those of `parse_resumable`.
+        options: Class of the command's options; subclasses of `ResumableOptions` are parsed by `parse_resumable`.
         name, about: Name, as in `python -m whiptool.NAME`, and description of the command.
-        work: Does what checked options ask for, and returns the exit status.
+        work: Function that executes the command with checked options, and returns the exit status.
         prog: Name of the command in help and errors; default: `whiptool NAME`.
         quick: Values that `--quick` sets where an option is not given.
-        of_run: Gives the options of the run folder in their positional field `run`, which hold unless they are given.
-        named: Options by names of the library that are not their own.
+        of_run: Function that returns the options stored in a run folder, which the positional option `run` names; they
+            apply where an option is not given. None: there is no such folder.
+        named: Options whose names differ from the library's, by the library's names.
     """
     how: dict[str, Any] = {"prog": prog or f"whiptool {name}", "description": about}
 

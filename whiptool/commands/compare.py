@@ -253,7 +253,7 @@ def _compare(options: CompareOptions, comparison: Comparison, folder: RunFolder)
 
 
 def open_folder(command: str, options: ComparisonOptions, comparison: Comparison) -> RunFolder:
-    """Return the run folder of a command: a new one, or that to resume.
+    """Return the run folder of a command: a new folder, or that of the run to resume.
 
     Raises:
         InputError: The folder cannot be made, or holds a run with another configuration.

@@ -47,7 +47,7 @@ main = cli.command(DoctorOptions, "doctor", _EXAMPLE, _work)  # the exit status 
 
 
 def examine() -> list[Finding]:
-    """All findings, in the order in which they are printed."""
+    """Return all findings, in the order in which they are printed."""
     findings = [
         Finding("whiptool", __version__),
         Finding("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),

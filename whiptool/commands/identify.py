@@ -33,7 +33,8 @@ _EXAMPLE = (
 
 
 def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
-    """Return the names of --free in full; of an arm without a whip `com` is that of every link.
+    """Return the full names of the parameters that --free names; for an arm without a whip, a short name such as `com`
+    stands for that of every link.
 
     Raises:
         InputError: The plant has no such parameter, or several; the message names an option that helps, if there is
@@ -59,7 +60,7 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
 
 
 class FitRun:
-    """One identification: everything is checked before anything is written."""
+    """One run of `identify`: its options and recordings are checked before a file is written."""
 
     def __init__(self, options: IdentifyOptions) -> None:
         from whiptool.identification.inputs import each_episode, read_prior, split
@@ -228,7 +229,7 @@ class FitRun:
         return run_folders.open_folder(self.options, "identify", config)
 
     def write_recordings(self, folder: RunFolder) -> None:
-        """Store the recordings that are fitted, and print how each was read."""
+        """Write all recordings, with the held-out ones, to the run folder, and print their readers' remarks."""
         recordings = [*self.recordings, *self.held_out]
         for name, recording in zip(self.files, recordings, strict=True):
             if recording.remarks:
@@ -263,7 +264,7 @@ class FitRun:
 
     @property
     def warning(self) -> str | None:
-        """What to know before relying on any number, if the model does not explain the recordings."""
+        """Warning, with a remedy, if the model does not explain the recordings; None if it does."""
         from whiptool.identification.summary import warning
         from whiptool.identification.time_base import CLOCK
 

@@ -106,7 +106,7 @@ _NOT_REPLAYED = {"miss_distance": None, "difference": None, "angle": None, "spee
 
 
 class SearchRun:
-    """One search: everything is checked before anything is written."""
+    """One run of `optimize`: its options are checked before a file is written."""
 
     def __init__(self, options: OptimizeOptions) -> None:
         self.options = options
@@ -158,7 +158,7 @@ class SearchRun:
         self.recorded = self.log.read() if options.resume else []
 
     def search(self):
-        """Search with a progress bar; every trial is written immediately."""
+        """Run the search with a progress bar and return its result; every trial is written immediately."""
         from whiptool.optimizers import find_method, run_search
 
         if self.options.pareto is None:

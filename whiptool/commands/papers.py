@@ -39,10 +39,10 @@ def of_papers(module: str) -> ModuleType:
 
 
 def human(args: Sequence[str] | None = None) -> int:
-    """People's whip throws compared with planned strikes; returns the exit status of `cli.run`."""
+    """Compare people's whip throws with planned strikes; return the exit status of `cli.run`."""
     return cli.run(lambda: of_papers("human.command").run(args))
 
 
 def reproduce(args: Sequence[str] | None = None) -> int:
-    """The figures and tables of papers as one report; returns the exit status of `cli.run`."""
+    """Reproduce the figures and tables of papers as one report; return the exit status of `cli.run`."""
     return cli.run(lambda: of_papers("reproduce").run(args))

@@ -72,7 +72,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def partial_options(options: type[T], words: list[str]) -> T:
-    """Return options as far as words give them; where these are wrong, as if none were given."""
+    """Return the options that words give; if there are none or one is wrong, every option has its default, else None."""
     if words:
         try:
             return options_from(options, words)
@@ -85,7 +85,7 @@ def partial_options(options: type[T], words: list[str]) -> T:
 
 
 def options_from(options: type[T], words: list[str], default: T | None = None) -> T:
-    """Return the options that words give, or the error of the first that is wrong."""
+    """Return the options that words give; raise an error for the first word that is wrong."""
     import tyro
     from tyro import _errors as tyro_errors
 

@@ -185,7 +185,7 @@ def tell_strike(
 
 
 def draw_here(folder: Path, strike: StrikeRun, *, figures: bool) -> list[str]:
-    """Write the page, and the figures if no process does; return a description of the files."""
+    """Write the page and, if `figures`, the figures; return names of the run's files for the printed result."""
     note("drawing ...")
     strike.write_page(folder)
     if not figures:

@@ -64,7 +64,7 @@ class RigOptions(ArmOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RigStrikeOptions(RigOptions):
-    """Run one strike on a rig."""
+    """Options of `rig strike`, which makes one strike on a rig."""
 
     first: ClassVar[tuple[str, ...]] = ("strike",)
     only_with: ClassVar[Conditions] = {"seed": when("port", "twin")}

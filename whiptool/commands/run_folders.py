@@ -132,7 +132,7 @@ def _go_on(path: Path) -> str:
 
 
 def open_folder(options: ResumableOptions, name: str, config: dict[str, Any]) -> RunFolder:
-    """Return the run folder of a command: a new one, or that of the run to resume.
+    """Return the run folder of a command: a new folder, or that of the run to resume.
 
     Args:
         options: Options that name the folder.
@@ -169,7 +169,9 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
-    """Return whether a run's stored model or controller is the present one; older versions wrote fewer keys."""
+    """Return whether a run's stored model or controller equals the present one; keys that older versions did not write
+    may be missing.
+    """
     from whiptool.impedance.controller import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 

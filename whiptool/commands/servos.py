@@ -152,7 +152,7 @@ main = cli.command(ServoOptions, "rig.dynamixel", _SERVOS, _set_up, prog="python
 
 @dataclass(frozen=True, kw_only=True)
 class EmulatorOptions(ModelOptions):
-    """Emulated servos on a pseudo-terminal."""
+    """Options of `python -m whiptool.rig.emulator`, which emulates servos on a pseudo-terminal."""
 
     only_with: ClassVar[Conditions] = {"period": when("lockstep")}
 
@@ -182,7 +182,7 @@ _emulator = cli.command(EmulatorOptions, "rig.emulator", _EMULATED, _serve, prog
 
 
 def emulator(args: Sequence[str] | None = None) -> int:
-    """The command line of the emulator; returns the exit status."""
+    """Run the command line of the emulator; return the exit status."""
     words = list(sys.argv[1:] if args is None else args)
     if words[:1] == ["--control"]:  # started by `Emulator`
         from whiptool.rig.emulator.server import serve_child

@@ -45,7 +45,7 @@ class SimulateOptions(
     ModelOptions,
     GoalOptions,
 ):
-    """Play one strike and save its trajectory, figures and video."""
+    """Options of `simulate`, which plays one strike and saves its trajectory, figures and video."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("run", "trajectory", "export", "video")
     first: ClassVar[tuple[str, ...]] = ("run", "strike", "export", "video")

@@ -145,7 +145,7 @@ _EXAMPLE = (
 
 
 class TrainingRun:
-    """One training: everything is checked before anything is written."""
+    """One run of `train`: its options are checked before a file is written."""
 
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")

@@ -189,8 +189,9 @@ def _part(group: type[T], table: dict[str, Any]) -> T:
 
 
 def has_display() -> bool:
-    """Whether this machine appears to have a display: always on macOS and Windows, else by DISPLAY or
-    WAYLAND_DISPLAY."""
+    """Whether this machine appears to have a display: always on macOS and Windows, else if the environment variable
+    DISPLAY or WAYLAND_DISPLAY is set.
+    """
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -132,8 +132,8 @@ class LearnerUnit(MethodUnit):
             threads: Threads of the simulation; None: the default.
 
         Returns:
-            The training; its history, with `rewards` (mean reward of each episode) and `seconds` (duration); and "", or
-            a note on the episode after which it diverged. The learner is then that of the last checkpoint.
+            The training; its history, with `rewards` (mean reward of each episode) and `seconds` (duration); and a note
+            if the training diverged, else "". After a divergence the learner is that of the last checkpoint.
         """
         from whiptool.rl.learner import Diverged
 
@@ -170,7 +170,8 @@ def trials_within(
         radii: Hit radii [m].
 
     Returns:
-        For each radius, trials to the first hit (`cap` without a hit), (B,), and whether there was a hit, (B,).
+        For each radius, trials to the first hit of the B targets (`cap` without a hit), (B,), and whether each was hit,
+        (B,).
     """
     from whiptool.rl.policy import trials_to_hit
 
@@ -206,7 +207,7 @@ class Checkpoint:
     @classmethod
     @contextmanager
     def within(cls, folder: Path | None, name: str) -> Iterator[Checkpoint]:
-        """Yield a checkpoint in `folder`, or in a temporary folder without one."""
+        """Yield a checkpoint in `folder`, or in a temporary folder if `folder` is None or does not exist."""
         if folder is not None and folder.is_dir():
             yield cls(folder / f"{name}.pt")
             return
@@ -225,6 +226,6 @@ class Checkpoint:
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:
-        """Write history and training; the history first, as its entries after the saved training are recomputed."""
+        """Write the history, then the training; if only the history is written, `load` drops its excess entries."""
         write_whole(self.history, json.dumps(history))
         training.save(self.path)

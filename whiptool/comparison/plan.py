@@ -38,8 +38,8 @@ class Comparison:
         observations: Observations of the learners.
         seeds: Number of seeds 0, 1, ...; a deterministic method gets one.
         plan: Length of a learner's training.
-        further_episodes: Episodes with observations other than `tip`, at most `episodes`; None: as many. The number of
-            random episodes is reduced in proportion.
+        further_episodes: Number of training episodes with observations other than `tip`, at most `plan.episodes`; None:
+            as many as with `tip`. The number of random episodes is reduced in proportion.
 
     Raises:
         InputError: A name or a number is not allowed.

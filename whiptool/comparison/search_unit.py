@@ -31,9 +31,9 @@ class StrikeLibrary:
     """Past strikes and the paths of their tips.
 
     Args:
-        strikes: Strike vectors, (n, 2 a + 1).
-        paths: Tip positions at equal intervals, (n, S, d) [m], with d the model's dimension, in single precision; NaN
-            after a strike's end.
+        strikes: Vectors of n strikes of an arm with a joints, (n, 2 a + 1).
+        paths: S tip positions at equal intervals in each strike, (n, S, d) [m], with d the model's dimension, in single
+            precision; NaN after a strike's end.
     """
 
     strikes: np.ndarray
@@ -130,15 +130,15 @@ def library_search(objective: Objective, library: StrikeLibrary) -> Result:
 class SearchUnit(MethodUnit):
     """A search from scratch at each target of a contiguous part of the targets.
 
-    The search goes on until the smallest hit radius is hit. At a target without direction and speed no search uses the
-    radius, so that its first trial within a wider radius is the trial at which a search with that radius would have
-    ended. A required direction or speed is weighted by the hit radius, so there is then one search per radius.
+    The search goes on until the tip comes within the smallest hit radius. At a target without direction and speed the
+    search does not depend on the radius, so that its first trial within a wider radius also gives the result for that
+    radius. A required direction or speed is weighted by the hit radius, so there is then one search per radius.
 
     Args:
         scene: Model, targets and hit radii.
         method: Method of `whiptool.optimizers`, or `library`: strikes of a library of past strikes, nearest first.
         seed: Seed of the search, and of the library.
-        first, last: Range of the targets.
+        first, last: Index of the first target, and index after the last.
         library: Number of past random strikes from which the search starts; 0: none.
     """
 

@@ -60,10 +60,10 @@ def mean_interval(trials: np.ndarray, *, cap: float = np.inf) -> tuple[float, fl
 
 
 def ratio_interval(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """Return the 95 % interval of the ratio by which two methods are compared at the same targets.
+    """Return the 95 % confidence interval of the ratio of two methods' mean numbers of misses before the hit.
 
-    It is the ratio of their mean numbers of misses before the hit, which separates means near 1 trial; if a mean is at
-    most 1, the ratio of their mean trials.
+    Misses, i.e. trials - 1, separate means near 1 trial better than trials do. If a mean is at most 1 trial, the
+    interval is that of the ratio of mean trials. Both methods have the same targets.
 
     Args:
         one, other: Trials to the first hit of the two methods, seeds by targets, (S, T) and (S', T).

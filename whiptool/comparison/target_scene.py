@@ -101,7 +101,7 @@ CELL_IN_SPACE = 0.1  # [m], and cells are more
 
 @dataclass(frozen=True, kw_only=True)
 class RegionUnit(Unit):
-    """Finds the region that the tips of random strikes pass with at least `SPEED`.
+    """Work unit that finds the region that the tips of random strikes pass at `SPEED` [m/s] or faster.
 
     Args:
         scene: Scene, whose zone and targets are not used.
@@ -256,8 +256,9 @@ def velocities_at(path: np.ndarray, samples: np.ndarray, targets: np.ndarray) ->
 
 
 def varied(strikes: np.ndarray, width: float, bounds: StrikeBounds, rng: np.random.Generator) -> np.ndarray:
-    """Return 25 variations of each strike (B, m), (25 B, m), normal with a standard deviation of `width` times the
-    box."""
+    """Return 25 normally distributed variations of each of B strikes (B, m), clipped to the bounds, (25 B, m); the
+    standard deviation is `width` times the width of the bounds.
+    """
     lower, upper = bounds.box
     children = np.repeat(strikes, _CHILDREN, axis=0)
     return np.clip(children + width * (upper - lower) * rng.standard_normal(children.shape), lower, upper)

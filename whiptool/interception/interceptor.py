@@ -66,7 +66,7 @@ class Interception:
         point: Position of the contact (x, y) [m].
         tip_speed: Speed of the tip at the contact [m/s].
         probability: Predicted hit probability, over tracks that were sampled independently of the choice of the strike.
-        expected_miss: Mean miss distance over the same tracks, each at most 0.5 m [m].
+        expected_miss: Mean miss distance over the same tracks [m]; distances above 0.5 m count as 0.5 m.
         mean_miss: Miss distance with the most probable track [m].
         warning: Warning of the track (`TargetTrack.warning`); empty: none.
         wall_time: Time that planning took [s].

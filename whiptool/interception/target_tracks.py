@@ -179,7 +179,7 @@ class TargetTrack:
     Args:
         motion: Family of the motion.
         numbers: Parameters of the motion, (p,), with its time 0 at `epoch`.
-        covariance: Covariance of the parameters, (p, p), with the misfit included.
+        covariance: Covariance of the parameters, (p, p), multiplied by `misfit`.
         epoch: Time at which the motion's time is 0 [s].
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Degrees of freedom: number of measured coordinates minus p.

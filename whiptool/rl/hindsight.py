@@ -122,7 +122,7 @@ class Relabelled(NamedTuple):
 
     Args:
         tip, velocity: Position [m] and velocity [m/s] of the tip at the closest approach, (B, d) each.
-        cost: Cost [m], (B,).
+        cost: Cost [m], see `Goals.cost`, (B,).
         hit: Whether the strike hits, (B,).
         known: Whether the result is valid, (B,); False for strikes whose paths have fewer than two samples or, if they
             were simulated again, that diverged or were refused.

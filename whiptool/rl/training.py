@@ -67,7 +67,7 @@ class Training:
         learner: Learner from `make_learner`, whose generator draws all random numbers.
         task: Task to learn.
         plan: Length of the training.
-        held_out: Goals by which the best policy is selected; None: none is kept.
+        held_out: Goals by which the best policy is selected; None: no best policy is kept.
 
     Raises:
         InputError: Hindsight is requested for a learner without replay buffer, or with an observation without the

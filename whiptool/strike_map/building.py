@@ -119,13 +119,13 @@ class Harvest:
 
 
 def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: np.ndarray) -> Answers:
-    """Return the entries of strikes (S, m) at samples of their paths, `RATE` a second, as `paths_of` returns them.
+    """Return K map entries: strikes at samples of their tip paths, which are sampled at `RATE` as in `paths_of`.
 
     Args:
         striker: Simulator of strikes.
-        strikes: Vectors, (S, m).
-        which: Indices of the strikes, (K,), in ascending order.
-        when: Index of the sample, (K,), neither a path's first nor its last.
+        strikes: Strike vectors, (S, m).
+        which: Index of each entry's strike, (K,), in ascending order.
+        when: Index of each entry's sample, (K,), neither a path's first nor its last.
     """
     names, d = strike_names(striker.rollout.model.arm), striker.rollout.model.dimension
     parts = [Answers.none(strikes.shape[1], d)]
@@ -143,11 +143,11 @@ def passages_of(striker: Striker, strikes: np.ndarray, which: np.ndarray, when: 
 
 
 def paths_of(striker: Striker, strikes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the tip paths of those strikes (S, m) that keep the limits by their peak values.
+    """Return the tip paths of those strikes (S, m) whose peak values keep the limits.
 
     Returns:
-        Indices of these strikes (b,); positions [m] and velocities [m/s] of the tips at `RATE`, (b, T, d) each, NaN
-        outside the strike.
+        Indices of these b strikes, (b,); T samples, at `RATE`, of the tips' positions [m] and velocities [m/s] in d
+        dimensions, (b, T, d) each, NaN outside the strike.
     """
     within, paths = striker.paths(strikes, rate=RATE)
     kept, paths = np.flatnonzero(within), paths[within]
@@ -190,7 +190,7 @@ class MapPlan:
 
     @property
     def parts(self) -> int:
-        """Number of parts: of random strikes, and then of rounds."""
+        """Number of parts in which a map is built: those of random strikes, then one for each round."""
         return self.random_parts + self.rounds
 
     @property
@@ -283,7 +283,7 @@ _ZONE = {"target": None, "zone_radius": RADIUS, "sector": None, "region": None} 
 
 
 def building_of(config: Mapping[str, Any]) -> Building:
-    """Return the building of a run of `whiptool map build`, from its configuration, not begun.
+    """Return the `Building`, before its first part, that the configuration of a run of `whiptool map build` describes.
 
     Raises:
         InputError: The region that the options name is out of the model's reach, or of another dimension.

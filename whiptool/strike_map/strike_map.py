@@ -92,7 +92,9 @@ def _instants(answers: Answers) -> np.ndarray:
 
 
 def features(striker: Striker, front: Front, goal: Goals, candidates: Candidates) -> np.ndarray:
-    """Return the features of each candidate for one goal, (C, f): goal, strike, and its change, doubt and residual."""
+    """Return f features of each candidate for one goal, (C, f): the goal, the strike, its change from the map entry,
+    its score `doubt`, and its remaining residual.
+    """
     angle = -front.angles(goal.positions)
     ahead, count = front.goals(goal, angle), len(candidates.strikes)
     strikes = front.strikes(candidates.strikes, np.repeat(angle, count))

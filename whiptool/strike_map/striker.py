@@ -51,7 +51,7 @@ class Landings:
         return Landings(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def with_rows(self, rows: np.ndarray, others: Landings) -> Landings:
-        """Return the results with some rows replaced by others."""
+        """Return the results with the rows `rows` replaced by `others`."""
         changed = {}
         for f in fields(self):
             column = getattr(self, f.name).copy()
@@ -103,14 +103,14 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether strikes keep the limits by their peak values and tip paths, (B,), and their tip paths.
+        """Return whether the peak values and tip paths of strikes keep the limits, and the tip paths.
 
         Args:
             strikes: Strike vectors, (B, m).
             rate: Sampling rate [1/s].
 
         Returns:
-            The paths are (B, S, d) [m], as in `tip_path`.
+            Whether each strike keeps the limits, (B,), and S samples of each path in d dimensions, (B, S, d) [m].
         """
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
         lowest = np.min(paths[:, :, -1], axis=1, initial=np.inf, where=np.isfinite(paths[:, :, -1]))
@@ -131,7 +131,7 @@ class Striker:
         return self.judged(strikes, self.land(strikes, goals))
 
     def land(self, strikes: np.ndarray, goals: Goals) -> Landings:
-        """Return the results of strikes like `strike`, but with only those limits that follow from peak values."""
+        """Return the results of strikes as `strike` does, but check only the limits that follow from peak values."""
         near = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         beyond = self._beyond(strikes, near)
         hit = goals.hit_by(near) & (beyond <= 0)

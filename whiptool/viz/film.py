@@ -21,18 +21,31 @@ _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path wher
 
 @dataclass(frozen=True)
 class Film:
-    """Content of the F frames of a film of a strike, independent of the renderer."""
+    """Content of the F frames of a film of a strike, independent of the renderer.
 
-    model: Model  # as MuJoCo shows it: its rods are universal joints
-    q: np.ndarray  # its joint positions [rad or m], (F, n)
-    trail: np.ndarray  # the tip's path in short segments, their ends [m], (S, 2, d)
-    trail_rgb: np.ndarray  # (S, 3)
-    shown: np.ndarray  # how many segments each frame shows, (F,)
-    hit: np.ndarray  # whether the target has been hit, from the closest approach on, (F,)
-    readings: dict[str, list[str]]  # numbers to show in each frame, under their names
+    Args:
+        model: Model as MuJoCo shows it: a whip of rods is converted to universal joints.
+        q: Positions of the model's n joints [rad or m], (F, n).
+        trail: Ends of the S short segments of the tip's path [m], (S, 2, d).
+        trail_rgb: Colours of the segments, (S, 3).
+        shown: Number of segments that each frame shows, (F,).
+        hit: Whether the target has been hit, from the closest approach on, (F,).
+        readings: Texts to show in each frame, by their titles; F texts each.
+        note: Text in every frame.
+        grid: Distance of the grid's lines [m].
+        size: Width and height [pixels].
+    """
+
+    model: Model
+    q: np.ndarray
+    trail: np.ndarray
+    trail_rgb: np.ndarray
+    shown: np.ndarray
+    hit: np.ndarray
+    readings: dict[str, list[str]]
     note: str
-    grid: float  # distance of the grid's lines [m]
-    size: tuple[int, int]  # width and height [pixels]
+    grid: float
+    size: tuple[int, int]
 
     def box(self, target: Target) -> np.ndarray:
         """Return the corners of a box that contains base, arm and whip in all frames, and the target [m], (8, 3)."""

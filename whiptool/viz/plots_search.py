@@ -31,7 +31,7 @@ def axis_label(name: str, slides: Sequence[str] = ()) -> str:
     """Return the axis label of a strike's coordinate with its unit, such as `$q_{sf}$ [rad]`.
 
     Args:
-        name: Name of the coordinate; `x_f` is a position of the hand.
+        name: Name of the coordinate; names such as `x_f` are coordinates of the hand.
         slides: Names of the coordinates that are positions of prismatic joints, see
             `whiptool.models.strike.sliding_names`.
     """
@@ -59,7 +59,7 @@ def plot_landscape(
         ax: Axes to draw into; a colour bar is set next to it.
         x: Values of the first coordinate, (X,), in its own unit.
         y: Values of the second coordinate, (Y,).
-        near: Closest approaches of the Y X strikes, row by row of `y`; strikes that diverged are grey.
+        near: Closest approaches of the Y times X strikes, row by row of `y`; strikes that diverged are grey.
         target: Target of the strike, or its position [m].
         names: Names of the two parameters, as `whiptool.models.strike.strike_names` has them.
         slides: See `axis_label`.

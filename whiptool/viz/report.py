@@ -30,7 +30,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells, the first being the header; if `judges`, the last column is a verdict."""
+    """Table of a report: rows of cells, the first of which is the header; if `judges`, the last column is a verdict."""
 
     template: ClassVar[str] = "table.html"
     rows: Sequence[Sequence[str]]
@@ -40,7 +40,9 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A matplotlib figure, as SVG, or as PNG if `vector` is false, which suits figures with very many elements."""
+    """A matplotlib figure in a report: as SVG, or as PNG if `vector` is false, which suits figures with very many
+    elements.
+    """
 
     template: ClassVar[str] = "picture.html"
     figure: Figure

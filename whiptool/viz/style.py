@@ -111,7 +111,9 @@ def length_text(meters: float) -> str:
 
 
 def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
-    """Return the units for an axis of all joints: of revolute joints and, if there are any, of prismatic joints."""
+    """Return the units for an axis of all joints: `turning` for revolute joints, `sliding` for the prismatic joints
+    `slides`, or both.
+    """
     if not slides:
         return turning
     return f"{turning}, {sliding}" if len(slides) < len(joint_names) else sliding
@@ -148,7 +150,9 @@ _SHORTEST = 0.1  # share of its length below which an arrow points at the behold
 
 
 def arrow(target: Target) -> tuple[np.ndarray, np.ndarray]:
-    """Return start and end of the arrow, (d,) each [m]; the end is at the target."""
+    """Return start and end, (d,) each [m], of the arrow that shows a target's required direction; the end is at the
+    target.
+    """
     end = np.array(target.position)
     return end - _LENGTH * float(np.linalg.norm(end)) * np.array(target.direction), end
 

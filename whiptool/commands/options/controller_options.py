@@ -52,7 +52,9 @@ class LawOptions(OptionGroup):
 
     @property
     def law_or_file(self) -> str:
-        """The given law or file; else the law of the given preset, or the default law of the model."""
+        """Name of the given control law, or the path of its file; else the law of the given preset, or the model's
+        default law.
+        """
         from whiptool.impedance import CONSTANT_PRESETS, LAWS, default_controller
 
         if self.controller is not None:

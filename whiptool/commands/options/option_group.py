@@ -47,7 +47,7 @@ class Names:
 
     @property
     def registries(self) -> list[Any]:
-        """The registries; also mere tuples or dictionaries of names."""
+        """The registries that `homes` names; they may also be tuples or dictionaries of names."""
         return [getattr(import_module(home.partition(":")[0]), home.partition(":")[2]) for home in self.homes]
 
     def known(self) -> list[str]:
@@ -56,7 +56,8 @@ class Names:
         return [name for name in every if name not in self.without]
 
     def name(self, option: str, written: str) -> str:
-        """Return the known name for one in any spelling; where other values are allowed, return it as written.
+        """Return the known name that `written` spells in any way; if other values are allowed, return `written`
+        unchanged.
 
         Raises:
             InputError: The name is unknown; the message lists the names.
@@ -123,7 +124,7 @@ def _is(options: OptionGroup, option: str, values: tuple, of: str) -> bool:
 
 @dataclass(frozen=True)
 class Interval:
-    """Values that an option takes; of an option with several values each, of one that is None none is looked at.
+    """Range of an option's value. If the option has several values, it applies to each; None is not checked.
 
     Args:
         low, high: Least and largest value.
@@ -138,7 +139,7 @@ class Interval:
         """Refuse a number beyond the range, or that is not finite.
 
         Raises:
-            InputError: It is; `name` is the option.
+            InputError: The number is beyond the range or not finite; the message names the option `name`.
         """
         from whiptool.models.numbers import number
 
@@ -147,13 +148,13 @@ class Interval:
 
 @dataclass(frozen=True)
 class Count(Interval):
-    """Whole numbers that an option takes."""
+    """Range of an option whose value is a whole number."""
 
     low: int = 1
     high: int = MANY
 
     def check(self, name: str, value: Any) -> None:
-        """As `Interval.check`."""
+        """Refuse a number beyond the range, as `Interval.check` does."""
         whole(name, value, low=self.low, high=self.high)
 
 
@@ -199,8 +200,8 @@ class OptionGroup:
         """Refuse options that have no effect.
 
         Args:
-            words: When they are allowed.
-            names: Names of their fields.
+            words: Condition under which the options are allowed, for the message.
+            names: Names of the options' fields.
 
         Raises:
             InputError: One of them is given.
@@ -211,7 +212,7 @@ class OptionGroup:
                 raise InputError(flag(name), str(value) if isinstance(value, Path) else value, words)
 
     def given(self, name: str) -> bool:
-        """Return whether an option has another value than it has where it is not given."""
+        """Return whether an option's value differs from its default."""
         return getattr(self, name) != self.usual(name)
 
     def usual(self, name: str) -> object:
@@ -370,7 +371,12 @@ def of_run(error: InputError, resume: Path | None) -> InputError:
 
 @contextmanager
 def renaming(names: Mapping[str, str], fix: str = "") -> Iterator[None]:
-    """Rename values in errors that are raised within a `with` block, and add a fix to these errors."""
+    """Rename the value that an InputError raised in a `with` block names, and add a fix to the error.
+
+    Args:
+        names: New names, by the old names with underscores instead of spaces; other values are not renamed.
+        fix: Text on how to correct the error.
+    """
     try:
         yield
     except InputError as error:

@@ -289,8 +289,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
 
     @property
     def material_of_model(self) -> dict[str, float]:
-        """Material parameters that the options give to the model's whip, by name; with --material without
-        `diameter`."""
+        """Material parameters that the options give to the model's whip, by name; `diameter` is left out with
+        --material.
+        """
         given = super().material_of_model
         return {name: x for name, x in given.items() if self.material is None or name != "diameter"}
 
@@ -317,7 +318,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         self.build_stock()
 
     def build_stock(self) -> Stock | None:
-        """Return the whips that the given material allows; None: none was given, and the model's whip is the centre."""
+        """Return the whips that can be made of the given material; None if no material was given."""
         from whiptool.adaptation.materials import stock_of_material
 
         if self.material is None:

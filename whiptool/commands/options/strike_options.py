@@ -261,8 +261,8 @@ class TrajectoryOptions(OptionGroup):
             raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
 
     def write_trajectory(self, trajectory: JointTrajectory | None, controller: Controller) -> None:
-        """Write a trajectory to the file that the options name, and the hand's poses to another file next to it if that
-        file has none; print on stderr which controller a robot needs to make the same strike.
+        """Write a trajectory to the file that the options name. If that file cannot hold the hand's poses, write them
+        to another file next to it. Print on stderr which controller a robot needs to make the same strike.
 
         Args:
             trajectory: From `build_trajectory`; None: nothing is written.
