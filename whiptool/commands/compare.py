@@ -123,7 +123,9 @@ class ComparisonOptions(
         return QUICK[name] if self.quick and name in QUICK else super().usual(name)
 
     def processes(self) -> int:
-        """Number of worker processes on this machine, at most one per core, or 2."""
+        """Number of worker processes: as given, but at most one per core, or 2 on one core; default: one per core, at
+        most 8.
+        """
         cores = os.cpu_count() or 1
         if self.workers is not None and self.workers > max(2, cores):
             print(f"whiptool: --workers {self.workers}: {max(2, cores)} are used, one per core", file=sys.stderr)

@@ -278,7 +278,7 @@ class FitRun:
         return f"{said}; free what is missing, or {cure if self.options.drive == 'command' else 'check the recordings'}"
 
     def report(self, folder: RunFolder) -> int:
-        """Write the fit and print it, then draw the report."""
+        """Write the fit and print it, then draw the report; return the exit status."""
         from whiptool.identification.plant import write_bare_arm
         from whiptool.models.files import write_model
 

@@ -205,7 +205,9 @@ class SearchRun:
         return f"all of the first {len(objective.trials)} strikes were refused: {why}{closest}; {cure}"
 
     def report(self, result) -> int:
-        """Print the result, replay the strike in MuJoCo, then draw; JSON is printed after the replay."""
+        """Print the result, replay the strike in MuJoCo, then draw; return the exit status. JSON is printed after the
+        replay.
+        """
         from whiptool.optimizers import Status
 
         status = 130 if result.status is Status.INTERRUPTED else 0

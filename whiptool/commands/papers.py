@@ -22,7 +22,8 @@ class _NoFolder:
 
 
 def of_papers(module: str) -> ModuleType:
-    """Import a module of the folder `papers`, which is next to the package whiptool in a checkout, or importable.
+    """Import and return a module of the folder `papers`, which is next to the package whiptool in a checkout, or
+    importable.
 
     Raises:
         InputError: The folder does not exist.

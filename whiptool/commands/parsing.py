@@ -189,7 +189,7 @@ def _missing(argument: Any) -> InputError:
 
 
 def given_flags(words: Sequence[str]) -> list[str]:
-    """Return the options on a command line, `--no-video` as `--video`.
+    """Return the names of the options on a command line; `--no-video` is returned as `--video`.
 
     Raises:
         InputError: An option is given twice.

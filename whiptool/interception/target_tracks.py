@@ -232,7 +232,7 @@ class TargetTrack:
         return self.motion.positions(numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
 
     def velocity(self, t: np.ndarray | float) -> np.ndarray:
-        """Return the velocity at times t [m/s], (T, 2)."""
+        """Return the velocity at times (T,) [s], (T, 2) [m/s]."""
         t, h = np.atleast_1d(np.asarray(t, float)), 1e-4
         return (self.position(t + h) - self.position(t - h)) / (2 * h)
 

@@ -172,7 +172,7 @@ class Safety:
         return self._send(wanted), cut
 
     def hold(self) -> np.ndarray:
-        """Send the Goal Currents of the last cycle again.
+        """Send the Goal Currents of the last cycle again, and return them [counts], (n,).
 
         Raises:
             SafetyError, Unplugged: As in `command`.

@@ -63,7 +63,7 @@ class Rig:
         self.options, self.interlock = options or LoopOptions(), interlock or Interlock()
 
     def strike(self, strike: Strike, *, folder: Path | None = None, believed: Model | None = None) -> Struck:
-        """Make one strike, and write its records to a folder as they arise.
+        """Make one strike, write its records to a folder as they arise, and return its result.
 
         Args:
             strike: The strike to make.

@@ -124,6 +124,9 @@ class WhipEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Make one strike by an action (n_act,), which is clipped to [-1, 1].
 
+        Returns:
+            Observation (n_obs,), reward, whether the goal was hit, whether the episode was truncated, and `info`.
+
         Raises:
             InputError: The action is not `n_act` finite numbers.
         """

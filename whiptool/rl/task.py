@@ -225,7 +225,7 @@ class StrikeTask:
         self.goals, self.counts = self.goals.rows(lanes), self.counts[lanes]
 
     def step(self, actions: np.ndarray) -> TaskStep:
-        """Make one strike in every lane by actions (B, n_act), which are clipped to [-1, 1]."""
+        """Make one strike in every lane by actions (B, n_act), which are clipped to [-1, 1]; return the results."""
         judged = self.judge(self.to_strikes(actions), self.goals)
         self.n_strikes += len(actions)
         self.n_diverged += int(judged.diverged.sum())

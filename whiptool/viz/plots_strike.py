@@ -140,7 +140,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
 
 
 def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
-    """Draw the coordinates with the indices `seen` of a strike, to the right and up; see `VIEWS`."""
+    """Draw a strike projected on the two coordinates with the indices `seen`: the first to the right, the second up."""
     (i, j), axes = seen, AXES[strike.dimension]
     shown, place, radius = [i, j], np.array(strike.target.position), strike.target.hit_radius
     for posture, style in _posture_styles(strike):

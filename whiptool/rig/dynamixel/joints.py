@@ -85,7 +85,7 @@ class Joints:
         self.current_limit = XM430_W350["current_limit"].high * units.current_scale  # counts; lowered by arming
 
     def read(self) -> JointSample:
-        """Measure all joints once.
+        """Measure all joints once, and return the sample.
 
         Raises:
             NoReply, Refused, Unplugged: See `DynamixelBus.read_block`.

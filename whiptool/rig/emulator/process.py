@@ -89,7 +89,7 @@ class Emulator:
         self._client = client
 
     def given(self) -> int:
-        """Number of bytes that were written; see `whiptool.rig.dynamixel.line.Peer`."""
+        """Return the number of bytes that the emulator has written; see `whiptool.rig.dynamixel.line.Peer`."""
         try:
             return self._ask("given")
         except EOFError as error:

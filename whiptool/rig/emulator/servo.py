@@ -178,8 +178,8 @@ class Servo:
         self.registered, self._silent, self._overloaded = None, 0.0, 0.0
 
     def factory_reset(self, option: int) -> bool:
-        """Reset registers to their defaults; 0xFF: all, 1: all but the id, 2: all but id and baud rate. False: unknown
-        option.
+        """Reset registers to their defaults: all for the option 0xFF, all but the id for 1, all but id and baud rate
+        for 2. Return False for another option.
         """
         if option not in (0xFF, 1, 2):
             return False
