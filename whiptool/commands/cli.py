@@ -193,7 +193,9 @@ def parse_resumable(
 
 
 def run(command: Callable[[], int]) -> int:
-    """Run a command and return its exit status; bad input is reported in one line on stderr (2), a signal gives 130."""
+    """Run a command and return its exit status: 2 for bad input, which is reported in one line on stderr, and 130 after
+    a signal.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # letters that the terminal's encoding lacks do not stop it
             stream.reconfigure(errors="backslashreplace")

@@ -86,7 +86,7 @@ class BuildOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
-    """Options of `map strike`, which strikes at a goal from a map; the default of --hit-radius is the map's."""
+    """Options of `map strike`, which looks up a strike in a map; --hit-radius is by default that of the map."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
     only_with: ClassVar[Conditions] = {"t_stay": Condition("only without a map, which has its own", lambda o: False)}

@@ -72,7 +72,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def partial_options(options: type[T], words: list[str]) -> T:
-    """Return the options that words give; if there are none or one is wrong, every option has its default, else None."""
+    """Return the options that words give; if there are none or one is wrong, return defaults, or None without one."""
     if words:
         try:
             return options_from(options, words)

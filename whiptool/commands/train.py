@@ -185,7 +185,7 @@ class TrainingRun:
             self.training.save_best(self.best)
 
     def train(self) -> int:
-        """Train with a progress bar, log every episode, and strike at test targets at the end; return the exit status."""
+        """Train with a progress bar, log every episode, and strike at test targets; return the exit status."""
         from whiptool.rl.learner import Diverged
         from whiptool.rl.training_log import EventLog
 

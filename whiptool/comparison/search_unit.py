@@ -31,7 +31,7 @@ class StrikeLibrary:
     """Past strikes and the paths of their tips.
 
     Args:
-        strikes: Vectors of n strikes of an arm with a joints, (n, 2 a + 1).
+        strikes: Vectors of n strikes of an arm with `a` joints, (n, 2 a + 1).
         paths: S tip positions at equal intervals in each strike, (n, S, d) [m], with d the model's dimension, in single
             precision; NaN after a strike's end.
     """
@@ -128,7 +128,7 @@ def library_search(objective: Objective, library: StrikeLibrary) -> Result:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchUnit(MethodUnit):
-    """A search from scratch at each target of a contiguous part of the targets.
+    """Work unit that searches at each target of a contiguous range of the targets.
 
     The search goes on until the tip comes within the smallest hit radius. At a target without direction and speed the
     search does not depend on the radius, so that its first trial within a wider radius also gives the result for that

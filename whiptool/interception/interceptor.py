@@ -312,7 +312,7 @@ class Aim:
         """Change B strikes as little as possible, by Gauss-Newton, so that `tip(tau) = target(start + tau)`.
 
         Args:
-            x: Strike vectors of an arm with a joints, (B, 2 a + 1).
+            x: Strike vectors of an arm with `a` joints, (B, 2 a + 1).
             start, tau: Start of each strike, and time of contact after it [s], (B,).
             free: Whether each coordinate of a strike may change, (2 a + 1,).
             steps: Number of steps.

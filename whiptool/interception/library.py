@@ -23,7 +23,7 @@ class Library:
 
     Args:
         striker: Simulator of strikes within bounds and limits.
-        free: Whether each coordinate of a strike may be chosen, (2 a + 1,), for an arm with a joints.
+        free: Whether each coordinate of a strike may be chosen, (2 a + 1,), for an arm with `a` joints.
         strikes: Vectors of the B strikes, (B, 2 a + 1).
         owner: Index of the strike to which each of the N points belongs, (N,).
         tau: Time of each point after the strike's start [s], (N,).

@@ -101,7 +101,7 @@ class Interlock:
     Attributes:
         stop: Reason why the arm was stopped; None: it was not stopped, or was released.
         torque_off: Whether every servo has confirmed that its torque is off; None: nothing was armed.
-        torque: The same as text.
+        torque: State of the motors as text.
     """
 
     def __init__(self) -> None:

@@ -103,7 +103,8 @@ def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = 
 
 
 def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
-    """Draw the measured path of the tip (for a twin also the true one), the target, and the arm at closest approach.
+    """Draw the measured path of the tip (on a simulated rig also the true path), the target, and the arm at the closest
+    approach.
 
     Raises:
         AssertionError: The strike has no recording.
@@ -136,7 +137,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
 
 
 def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
-    """Draw the measured distance of the tip from the target over time, and for a twin also the true one."""
+    """Draw the measured distance of the tip from the target over time, and on a simulated rig the true distance."""
     recording = struck.recording
     assert recording is not None
     where = np.array(target.position)

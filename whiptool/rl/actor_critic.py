@@ -44,7 +44,7 @@ class SAC(OffPolicyLearner):
         return action, -self.settings.alpha * log_p
 
     def actor_loss(self, obs: Tensor) -> dict[str, Tensor]:
-        """Return the loss of Eq. 16, and the entropy."""
+        """Return the loss `actor` of Eq. 16, and the policy's `entropy`."""
         action, log_p = self._sample(obs)
         value = self.critic(obs, action).amin(dim=0)
         return {"actor": (self.settings.alpha * log_p - value).mean(), "entropy": -log_p.mean()}  # Eq. 16

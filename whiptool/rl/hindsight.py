@@ -28,8 +28,8 @@ def nearest(paths: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndar
         targets: Positions of the targets, (B, d) [m].
 
     Returns:
-        Distances (B,) [m], infinite for paths with fewer than two samples; nearest points (B, d) [m]; indices of the
-        samples before them (B,).
+        Distances (B,) [m], infinite for paths with fewer than two samples; nearest points (B, d) [m]; index of the
+        sample before each nearest point (B,).
     """
     nearest = closest_on_segments(paths, targets)
     lanes, i = np.arange(len(paths)), nearest.segment

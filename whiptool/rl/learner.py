@@ -216,7 +216,7 @@ class OffPolicyLearner(Learner):
         soft_update(self.target_critic, self.critic, self.settings.tau)
 
     def normal(self, *shape: int) -> Tensor:
-        """Return standard normal noise of a shape."""
+        """Return an array of standard normal noise with the given shape."""
         return torch.randn(shape, generator=self.generator)
 
     def _parts(self) -> dict:

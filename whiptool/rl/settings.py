@@ -92,7 +92,7 @@ class OffPolicy(Settings):
 
 @dataclass(frozen=True, kw_only=True)
 class SACSettings(OffPolicy):
-    """Soft actor-critic.
+    """Settings of SAC (soft actor-critic).
 
     Args:
         alpha: Weight of the entropy, Eq. 16 (paper: 0.2, fixed).
@@ -103,7 +103,7 @@ class SACSettings(OffPolicy):
 
 @dataclass(frozen=True, kw_only=True)
 class DDPGSettings(OffPolicy):
-    """Deep deterministic policy gradient.
+    """Settings of DDPG (deep deterministic policy gradient).
 
     Args:
         noise: Standard deviation of the exploration noise, as a fraction of half the width of the strikes' box (usual:
@@ -115,7 +115,7 @@ class DDPGSettings(OffPolicy):
 
 @dataclass(frozen=True, kw_only=True)
 class TD3Settings(DDPGSettings):
-    """Twin delayed DDPG.
+    """Settings of TD3 (twin delayed DDPG).
 
     Args:
         target_noise: Standard deviation sigma of the noise on the target policy's actions, Eq. 15 (usual: 0.2).
@@ -130,7 +130,7 @@ class TD3Settings(DDPGSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class PPOSettings(Settings):
-    """Proximal policy optimization with an adaptive KL penalty, Eq. 11.
+    """Settings of PPO (proximal policy optimization) with an adaptive KL penalty, Eq. 11.
 
     Args:
         hidden, learning_rate: As in `Settings` (from the paper).

@@ -58,7 +58,7 @@ class Joints:
 
     Args:
         bus: Bus with the servos.
-        zero: Counts of Present Position at q = 0, with the arm hanging straight down, (n,); default: 2048 each.
+        zero: Value of Present Position [counts] at q = 0, where the arm hangs straight down, (n,); default: 2048 each.
         direction: +1 if counts increase with the joint's angle, else -1, (n,); default: +1.
         torque_constant: Torque constant at the output [N m/A]; default: stall torque over stall current, 1.78.
         units: Units of the counts.

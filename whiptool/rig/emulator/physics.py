@@ -131,7 +131,9 @@ class Physics:
         self.reset(options.start)
 
     def reset(self, start: Sequence[float] | None = None) -> None:
-        """Return to time 0, with the arm's a joints at rest at the angles `start` [rad], (a,); default: straight down."""
+        """Return to time 0, with the arm's `a` joints at rest at the angles `start` [rad], (a,); default: straight
+        down.
+        """
         a = self.model.arm.n
         q_i = np.zeros(a) if start is None else np.asarray(start, float)
         if q_i.shape != (a,):
@@ -252,7 +254,7 @@ class Physics:
 
     def trajectory(self) -> dict[str, np.ndarray]:
         """Return the T stored samples by name: times t (T,) [s], positions q and velocities v of the model's n joints
-        (T, n), current [A] and torque [N m] of the arm's a joints (T, a), positions of the tip (T, 2) [m].
+        (T, n), current [A] and torque [N m] of the arm's `a` joints (T, a), positions of the tip (T, 2) [m].
         """
         from whiptool.models.kinematics import joint_points
 
