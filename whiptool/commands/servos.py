@@ -33,7 +33,7 @@ PATIENCE = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class ServoOptions(OptionGroup):
-    """Options of `python -m whiptool.rig.dynamixel`: find the servos on a bus, and set them up."""
+    """Options of `python -m whiptool.rig.dynamixel`, which finds the servos on a bus and sets them up."""
 
     only_with: ClassVar[Conditions] = dict.fromkeys(
         ("ids", "set_baud", "set_return_delay", "set_id", "for_strikes"), unless("reboot")

@@ -55,8 +55,8 @@ class Drawn:
     """Data of the drawing of a strike; positions have d coordinates [m] in the base's axes.
 
     Args:
-        arms, whips: Postures at equal intervals up to the closest approach, the last is the one there, see
-            `arm_and_whip`: the arm, (P, ..., d), the whip from the hand to the tip, (P, N + 1, d).
+        arms, whips: P postures, at equal intervals of time up to `until`, then that at the closest approach: points of
+            the arm, (P, ..., d), and of the whip from hand to tip, (P, N + 1, d), see `arm_and_whip`.
         path: Path of the tip, (S, d).
         path_times: Times of the path [s], (S,).
         speed: Speed of the tip [m/s], (S,).

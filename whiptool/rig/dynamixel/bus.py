@@ -94,7 +94,7 @@ class DynamixelBus(Line):
         )
 
     def absent(self, id: int) -> InputError:
-        """Return the error for a servo that does not answer; it names the servo's own baud rate if it answers at one."""
+        """Return the error for a servo that does not answer; it names the baud rate at which the servo does, if any."""
         for other in (r for r in sorted(BAUD_RATES.values()) if r != self.baud):
             try:
                 with self._guarded():
