@@ -179,7 +179,7 @@ class TargetTrack:
     Args:
         motion: Family of the motion.
         numbers: Parameters of the motion, (p,), with its time 0 at `epoch`.
-        covariance: Covariance of the parameters, (p, p), multiplied by `misfit`.
+        covariance: Covariance of the parameters, (p, p), for frames whose variance is multiplied by `misfit`.
         epoch: Time at which the motion's time is 0 [s].
         chi2: Sum of squared residuals in units of the measurement error.
         dof: Degrees of freedom: number of measured coordinates minus p.
@@ -283,9 +283,9 @@ def fit_track(
     For linear motions the result is that of a Kalman filter without process noise; a pendulum is fitted from several
     initial string lengths.
 
-    If the residuals are larger than `sigma`, because it is understated or the motion is another one, the covariance is
-    multiplied by chi2 / dof (Birge 1932), so that predictions, samples and stated probabilities account for the misfit.
-    This is adequate for small errors of the motion only; see `TargetTrack.warning`.
+    If the residuals are larger than `sigma`, because it is understated or the motion is another one, the variance of
+    the frames is multiplied by chi2 / dof (Birge 1932), so that predictions, samples and stated probabilities account
+    for the misfit. This is adequate for small errors of the motion only; see `TargetTrack.warning`.
 
     Args:
         t: Times of the frames [s], (T,), increasing, possibly with gaps.
