@@ -87,7 +87,7 @@ class Library:
 
 
 def sure_paths(striker: Striker, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the peak values of strikes show that they keep the limits, and the paths of their tips.
+    """Return whether the peak values of strikes keep the limits, and the paths of their tips.
 
     Args:
         striker: Simulator of strikes.

@@ -307,7 +307,7 @@ class RigRollout(Rollout):
     """A rig with the interface of a simulator, for searches and learners that strike one after the other.
 
     Args:
-        make: Returns the rig, hardware or twin, for a strike's number.
+        make: Function that returns the rig, hardware or twin, for the number of a strike.
         model: The nominal model, for bounds and reach.
         folder: Folder for the records, with `strike-0007` for strike 7; None: none are written.
         done: Number of strikes that a resumed run had already made.

@@ -163,7 +163,8 @@ class Score:
 
     Args:
         share_hit: Fraction of the goals that are hit, 0 to 1.
-        mean_cost: Mean cost of the strikes [m], see `Goals.cost`; for goals that are points, the mean miss distance.
+        mean_cost: Mean cost of the strikes [m], see `Goals.cost`; for goals without direction and speed, the mean miss
+            distance.
     """
 
     share_hit: float

@@ -72,7 +72,7 @@ class Judged:
         strikes: Strike vectors, (B, n_act).
         approach: Closest approaches of the strikes.
         distance: Miss distances [m], (B,); a penalty for strikes that diverged or exceed the limits.
-        cost: `Goals.cost` [m], (B,), with the same penalty; for goals that are points, the distance.
+        cost: `Goals.cost` [m], (B,), with the same penalty; for goals without direction and speed, the distance.
         hit: Whether each strike hits, (B,), see `Goals.hit`.
         diverged: Whether a strike diverged, (B,).
         refused: Limit that a strike exceeds, as in `Outcome.refused`, (B,); empty: none.

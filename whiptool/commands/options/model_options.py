@@ -61,7 +61,7 @@ class WhipOptions(OptionGroup):
 
     @property
     def material_of_model(self) -> dict[str, float]:
-        """The given parameters of the material that replaces that of the model's whip, by name."""
+        """Parameters, by name, of the given material, which replaces the material of the model's whip."""
         return {name: getattr(self, name) for name in _MATERIAL if getattr(self, name) is not None}
 
     @property
