@@ -62,7 +62,7 @@ class Answers:
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def shortlist(self, goal: Goals, count: int) -> np.ndarray:
-        """Return the indices of the entries that come closest to one goal (B = 1), (count,).
+        """Return the indices of the entries that come closest to a single goal, (count,).
 
         The closest is the first; closeness is the norm of the goal's residuals for the tip's position and velocity.
         There are fewer indices if the map has fewer entries.

@@ -58,7 +58,7 @@ class Candidates:
 def candidates(
     striker: Striker, answers: Answers, front: Front, goal: Goals, *, shortlist: int = SHORTLIST
 ) -> Candidates:
-    """Return candidates for one goal (B = 1): the nearest map entries, each corrected to first order.
+    """Return candidates for a single goal: the nearest map entries, each corrected to first order.
 
     Args:
         striker: Simulator of strikes, which has their bounds.
@@ -221,7 +221,7 @@ class StrikeMap:
         return Strike.from_vector(strike)
 
     def candidates(self, goal: Goals) -> Candidates:
-        """Return candidates for one goal (B = 1), the best first."""
+        """Return candidates for a single goal, the best first."""
         found = candidates(self.striker, self.answers, self.front, goal)
         unlike_trained = (goal.directions is None) == self.region.rule.directed
         if self.gate is None or unlike_trained:
