@@ -118,7 +118,7 @@ class Capsule:
         return np.column_stack([x, np.cross(z, x), z])
 
     def solid(self) -> Any:
-        """Return the shape as an object of the library coal, about its middle and in the axes of `rotation`."""
+        """Return the shape as an object of the library coal, centred at the origin, with the axes of `rotation`."""
         import coal
 
         if self.width is not None:

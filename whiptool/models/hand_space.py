@@ -32,7 +32,7 @@ class HandWay:
 
     Args:
         kinematics: Kinematics of the hand.
-        ends: Coordinates of the hand at the start and the end, (..., 2, m).
+        ends: The m coordinates of the hand at the start and at the end, (..., 2, m).
 
     Attributes:
         start: Pose at the start: position (..., 3) [m] and rotation (..., 3, 3).
@@ -53,7 +53,9 @@ class HandWay:
 
     @property
     def motion(self) -> np.ndarray:
-        """Velocity and angular velocity of the hand per unit of the fraction of the path, (..., m)."""
+        """Displacement and rotation from start to end in the m coordinates, (..., m); divided by the duration they are
+        the hand's mean velocity and angular velocity.
+        """
         return np.concatenate([self.moves, self.turns], axis=-1) @ self.kinematics.rows.T
 
     def at(self, share: np.ndarray) -> HandPose:
@@ -65,8 +67,7 @@ class HandWay:
         return HandPose(place, turned @ self.start.rotation[..., None, :, :])
 
     def slopes(self, share: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the hand's displacement and rotation at fractions (K,) of the path by its end
-        coordinates.
+        """Return the derivatives of the hand's position and orientation at fractions (K,) of the path by `ends`.
 
         The shape is (..., K, m, 2 m), with the coordinates of the start first.
         """
@@ -113,7 +114,7 @@ TO_POWERS = np.array([np.pad(chebyshev.cheb2poly(row), (0, DEGREE - i)) for i, r
 
 
 class HandPath:
-    """Path of an arm's joints for a strike in hand space: the hand follows its straight path.
+    """Path of an arm's a joints for a strike in hand space: the hand follows its straight path.
 
     Args:
         strike: Strike of the hand.
@@ -145,10 +146,9 @@ class HandPath:
         return HandPose(place.reshape(*s.shape, 3), rotation), ds[..., None] * self.way.motion
 
     def errors(self, t: float | np.ndarray, hand: HandMotion, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the hand's errors at times t [s], from which a control law computes forces, and their rates,
-        (*t.shape, m).
+        """Return the errors of the hand's pose, from which a control law computes forces, and the errors' rates.
 
-        Position errors are differences; the orientation error is `rotation_left`.
+        Both are (*t.shape, m): differences of positions, and `rotation_left` as the error of the orientation.
 
         Args:
             t: Times [s], (...,).
@@ -217,10 +217,10 @@ class _Found(NamedTuple):
 
 
 class HandSpace:
-    """Strikes in the coordinates of the hand: vectors `[x_i, x_f, D]` (2 m + 1,) of m coordinates at start and end,
-    positions and optionally orientation, and the duration.
+    """Strikes in m coordinates of the hand: its position and, if strikes prescribe it, its orientation.
 
-    The arm takes the posture with the given hand pose that is nearest to its home posture.
+    A strike is a vector `[x_i, x_f, D]`, (2 m + 1,): coordinates at the start and at the end, and the duration. The arm
+    takes the posture with the given hand pose that is nearest to its home posture.
 
     Args:
         arm: Arm in the plane or in space.
@@ -452,9 +452,9 @@ def numbers_of(space: StrikeSpace) -> str:
 def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
     """Return the default home posture of an arm in hand space [rad or m], (a,).
 
-    Candidates have joints at the middle of the arm's default bounds, or one or two steps of 45 degrees (or a fifth of
-    the range, if less) to either side. The best has the largest product of the Jacobian's smallest singular value and
-    the hand's forward distance; of several, the one nearest to the middle.
+    Candidates have joints at the middle of the arm's default bounds, or one or two steps to either side: 45 degrees
+    each, or a fifth of the joint's range if that is less. The best has the largest product of the Jacobian's smallest
+    singular value and the hand's forward distance; of several, the one nearest to the middle is taken.
 
     Args:
         arm: The arm.

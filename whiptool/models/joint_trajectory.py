@@ -283,8 +283,8 @@ def free_hand(turned: np.ndarray) -> SpatialArm:
 def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
     """Return a virtual arm for a sequence of hand poses, and its joint positions [m, rad], (S, 6), without jumps.
 
-    Rotations are relative to that of the 24 rotations of a cube that keeps them farthest from gimbal lock; if none
-    avoids it, relative to these rotations of the hand's mean orientation.
+    With all joints at 0, the arm's hand has one of the 24 orientations of a cube, chosen such that the poses stay
+    farthest from gimbal lock. If none is far enough, the cube is rotated to the hand's mean orientation.
 
     Args:
         poses: Position [m] and unit quaternion (x, y, z, w) of the hand in the base's frame, (S, 7).

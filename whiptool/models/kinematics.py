@@ -43,13 +43,14 @@ def rotation_left(wanted: np.ndarray, present: np.ndarray) -> np.ndarray:
 
 
 def skew(vector: np.ndarray) -> np.ndarray:
-    """Return the matrices (..., 3, 3) of vectors (..., 3): `skew(a) @ b` is a x b."""
+    """Return the cross-product matrices (..., 3, 3) of vectors (..., 3): `skew(a) @ b` is a x b."""
     return np.cross(np.eye(3), vector[..., None, :])
 
 
 def turning(vector: np.ndarray) -> np.ndarray:
-    """Return the matrix from a rotation vector's rate to the angular velocity, the left Jacobian of SO(3), (..., 3,
-    3)."""
+    """Return the left Jacobians of SO(3), (..., 3, 3), at rotation vectors (..., 3) [rad]: they map the rate of a
+    rotation vector to the angular velocity.
+    """
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     K = skew(vector)
     small = angle < 1e-4
@@ -159,7 +160,7 @@ def arm_poses(arm: SpatialArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def joint_points(model: Model, q: np.ndarray) -> np.ndarray:
-    """Return the positions of shoulder, joints and tip [m], (..., n + 1, 2), for joint positions q (..., n).
+    """Return the positions of all joints, shoulder first, and of the tip [m], (..., n + 1, 2), for angles q (..., n).
 
     In space they are those of the arm's a joints, the hand and the N nodes, (..., a + 1 + N, 3).
     """
@@ -176,13 +177,13 @@ def chain_motion(model: Model, q: np.ndarray, v: np.ndarray | None = None) -> tu
 
     Args:
         model: Model with an arm of a joints, and a whip of N nodes, in d dimensions.
-        q: Joint positions: behind the arm's, those of universal nodes x1, y1, x2, y2, ..., (..., a + 2 N), or the
-            directions of rods in the world, unit vectors (3,) one after the other, (..., a + 3 N); in the plane those
-            of hinges, (..., a + N).
+        q: Joint positions of the arm, then of the whip: in the plane the angles of its hinges, (..., a + N); in space
+            the angles x1, y1, x2, y2, ... of universal joints, (..., a + 2 N), or unit vectors along rods in the
+            world's axes, (..., a + 3 N).
         v: Rates of q, in the same shape; default: at rest.
 
     Returns:
-        Positions [m] and velocities [m/s], (..., a + 1 + N, d): those of the joints, the hand, the nodes; last the tip.
+        Positions [m] and velocities [m/s], (..., a + 1 + N, d): joints, hand, nodes; the last is the tip.
     """
     v = np.zeros_like(q) if v is None else v
     if model.dimension == 2:
@@ -239,7 +240,7 @@ def whip_places(model: Model, origin: np.ndarray, rotation: np.ndarray, q: np.nd
 def hinged_frames(
     hand: MovingFrame, lengths: np.ndarray, hinges: Sequence[Sequence[float]], q: np.ndarray, v: np.ndarray
 ) -> list[MovingFrame]:
-    """Return the frame at each of N nodes on hinges.
+    """Return the frames at the N nodes of a whip whose links are connected by hinges.
 
     Args:
         hand: The frame of the hand, for states of any shape (...).
@@ -330,7 +331,7 @@ class Postures(NamedTuple):
 
     Args:
         q: Joint positions [rad or m], (..., a).
-        slopes: Derivatives of q by displacement and rotation of the hand, (..., a, m).
+        slopes: Derivatives of q by displacement and rotation of the hand in its m coordinates, (..., a, m).
         missed: Remaining distance of the hand from the pose [m or rad], (...,); infinite if no solution was found.
     """
 
@@ -421,7 +422,7 @@ class HandKinematics:
         return self.rows @ self.motion(q).jacobian
 
     def left(self, at: HandMotion, pose: HandPose) -> np.ndarray:
-        """Return the displacement and rotation vector from the hand to poses, (..., m)."""
+        """Return the displacement and the rotation vector from the hand's present pose to the desired one, (..., m)."""
         left = pose.place - at.position
         if pose.rotation is not None:
             turn = rotation_vector(pose.rotation @ np.swapaxes(at.rotation, -1, -2))
@@ -454,7 +455,7 @@ class HandKinematics:
     def settle(self, pose: HandPose, q: np.ndarray, multipliers: np.ndarray | None = None) -> Postures:
         """Return the joint positions near q (..., a) at which the hand is at the given poses, found by Newton's method.
 
-        It starts with Lagrange multipliers (..., m) of the poses; default: those that suit q.
+        The iteration starts with Lagrange multipliers (..., m) of the poses; default: those that suit q.
         """
         held = multipliers
         if held is None:  # those that come nearest to holding the postures away from the given one
@@ -468,8 +469,8 @@ class HandKinematics:
         return Postures(q, slopes, missed)
 
     def spins(self, x: np.ndarray) -> np.ndarray:
-        """Return the matrix from the coordinates' rates to the hand's velocity and angular velocity at x (..., m),
-        (..., m, m).
+        """Return, at coordinates x (..., m), the matrices (..., m, m) that map the coordinates' rates to the hand's
+        velocity and angular velocity.
         """
         found = np.broadcast_to(np.eye(self.size), (*x.shape, self.size)).copy()
         if self.size == 6:

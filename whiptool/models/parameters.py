@@ -72,7 +72,7 @@ class ArmParameters(JointedArm):
 
     @property
     def joint_limits(self) -> tuple[JointLimits, ...]:
-        """Limits of each joint, (n,): all infinite."""
+        """Limits of each joint, (n,): infinite, since joints of a planar arm have no limits."""
         return (JointLimits(),) * self.n
 
     @property
@@ -92,7 +92,7 @@ class ArmParameters(JointedArm):
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Return the values of each of `QUANTITIES` for all links, (n,)."""
+        """Return mass, length, com, inertia and friction of all links (see `ArmLink`) by name, (n,) each."""
         return {name: self.per_link(name) for name in self.QUANTITIES}
 
     def in_space(self) -> SpatialArm:
@@ -151,7 +151,13 @@ LONGEST_NAME = 200  # [characters]
 
 @dataclass(frozen=True)
 class Model(NoArray, instead="its parameters()"):
-    """A whip in the hand of an arm, under gravity [m/s^2], in the plane or in space. `name` is only a label.
+    """A whip in the hand of an arm, in the plane or in space.
+
+    Args:
+        whip: Parameters of the whip.
+        arm: Arm in the plane (`ArmParameters`) or in space (`SpatialArm`).
+        gravity: Gravity [m/s^2].
+        name: Label, which has no effect.
 
     Raises:
         InputError: The whip's joints do not match the arm's dimension, or gravity is negative.

@@ -171,7 +171,7 @@ class WhipProfile(NoArray, instead="its numbers"):
 
 
 def lumped_from(whip: WhipParameters, *, clamped: bool = False) -> WhipProfile | None:
-    """Return the profile without bead and waves from which a whip was computed; None if there is no such profile.
+    """Return the profile without bead and waves from which `WhipProfile.lump` computes this whip; None if none does.
 
     With a geometric taper, inner neighbouring nodes differ by a factor that is the N-th root of the taper.
     """

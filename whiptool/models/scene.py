@@ -66,7 +66,8 @@ class Contact:
 
     Args:
         distance: Distance [m]; negative if they overlap.
-        instant, pair: Index of the state, and of the pair among those of the scene.
+        instant: Index of the state.
+        pair: Index of the pair in `Scene.pairs`.
         points: Nearest points of both bodies [m], (2, 3).
         normal: Unit vector from the first body to the second, (3,).
     """

@@ -72,13 +72,13 @@ _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it wa
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of a joint in rad or m, s, N m or N; infinite if there is no limit.
+    """Limits of a joint; infinite if there is no limit.
 
     Args:
-        position: Lowest and highest position.
-        velocity, acceleration, jerk: Largest magnitudes.
-        torque: Largest magnitude; of the force for a prismatic joint.
-        torque_rate: Largest magnitude of the torque's rate of change [N m/s or N/s].
+        position: Lowest and highest position [rad, or m for a prismatic joint].
+        velocity, acceleration, jerk: Largest magnitudes [rad/s, rad/s^2, rad/s^3; m instead of rad if prismatic].
+        torque: Largest magnitude of the torque [N m], or of a prismatic joint's force [N].
+        torque_rate: Largest magnitude of the rate of change of torque or force [N m/s or N/s].
 
     Raises:
         InputError: A value is NaN or not positive, or the lowest position is not below the highest.
@@ -273,7 +273,7 @@ def checked_rotation(name: str, given: object) -> Matrix:
 
 @dataclass(frozen=True)
 class JointedArm(NoArray, instead="its per_link(name)"):
-    """Base class of planar and spatial arms: rigid links in a row, each of which is moved by a named joint."""
+    """Base class of planar and spatial arms: rigid `links` in a row, each moved by a joint; `joints` are the names."""
 
     links: tuple[Any, ...]
     joints: tuple[str, ...] = ()
@@ -295,9 +295,7 @@ class JointedArm(NoArray, instead="its per_link(name)"):
 
     @property
     def subscripts(self) -> tuple[str, ...]:
-        """Subscript of each joint in the names of a strike's coordinates: `s`, `e` for shoulder and elbow; see
-        `joint_names`.
-        """
+        """Subscript of each joint in the names of a strike's coordinates, such as `s` for the shoulder."""
         return subscripts(self.joints)
 
 
@@ -374,7 +372,9 @@ class SpatialArm(JointedArm):
         return self
 
     def numbers(self) -> dict[str, np.ndarray]:
-        """Return the values of each of `QUANTITIES` for all links, flattened, and the hand's position."""
+        """Return the hand's position, and mass, com, inertia, position, friction and armature of all links (see
+        `SpatialLink`), by name, each flattened to one dimension.
+        """
         return {name: np.ravel(self.per_link(name)) for name in self.QUANTITIES} | {
             "hand_position": np.array(self.hand_position)
         }

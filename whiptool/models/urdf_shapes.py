@@ -66,10 +66,10 @@ def _positive(text: str) -> bool:
 
 
 def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) -> set[str]:
-    """Add the mass of their shapes to moving bodies of a Pinocchio model without mass; return the names of their links.
+    """Give massless moving bodies of a Pinocchio model the mass of their shapes, and return the names of their links.
 
-    Links that are fixed to a link with mass may be mere frames; they get no mass. The mass is that of the collision
-    shapes or, without these, of the visual ones; of meshes if their files exist.
+    Links that are fixed to a link with mass may be mere frames; they get no mass. Collision shapes are used or, without
+    these, visual shapes; meshes only if their files exist.
 
     Args:
         model: Pinocchio model, which is changed in place.

@@ -24,7 +24,7 @@ class JointKind:
     Args:
         dimension: 2 in the plane, 3 in space.
         hinges: Axes of a node's hinges in order, in its frame; none: a rod, which can take any direction.
-        joints: A node's degrees of freedom.
+        joints: Number of a node's degrees of freedom.
         endings: Suffix of the name of each of a node's coordinates in a trajectory.
         unit: Unit of these coordinates.
         absent: Quantities of a whip that such joints do not have.
@@ -171,8 +171,8 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         return array  # (N,)
 
     def per_joint(self, name: str) -> np.ndarray:
-        """Quantity `name` of every joint axis, (N,) in the plane or (2 N,) in space, where both axes of a node are
-        equal.
+        """Quantity `name` of every joint axis, (N,) in the plane or (2 N,) in space, where both axes of a node have the
+        same value.
         """
         return np.repeat(self.per_node(name), self.kind.joints)
 
