@@ -273,8 +273,11 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{_DEEPEST}}}")  # toml
 
 
 def build_from(cls: type, table: object, place: str, **ready):
-    """Return `cls(**table, **ready)`; unknown or missing keys and values that are not allowed are named with
-    `place`."""
+    """Return `cls(**table, **ready)` for a dataclass `cls` and a table of its fields.
+
+    Raises:
+        InputError: A key is unknown or missing, or a value is not allowed; the message names it, preceded by `place`.
+    """
     if not isinstance(table, Mapping):
         raise InputError(place.rstrip("."), table, "a table")
     names = {f.name: f for f in dataclasses.fields(cls)}

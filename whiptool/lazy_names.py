@@ -25,7 +25,7 @@ class _Package(ModuleType):
 
 
 def doors_aside(package: str, names: Mapping[str, str]) -> None:
-    """Make the names of a package refer to its functions even after modules with the same names have been imported."""
+    """Keep the given names of a package bound to its functions when modules of the same names are imported."""
     module = sys.modules[package]
     module.__class__ = _Package
     module._functions = frozenset(names)  # pyrefly: ignore[missing-attribute]

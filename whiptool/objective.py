@@ -143,7 +143,7 @@ class Outcome(ArrayLike):
 
 @dataclass(frozen=True)
 class Trial(NoArray, instead="its strike or outcome"):
-    """One strike and its outcome, numbered from 1."""
+    """One strike of a search, as a vector, with its outcome; `number` counts the search's strikes from 1."""
 
     number: int
     strike: tuple[float, ...]

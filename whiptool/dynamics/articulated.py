@@ -21,7 +21,14 @@ Axis = tuple[float, float, float]
 
 
 class Link(NamedTuple):
-    """A link of a whip along -z of its frame, with the same inertia about all axes; units as in `Chain`."""
+    """A link of a whip along -z of its frame, with the same inertia about all axes.
+
+    Args:
+        length, mass: Length [m] and mass [kg].
+        com: Distance of the centre of mass from the link's joint [m].
+        inertia: Moment of inertia about the centre of mass [kg m^2].
+        drag, drag_ratio: Air drag at the far end, see `WhipParameters`.
+    """
 
     length: ca.SX
     mass: ca.SX
@@ -99,7 +106,13 @@ def turn(axis: Axis, angle: ca.SX) -> ca.SX:
 
 
 class SpatialFrame(NamedTuple):
-    """Frame in which a link begins: orientation, angular velocity, velocity and position; vectors are (3, 1)."""
+    """Frame in which a link begins; vectors are (3, 1), in the world's axes.
+
+    Args:
+        turned: Orientation.
+        speed: Angular velocity [rad/s].
+        velocity, place: Velocity [m/s] and position [m] of the origin.
+    """
 
     turned: Turned
     speed: ca.SX
@@ -128,11 +141,15 @@ class SpatialFrame(NamedTuple):
 
 
 class SpatialMoving(NamedTuple):
-    """Motion of a link, in the world's axes.
+    """Motion of a link on K hinges; vectors are (3, 1), in the world's axes.
 
-    `r` and `com` lead from its joint to its far end and its centre of mass; these have the centripetal accelerations
-    `centripetal` and `com_centripetal`, and `com_twist` is the moment of the latter about the joint. `turning` is the
-    angular acceleration due to the hinges' own speeds, `drag` the drag on the far end, `axes` (3, K) the hinges' axes.
+    Args:
+        r, com: Vectors from the link's joint to its far end and to its centre of mass [m].
+        centripetal, com_centripetal: Centripetal accelerations of these two points [m/s^2].
+        com_twist: Moment of `com_centripetal` about the joint, per mass [m^2/s^2].
+        turning: Angular acceleration at constant speeds of the hinges [rad/s^2].
+        drag: Air drag on the far end [N].
+        axes: Axes of the hinges, (3, K).
     """
 
     r: ca.SX
@@ -156,10 +173,11 @@ class SpatialMoving(NamedTuple):
 
 
 class SpatialCarried(NamedTuple):
-    """Inertia and load on a link's end, as a function of the link's angular acceleration alpha and the end's
-    acceleration a.
+    """Inertia and load that a link's end carries, as an affine function of two accelerations.
 
-    Moment `J alpha + H a + moment`, force `H^T alpha + M a + force`.
+    For the link's angular acceleration alpha [rad/s^2] and the end's acceleration a [m/s^2], the end has to exert the
+    moment `J alpha + H a + moment` [N m] and the force `H^T alpha + M a + force` [N]. Matrices are (3, 3), vectors (3,
+    1).
     """
 
     J: ca.SX = ca.SX.zeros(3, 3)
@@ -264,7 +282,7 @@ def drag_force(link: Link, velocity: ca.SX, down: ca.SX) -> ca.SX:
 
 
 def inward(carried: SpatialCarried, moving: SpatialMoving, link: Link) -> SpatialCarried:
-    """Return the inertia and load on a link's hinges: those of the link and those on its far end."""
+    """Return the inertia and load on a link's hinges: those of the link, and `carried` on its far end."""
     body = link.mass * ca.densify(ca.SX.eye(3))
     M, H, force = carried.M, carried.H, carried.force - moving.drag
     if link.is_point_mass:  # joins what the end carries

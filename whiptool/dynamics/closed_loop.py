@@ -60,7 +60,7 @@ class HandNow(NamedTuple):
 
     Args:
         place: Position (3, 1) [m].
-        turned: Rotation matrix, column by column (9, 1), or empty.
+        turned: Rotation matrix, column by column (9, 1); empty if the control law does not need it.
         jacobian: Angular and linear velocity of the hand per unit of the joints' speeds, angular first, (6, a).
     """
 
@@ -70,7 +70,7 @@ class HandNow(NamedTuple):
 
 
 class ClosedLoop(System):
-    """Strike, controller, arm and whip of one structure: the arm's controller drives the whip.
+    """Equations of motion of arm and whip, with a controller that makes the arm follow a strike, for one `Structure`.
 
     The input is the torque that a sampled controller holds (a, 1), or the accelerations of prescribed joints (a, 1), or
     empty if the controller is continuous.
@@ -256,8 +256,9 @@ class ClosedLoop(System):
     # What drives the whip
 
     def hand(self, q: ca.SX, v: ca.SX, u: ca.SX, before: ca.SX, share: ca.SX | None = None) -> Hand:
-        """Return the frame in which the whip begins, the far ends of the arm's links, and the arm's motion, for its q
-        and v (a, 1) and the input u (n_inputs, 1).
+        """Return the frame in which the whip begins, the far ends of the arm's links, and the arm's motion.
+
+        The arguments are those of `System.hand`; the drive is the arm.
         """
         arm, posture, gravity = self.arm, self.arm.posture(q), self.parameters["gravity"]
         share = ca.SX(1) if share is None else share
@@ -283,8 +284,9 @@ class ClosedLoop(System):
     def react(
         self, now: Instant, before: ca.SX | None, motion: ArmMotion | LedMotion, carried: SpatialCarried
     ) -> Reaction:
-        """Return the motion of the controlled arm under the load of the whip; its joint accelerations are solved
-        together.
+        """Return the motion of the controlled arm under the load of the whip, as `System.react`.
+
+        One linear system gives the accelerations of all its joints.
         """
         if isinstance(motion, LedMotion):
             return self._led(now, motion, carried)
@@ -339,10 +341,10 @@ class ClosedLoop(System):
 
     @cached_property
     def whip_balance(self) -> ca.Function:
-        """Static balance of the resting whip at q (n,): `whip_balance(q, p, dq, dp)`.
+        """Function `whip_balance(q, p, dq, dp)`: static balance of a whip at rest at q (n,), with parameters p (P,).
 
-        It returns the gradient of the potential energy by the whip's own joints (n - a,), and the change of that
-        gradient along dq (n,) and dp (P,). For rods, the gradient is by rotation: three torques each.
+        It returns the gradient of the potential energy by the whip's own joints (n - a,), which is zero in equilibrium,
+        and the change of that gradient along dq (n,) and dp (P,). The gradient by a rod's rotation is three torques.
         """
         q, slope = self._whip_slopes
         dq, dp = ca.SX.sym("dq", self.n), ca.SX.sym("dp", self.p.numel())

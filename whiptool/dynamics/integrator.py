@@ -55,7 +55,7 @@ def damping_gain(chain: Chain, v: ca.SX) -> ca.SX:
 
 
 def predicted(q: ca.SX, v: ca.SX, k1: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the positions and velocities at which the integrator's second stage is evaluated."""
+    """Return positions and velocities of the second stage, for accelerations k1 of the first and a step h [s]."""
     return q + h * v, v + h * k1
 
 

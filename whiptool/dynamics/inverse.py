@@ -43,9 +43,7 @@ class Pull(NamedTuple):
 
 
 class Felt(NamedTuple):
-    """Load on the previous link: moment [N m] and force [N], (3, 1) each, and the twist of rods (2, 1), of hinges (0,
-    1).
-    """
+    """Load on the previous link: moment [N m] and force [N], (3, 1) each, and `twist` as from `System.twist`."""
 
     moment: ca.SX
     force: ca.SX
@@ -53,7 +51,12 @@ class Felt(NamedTuple):
 
 
 def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
-    """Return the frame in which the whip begins and its acceleration, for the arm's joints q, v, qdd (a, 1)."""
+    """Return the frame in which the whip begins and its acceleration.
+
+    Args:
+        loop: Loop of a structure in space.
+        q, v, qdd: Positions, speeds and accelerations of the arm's joints, (a, 1).
+    """
     a = loop.n_drive
     motion = loop.arm.motion(q, v, loop.parameters["gravity"], [])
     moves = motion.drift + ca.mtimes(motion.jacobian, qdd)
@@ -61,8 +64,13 @@ def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
 
 
 def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca.SX) -> tuple[Reached, Pull]:
-    """Return the frame at the far end of a link and the link's contribution, for its coordinates (K, 1) and parameters
-    w.
+    """Return the frame at the far end of a link, with its accelerations, and the link's contribution.
+
+    Args:
+        loop: Loop of a structure in space.
+        at: Frame in which the link begins.
+        q, v, qdd: The link's coordinates, their speeds and their accelerations, (K, 1).
+        w: Parameters of the link, see `System.link`.
     """
     link = loop.link(w)[0]
     frame, moving, passive, _ = loop.move_link(at.frame, q, v, w, ca.SX(0), None)
@@ -141,7 +149,7 @@ def slopes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of all torques by accelerations, speeds and positions, (n, n) each, for a model in space.
 
-    Each of the N links has two coordinates, and its two torques are conjugate to the rotations by these.
+    Each of the N links has two coordinates, and two torques that do work on the rotations by these coordinates.
 
     Args:
         loop: Loop of a structure in space.

@@ -25,8 +25,8 @@ class Linearisation:
     """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m] in
     addition to those that hold the posture.
 
-    A rod has two deviations: rotations towards its x and y axes, where its frame is the world's after the smallest
-    rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
+    A rod has two deviations: rotations towards the x and y axes of its frame. This frame is the world's, rotated by the
+    smallest rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
 
     Args:
         M: Mass matrix [kg m^2], (n, n).
@@ -241,7 +241,10 @@ def explicit_timestep(model: Model) -> float:
 def stepped(
     model: Model, controller: Controller, *, free: Sequence[str] = (), timestep: float | None = None
 ) -> Structure:
-    """Return the structure of a model and controller with the cheaper integration method.
+    """Return the structure of a model and controller, with the integration method that needs less time.
+
+    It is the classical Runge-Kutta method under position control, if that is stable at this step; else a Rosenbrock-W
+    method.
 
     Args:
         model, controller, free: As in `Structure.of`.

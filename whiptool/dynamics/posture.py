@@ -87,7 +87,7 @@ def _newton_step(structure: Structure, q: np.ndarray, p: np.ndarray) -> np.ndarr
 
 
 def start_derivative(model: Model, structure: Structure, q: np.ndarray, p: np.ndarray, dp: np.ndarray) -> np.ndarray:
-    """Return the change of the start postures q (B, n) along changes dp (B, P) of the parameters p (B, P): (B, n).
+    """Return the changes (B, n) of the start postures q (B, n) if the parameters p (B, P) change by dp (B, P).
 
     A bent whip stays in equilibrium: `H dq_whip = -(change of the energy's gradient)`, with H the energy's Hessian.
     """

@@ -143,8 +143,9 @@ def outward(frame: RodFrame, d: ca.SX, rate: ca.SX, link: Link, before: ca.SX | 
 
 
 def half_square(u: Any) -> tuple[Any, Any]:
-    """Return half the square of a bending angle, `w(u)` of `u = 1 - cos(angle)`, and dw/du; of expressions or
-    arrays."""
+    """Return half the square of a bending angle, `w(u)` with `u = 1 - cos(angle)`, and dw/du; u is an expression or an
+    array.
+    """
     return u * (1 + u * (1 / 6 + 2 / 45 * u)), 1 + u * (1 / 3 + 2 / 15 * u)
 
 
@@ -201,8 +202,11 @@ def torques_and_gain(
 
 
 def torque_of(torques: ca.SX, twist: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return a joint's torque (3, 1) and the twist (2, 1) for the previous joint; `twist` (2, 1) is the spin of the
-    first rod and the torque along this one.
+    """Return a joint's torque on its rod (3, 1) [N m], and the twist for the previous joint (2, 1).
+
+    Args:
+        torques: Torques of the joint as from `torques_and_gain`, (4, 3).
+        twist: Spin of the first rod [rad/s] and torque along this rod [N m], (2, 1).
     """
     found = ca.mtimes(torques, ca.vertcat(1, twist))
     return found[:3], ca.vertcat(twist[0], found[3])

@@ -33,7 +33,7 @@ class ArmPosture(NamedTuple):
 
     Args:
         motions: Spatial velocity of each joint per unit of its speed, (6, 1), angular first.
-        turned, places: Orientation and position of each link.
+        turned, places: Orientation and position (3, 1) [m] of each link's frame.
         hand, hand_turned: Position (3, 1) [m] and orientation of the hand.
     """
 

@@ -130,21 +130,34 @@ def arm_column(name: str) -> tuple[str, int]:
 class Structure:
     """The properties of a model and controller that decide which terms the generated code has; all other properties are
     parameters.
+
+    Args:
+        n_arm, n_whip: Number of joints of the arm and of nodes of the whip.
+        law, gains: Kind of the control law, and name and length of each of its parameters.
+        optional: Names of the whip's optional quantities that have terms, such as `drag`.
+        feedforward: Whether the controller has a feedforward.
+        limits: Number of torque limits: 0, 1 for all joints, or one for each.
+        held: Whether the torque is held for a control period.
+        compensated: Whether gravity compensation uses masses other than the model's.
+        joints: Kind of the whip's joints.
+        arm: Properties of an arm in space; None: planar.
+        explicit: Whether steps are those of the classical Runge-Kutta method.
+        hand: Number of coordinates of the hand that the law controls; 0: it controls the joints.
     """
 
     n_arm: int
     n_whip: int
     law: str
-    gains: tuple[tuple[str, int], ...]  # names and lengths of the law's numbers
+    gains: tuple[tuple[str, int], ...]
     optional: tuple[str, ...] = ()  # of PER_NODE, drag_ratio, hinge_mass
     feedforward: bool = False
-    limits: int = 0  # of the torque: none, one for all joints, or one each
-    held: bool = False  # the torque is held for a control period
-    compensated: bool = False  # gravity compensation uses other masses
-    joints: str = "hinge"  # of the whip
-    arm: ArmShape | None = None  # of an arm in space
-    explicit: bool = False  # steps are the classical Runge-Kutta method's, for joints on their reference
-    hand: int = 0  # coordinates of the hand that the law is of; none: it is of the joints
+    limits: int = 0
+    held: bool = False
+    compensated: bool = False
+    joints: str = "hinge"
+    arm: ArmShape | None = None
+    explicit: bool = False
+    hand: int = 0
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
@@ -276,9 +289,12 @@ LUMPED = ("l", "m", "k", "b", "rest_angle", "drag", "hinge_mass")  # what a prof
 
 
 def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[str, dict[str, np.ndarray]]:
-    """Return the derivatives of the N nodes' parameters by each parameter of a profile.
+    """Return the derivatives of a whip's node parameters by each parameter of its profile.
 
-    They are found by both names, such as `["profile.length"]["whip.l"]`: (N,) each, and (1,) for `whip.hinge_mass`.
+    The result is nested by both names: `["profile.length"]["whip.l"]` is (N,), for `whip.hinge_mass` (1,).
+
+    Args:
+        profile, N, clamped: Profile, number of nodes and option as in `WhipProfile.lump`.
     """
     jacobians = [J.full() for J in lumping(N, clamped)[1](np.array([*profile.numbers.values()]))]
     return {
@@ -289,10 +305,10 @@ def profile_slopes(profile: WhipProfile, N: int, clamped: bool = False) -> dict[
 
 @lru_cache(maxsize=8)
 def lumping(N: int, clamped: bool = False) -> tuple[ca.Function, ca.Function]:
-    """Return a profile's node parameters, the blocks of `LUMPED`, as a function of its parameters, and their Jacobians.
+    """Return two functions of a profile's parameters: the parameters of its N nodes, and their Jacobians.
 
-    Both functions take one vector, in the order of the profile's fields. If the whip is clamped, the hinge has its
-    share of the bending stiffness.
+    Both take one vector in the order of `WhipProfile.numbers`, and return one matrix for each entry of `LUMPED`. If the
+    whip is clamped, the hinge has its share of the bending stiffness.
     """
     z = ca.SX.sym("profile", len(PROFILE))
     blocks = lump(dict(zip(PROFILE, ca.vertsplit(z), strict=True)), N, clamped=clamped, constant=ca.DM)

@@ -182,9 +182,16 @@ class System(ABC):
     def move_link(
         self, frame: Any, q: ca.SX, v: ca.SX, w: ca.SX, h: ca.SX, before: ca.SX | None
     ) -> tuple[LinkFrame, SpatialMoving, ca.SX, ca.SX]:
-        """Return the frame at a link's end, the link's motion, its joint's torques, and the inertia that the integrator
-        adds, in this stage. The last two are (K, 1) for K hinges, and (4, 3), see `rods.torques_and_gain`, and (1, 1)
-        for a rod.
+        """Return, in a stage of a step, the frame at a link's end, the link's motion, its joint's torques, and the
+        inertia that the integrator adds.
+
+        With K hinges the last two are (K, 1); for a rod they are (4, 3), see `rods.torques_and_gain`, and (1, 1).
+
+        Args:
+            frame: Frame in which the link begins.
+            q, v: The link's coordinates and their speeds, (K, 1), for a rod (3, 1).
+            w, h: Parameters of the link, see `link`, and the step [s].
+            before: In the second stage, the accelerations of q in the first; else None.
         """
         link, joint = self.link(w)
         h = ca.SX(0) if self.explicit else h
@@ -224,8 +231,14 @@ class System(ABC):
     def carry_link(
         self, carried: Any, moving: SpatialMoving, w: ca.SX, torque: ca.SX, armature: ca.SX, twist: ca.SX
     ) -> tuple[Carried, SpatialJoint | RodJoint | TautJoint, ca.SX]:
-        """Return the inertia and load of this link on the previous link, this joint's coefficients, and the twist for
-        the previous link.
+        """Return the inertia and load on the previous link, the coefficients of this link's joint for
+        `accelerate_link`, and the twist for the previous link.
+
+        Args:
+            carried: Inertia and load on this link's far end.
+            moving, torque, armature: Motion, torques and added inertia of the link, from `move_link`.
+            w: Parameters of the link, see `link`.
+            twist: Twist that this method returned for the next link, or for the last link `twist`.
         """
         if not self.hinges:
             torque, twist = rods.torque_of(torque, twist)
@@ -413,7 +426,7 @@ class System(ABC):
 
     @cached_property
     def columns(self) -> _Columns:
-        """Records and their stored columns, followed along the whip until the stored entries do not change."""
+        """The entries that the compiled code stores of each kind of record (see `Stored`), the same for all links."""
         s = self._symbols
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"])
 

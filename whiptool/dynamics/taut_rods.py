@@ -50,10 +50,11 @@ class TautJoint(NamedTuple):
     """Coefficients of a rod for `accelerate`.
 
     Args:
-        mass, pull: Mass and force along the rod.
-        push: Force across the rod and on its end, (3, 1).
-        kappa, beyond: Mass that the next rod adds to the end: `kappa`, along the direction `beyond` (3, 1).
-        per_mass, per_length: Inverse of mass and of length.
+        mass, pull: The force along the rod is `mass` [kg] times its joint's acceleration along it, plus `pull` [N].
+        push: Other forces on the rod's end [N], (3, 1).
+        kappa, beyond: Direction of the next rod, `beyond` (3, 1); `kappa` is the mass that it adds along this direction
+            as a fraction of its sum with the rod's mass.
+        per_mass, per_length: Inverse of the rod's mass [1/kg] and of its length [1/m].
     """
 
     mass: ca.SX

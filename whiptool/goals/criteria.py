@@ -60,7 +60,8 @@ class Criterion(ABC):
 
     Args:
         name: Name on the command line.
-        words: Description, with the unit.
+        words: Description.
+        unit: Unit of its values.
         largest: Whether larger is better.
         of_torques: Whether the criterion is computed from torques, which are unknown for an arm of unknown inertia.
     """

@@ -106,7 +106,7 @@ class Goals(NoArray, instead="its positions"):
         return replace(self, **{name: None if x is None else x[which] for name, x in self._arrays().items()})
 
     def with_rows(self, which: np.ndarray, new: Goals) -> Goals:
-        """Return the goals with some replaced by `new` (b), given by a mask (B,) or by indices (b,)."""
+        """Return the goals with b of them, given by a mask (B,) or by indices (b,), replaced by the goals `new`."""
         changed = {name: None if x is None else x.copy() for name, x in self._arrays().items()}
         for name, x in new._arrays().items():
             into = changed[name]

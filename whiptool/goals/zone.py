@@ -317,7 +317,10 @@ class Region(Zone):
 def random_paths(
     rollout, bounds: StrikeBounds, count: int, rng: np.random.Generator, *, rate: float
 ) -> Iterator[np.ndarray]:
-    """Yield the tip paths of random strikes, up to 4096 at a time: (b, S, d) [m] at `rate` [Hz], then NaN."""
+    """Yield the tip paths (b, S, d) [m] of `count` random strikes, up to 4096 at a time.
+
+    Paths are sampled at `rate` [Hz]; after the end of a strike they are NaN.
+    """
     for first in range(0, count, 4096):
         strikes = bounds.sample(rng, min(4096, count - first))
         yield rollout.tip_path(strikes, t_stay=T_STAY, rate=rate)[1]

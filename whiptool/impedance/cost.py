@@ -14,7 +14,10 @@ from whiptool.models.trajectory import Trajectory
 
 @dataclass(frozen=True, repr=False)
 class Cost:
-    """`J = J_c + J_p` (Eq. 5): cost of the impedance (Eq. 6), and change of the error's energy (Eq. 7)."""
+    """Cost of a strike, `J = J_c + J_p` (Eq. 5).
+
+    `J_c` is the cost of the impedance (Eq. 6), and `J_p` the change of the error's energy (Eq. 7).
+    """
 
     J_c: float
     J_p: float

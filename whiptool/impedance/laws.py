@@ -18,8 +18,10 @@ from whiptool.words import as_named
 
 @runtime_checkable
 class Law(Protocol):
-    """A control law: stiffness and damping from tracking errors, `tau = K e + B de` (Eq. 2). A frozen dataclass of
-    numbers.
+    """A control law: it gives stiffness K and damping B from tracking errors e and their rates de.
+
+    The torque is `tau = K e + B de` (Eq. 2). Laws are frozen dataclasses, and their fields are the parameters; `kind` is
+    the name of a law.
     """
 
     kind: ClassVar[str]
@@ -40,7 +42,7 @@ class Law(Protocol):
         ...
 
     def sizes(self, n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()` for an arm of n joints; here one number each, whatever the arm."""
+        """Names and lengths of `parameters()` for an arm of n joints; by default each is a single number."""
         return dict.fromkeys(self.parameters(), 1)
 
     def parameters(self) -> dict[str, np.ndarray]:
@@ -48,7 +50,7 @@ class Law(Protocol):
         return {f.name: np.ravel(getattr(self, f.name)) for f in fields(self)}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> Self:
-        """Return the same law with other values of its `parameters`; here of laws with one number each."""
+        """Return the same law with other values of its `parameters`; by default each is a single number, (1,)."""
         return type(self)(**{name: float(x[0]) for name, x in numbers.items()})
 
 

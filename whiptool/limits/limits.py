@@ -142,7 +142,9 @@ class Smooth(Protocol):
 class Limits(ABC):
     """Limits that a strike has to keep: `MotorLimits`, the `ArmLimits` of joints, `Clearance`.
 
-    `judges` names them, and `by_peaks` is true if the peak values of a strike suffice to check it.
+    Attributes:
+        judges: Name of the limits in the outcome of a refused strike, such as `joint`.
+        by_peaks: Whether the peak values of a strike suffice to check it.
     """
 
     judges: ClassVar[str]

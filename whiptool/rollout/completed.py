@@ -15,7 +15,10 @@ from whiptool.models.trajectory import Trajectory
 
 
 class States(NamedTuple):
-    """States of a strike at T instants, see `Trajectory`; `tip` is the tip's path and velocity, None: not known."""
+    """Times, joint positions, joint velocities and torques of a strike at T instants, as in `Trajectory`.
+
+    `tip` is the tip's positions [m] and velocities [m/s], (T, d) each; None: not known.
+    """
 
     t: np.ndarray
     q: np.ndarray

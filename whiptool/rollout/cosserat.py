@@ -171,8 +171,12 @@ class CosseratWhip:
         return TipPaths(ours.t, tip, velocity), ours
 
     def add_hanging(self, bench: Any, place: np.ndarray, h: float) -> Any:
-        """Add to a bench with time step h [s] a rod at rest below a point (3,) [m], with weight, damping and drag;
-        return it.
+        """Add a rod to a PyElastica system and return the rod; it hangs at rest, with weight, damping and drag.
+
+        Args:
+            bench: The system, a `Bench` of `whiptool.rollout.cosserat_parts`.
+            place: Position of the rod's upper end [m], (3,).
+            h: Time step [s].
         """
         profile, n = self.profile, self.elements
         element = profile.length / n

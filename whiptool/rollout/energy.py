@@ -21,8 +21,8 @@ class Energies:
 
     Args:
         t: Times [s], (T,).
-        kinetic: Kinetic energy of each arm link and each node [J], (T, a + N); a link's includes its rotor, the last
-            link's the whip's `hinge_mass`.
+        kinetic: Kinetic energy of each arm link and each node [J], (T, a + N); that of a link includes its
+            rotor, and that of the last link the whip's `hinge_mass`.
         weight: Potential energy in gravity [J], (T, a + N), zero at the base's height.
         springs: Energy in the springs of the joints [J], (T, a + N).
         work: Work done by the arm's motors so far [J], (T,).

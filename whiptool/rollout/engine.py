@@ -24,7 +24,7 @@ _IN_A_ROW = 16  # steps that CasADi takes in one call
 
 
 class InterpretedEngine:
-    """Engine that evaluates CasADi functions without compilation, with the interface of `driver.cpp`."""
+    """Engine that simulates a `Batch` by evaluating the system's CasADi functions, without compilation."""
 
     rung = "interpreter"
 

@@ -34,7 +34,7 @@ def refine(
 
     Args:
         rollout: The simulator of the strike.
-        strike, t_stay: The simulated strike.
+        strike, t_stay: The simulated strike, and the time after it that was simulated [s].
         path: Trajectory of the strike.
         target: Target of the miss distance [m].
     """

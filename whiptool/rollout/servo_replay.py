@@ -25,8 +25,8 @@ ROTOR = 0.1  # [kg m2], inertia of a geared motor seen at its joint, as MuJoCo M
 def replay_trajectory(model: Model, trajectory: JointTrajectory) -> Trajectory:
     """Return the motion of arm and whip while position servos follow a joint trajectory, at every step of MuJoCo.
 
-    Each joint has a servo with MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start. This
-    includes the inertia of a geared motor, as a servo could not hold a light wrist against the whip otherwise. The
+    Each joint has a servo with MuJoCo's law, kp (u - q) - kv v, critically damped for its inertia at the start. That
+    inertia includes a geared motor's, without which a servo could not hold a light wrist against the whip. The
     servos compensate gravity and centrifugal forces. Between the trajectory's samples they follow the quintic through
     positions, velocities and accelerations; the set point u leads by the servos' lag. The whip hangs at rest at the
     beginning.
