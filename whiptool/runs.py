@@ -143,7 +143,7 @@ class FolderTaken(InputError):
 class RunFolder:
     """The folder of one run, locked for this process until `close`.
 
-    Used as a context manager, the folder is closed at the end. If a whiptool error leaves a new folder with only the
+    As a context manager it closes itself at the end. If a whiptool error leaves a new folder with only the
     configuration, it is removed, so that the corrected command can use the same name.
 
     Args:

@@ -25,9 +25,9 @@ Vector = ca.SX | ca.DM | np.ndarray | Sequence  # (n,) of symbols or numbers
 class Chain:
     """Parameters of a planar chain of n links, each a column (n, 1) of symbols or numbers.
 
-    `length`, `mass`, `com` (along the link), `inertia` (about the centre of mass) describe links; `stiffness`,
-    `cubic_stiffness`, `rest_angle`, `damping`, `dry_friction` their joints; `drag` acts at each link's far end,
-    `drag_ratio` is a single value for all. Units as in `WhipParameters` and `ArmLink`.
+    `length`, `mass`, `com` (distance from the joint) and `inertia` (about the centre of mass) describe links;
+    `stiffness`, `cubic_stiffness`, `rest_angle`, `damping` and `dry_friction` their joints; `drag` acts at each link's
+    far end. `drag_ratio`, `friction_velocity` and `gravity` are single values. Units: see `WhipParameters`, `ArmLink`.
     """
 
     length: Vector

@@ -22,9 +22,9 @@ from whiptool.models.parameters import ArmLink, ArmParameters, Model
 
 @dataclass(frozen=True)
 class Linearisation:
-    """`M ddx + C dx + K x = tau` for small deviations x [rad] of the n joints from a posture, and torques tau [N m] in
-    addition to those that hold the posture.
+    """Equations of small motions about a posture, `M ddx + C dx + K x = tau`.
 
+    x are the deviations of the n joints from the posture [rad]; tau are torques, added to those that hold it [N m].
     A rod has two deviations: rotations towards the x and y axes of its frame. This frame is the world's, rotated by the
     smallest rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
 

@@ -31,7 +31,8 @@ _OPTIONAL = (
 class Base:
     """Prescribed motion of the point from which joint 1 hangs, and of the frame from which its angle is measured.
 
-    `angle` [rad] with its rates `omega`, `alpha`, velocity (vx, vy) [m/s] and acceleration (ax, ay) [m/s^2].
+    `angle` [rad], `omega` [rad/s] and `alpha` [rad/s^2] are the frame's; (vx, vy) [m/s] and (ax, ay) [m/s^2] are the
+    point's velocity and acceleration.
     """
 
     angle: Scalar = 0.0

@@ -459,7 +459,9 @@ class System(ABC):
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
-        """The functions of a compiled engine by name; their arguments and results are columns."""
+        """The functions of one link and of the drive that a compiled engine calls, by name; they take and return
+        records as columns of their stored entries, see `columns`.
+        """
         s, c = self._symbols, self.columns
         q, v, w, h, before = (s[name] for name in ("q", "v", "w", "h", "before"))
         hand = self.hand(s["qa"], s["va"], s["u"], s["before_a"], s["share"])

@@ -26,7 +26,7 @@ class JointKind:
         hinges: Axes of a node's hinges in order, in its frame; none: a rod, which can take any direction.
         joints: Number of a node's degrees of freedom.
         endings: Suffix of the name of each of a node's coordinates in a trajectory.
-        unit: Unit of these coordinates.
+        unit: Unit of a node's coordinates.
         absent: Quantities of a whip that such joints do not have.
     """
 

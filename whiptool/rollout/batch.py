@@ -147,7 +147,7 @@ class Engine(Protocol):
 
 
 def empty_results(batch: Batch, system: System) -> Rolled:
-    """Return arrays for the results of a batch."""
+    """Return results of a batch whose arrays have the right shapes, for an engine to fill."""
     B, n, a, d = len(batch.p), system.n, system.n_drive, system.dimension
     rolled = Rolled(np.empty((B, outcome_columns(a, d).width)))
     if batch.samples:

@@ -86,7 +86,7 @@ class Rollout(ABC):
         engine: Name of the engine or rig.
         timestep: Time step of the integrator [s].
         tolerance: Largest integration error of a distance [m], for adaptive steps; else None.
-        one_by_one: Whether strikes are costly (a rig), so that none is made that may not be needed.
+        one_by_one: Whether strikes are costly, as on a rig, and therefore made singly, each only if it is needed.
     """
 
     model: Model
