@@ -20,8 +20,8 @@ from whiptool.words import as_named
 class Law(Protocol):
     """A control law: it gives stiffness K and damping B from tracking errors e and their rates de.
 
-    The torque is `tau = K e + B de` (Eq. 2). Laws are frozen dataclasses, and their fields are the parameters; `kind` is
-    the name of a law.
+    The torque is `tau = K e + B de` (Eq. 2). Laws are frozen dataclasses; the fields are the parameters, and `kind` is
+    the name of the law.
     """
 
     kind: ClassVar[str]
