@@ -72,7 +72,7 @@ _COUNTS = {2: "two", 3: "three"}
 
 
 def partial_options(options: type[T], words: list[str]) -> T:
-    """Return the options that words give; if there are none or one is wrong, return defaults, or None without one."""
+    """Return the options that words give. Without words, or if one is wrong, return the defaults, else None."""
     if words:
         try:
             return options_from(options, words)
