@@ -435,7 +435,7 @@ def test_rods_are_linearised_at_unit_vectors_that_turn():
     with pytest.raises(InputError, match="unit vectors"):
         linearise(model, 2 * q0)
     along = np.r_[np.zeros(3), q0[3:]]
-    with pytest.raises(InputError, match="across"):
+    with pytest.raises(InputError, match="perpendicular"):
         linearise(model, q0, along)
     with pytest.raises(InputError, match="9 finite numbers"):
         linearise(model, np.zeros(model.n))

@@ -53,8 +53,10 @@ def not_importable() -> list[str]:
 
 def begun(words: list[str]) -> int | str:
     """Start a command, and return its exit status, or that it started."""
+    from whiptool.commands.cli import main_of
+
     try:
-        return importlib.import_module("whiptool.commands." + words[0]).main(words[1:])
+        return main_of(words[0])(words[1:])
     except Started:
         return "started"
 

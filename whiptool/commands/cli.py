@@ -324,7 +324,12 @@ COMMANDS = {
     "rig": "strike with a real arm, or with its simulated twin",
     "doctor": "check the installation and this machine",
 }
-_OF_PAPERS = ("reproduce", "human")  # commands in `whiptool.commands.papers`
+_MAINS = {  # module and function of commands that share a module
+    "reproduce": ("papers", "reproduce"),
+    "human": ("papers", "human"),
+    "dynamixel": ("servos", "main"),
+    "emulator": ("servos", "emulator"),
+}
 
 
 def main() -> int:
@@ -344,8 +349,8 @@ def main() -> int:
 
 
 def main_of(name: str) -> Main:
-    """Return the `main` of a command of `COMMANDS`."""
-    module, main = ("papers", name) if name in _OF_PAPERS else (name, "main")
+    """Return the `main` of a command of `COMMANDS`, or of `dynamixel` and `emulator` of `whiptool.rig`."""
+    module, main = _MAINS.get(name, (name, "main"))
     return getattr(import_module(f"whiptool.commands.{module}"), main)
 
 
