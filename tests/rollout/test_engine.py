@@ -93,8 +93,13 @@ def test_a_diverging_lane_leaves_the_others_bit_identical(name):
 
 def test_models_outside_the_structure_are_refused():
     rollout = CompiledRollout(LEMON, Controller())
-    with pytest.raises(InputError, match="all these terms"):
+    with pytest.raises(InputError, match=r"got 'optional .*; allowed: as this rollout has: optional .*all these terms"):
         rollout.approach(STRIKES_ENGINE[:2], TARGET, t_stay=0.3, models=[LEMON, everything()])
+    held = [Controller(), Controller(control_period=0.002)]
+    with pytest.raises(
+        InputError, match=r"got 'control_period 0.002'; allowed: as this rollout has: control_period None"
+    ):
+        rollout.approach(STRIKES_ENGINE[:2], TARGET, t_stay=0.3, controllers=held)
     with pytest.raises(InputError, match="shape"):
         rollout.approach(STRIKES_ENGINE[:2, :4], TARGET, t_stay=0.3)
     with pytest.raises(InputError, match="simd, scalar, interpreter"):

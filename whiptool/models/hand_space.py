@@ -467,7 +467,9 @@ def home_posture(arm: AnyArm, *, orientation: bool = False) -> np.ndarray:
         box = default_bounds(arm)
     except InputError:
         rule = f"{arm.n} joint angles, as this arm has no default bounds"
-        raise InputError("home posture", "none", rule, "give one, on the command line by --home") from None
+        raise InputError(
+            "home posture", "none", rule, "give one: HandControl(posture) in Python, --home on the command line"
+        ) from None
     low, high = (np.reshape(side[:-1], (2, arm.n)) for side in (box.lower, box.upper))  # of q_i and q_f
     low, high = low.min(axis=0), high.max(axis=0)
     middle, step = (low + high) / 2, np.minimum(_QUARTER, (high - low) / 5)

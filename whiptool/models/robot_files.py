@@ -218,7 +218,7 @@ class ArmChoice:
                 "tip",
                 "none",
                 "the name of one end, as the robot branches: " + ", ".join(ends),
-                "give --arm-tip NAME, or arm.tip in a model file",
+                "give --arm-tip NAME, arm.tip in a model file, or tip=NAME in Python",
             )
         return found[0]
 

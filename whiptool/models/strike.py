@@ -207,7 +207,7 @@ def default_bounds(arm: AnyArm | Model) -> StrikeBounds:
     if arm.n == 2:
         return StrikeBounds((-0.5 * PI, 0.0, 0.1 * PI, 0.0, _D[0]), (-0.1 * PI, 0.9 * PI, PI, 0.9 * PI, _D[1]))
     rule = f"lower and upper, {2 * arm.n + 1} numbers each (joints of the arm: {arm.n})"
-    raise InputError("bounds", "none", rule, "give --lower and --upper")
+    raise InputError("bounds", "none", rule, "give StrikeBounds(lower, upper)")
 
 
 def _bounds_of_limits(arm: AnyArm) -> StrikeBounds:

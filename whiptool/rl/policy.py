@@ -81,9 +81,7 @@ class Policy:
         if len(place) != zone.dimension:
             raise InputError("target", place, f"{zone.dimension} coordinates, as the model has")
         if not zone.contains(np.array(place)):
-            raise InputError(
-                "target", place, f"a target in the policy's zone, {zone}", "train with a wider --zone-radius"
-            )
+            raise InputError("target", place, f"a target in the policy's zone, {zone}", "train with a wider zone")
         goal = self.task.arrival.goal_of(target)
         return Strike.from_vector(first_strikes(self.learner, self.task, goal)[0])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields
 from typing import NamedTuple
 
 import numpy as np
@@ -460,14 +461,15 @@ class CompiledRollout(Rollout):
     def _check_within(self, model: Model, controller: Controller) -> None:
         expect(Model, models=model)
         expect(Controller, controllers=controller)
-        needs = Structure.of(model, controller)
-        if needs not in self.structure or controller.control_period != self.controller.control_period:
-            raise InputError(
-                "model or controller of a batch",
-                str(needs),
-                f"a model and controller with no other terms than {self.structure}",
-                "construct the rollout with a model and controller that have all these terms",
-            )
+        needs, has = Structure.of(model, controller), self.structure
+        if needs in has and controller.control_period == self.controller.control_period:
+            return
+        terms = [f.name for f in fields(needs) if getattr(needs, f.name) != getattr(has, f.name)]
+        given, allowed = (", ".join(f"{name} {getattr(x, name)}" for name in terms) for x in (needs, has))
+        if controller.control_period != self.controller.control_period:
+            given, allowed = (f"control_period {x.control_period}" for x in (controller, self.controller))
+        fix = "construct the rollout with a model and controller that have all these terms"
+        raise InputError("model or controller of a batch", given, f"as this rollout has: {allowed}", fix)
 
     def _forward_batch(
         self,
