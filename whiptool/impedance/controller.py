@@ -189,7 +189,7 @@ class Controller(NoArray, instead="its parameters()"):
         expect(ArmParameters, SpatialArm, arm=arm)
         if arm.weightless and not self.prescribed:
             given = f"unknown inertia of the links of {', '.join(arm.weightless)}"
-            fix = "take position control (--controller position), for which it does not matter, or write an <inertial> into the file"
+            fix = "take position control (--controller position), or write an <inertial> of each link into the file"
             raise InputError("arm", given, "an arm whose links' inertia is known, where torques move it", fix)
         if isinstance(self.torque_limit, tuple) and len(self.torque_limit) != arm.n:
             raise InputError("torque_limit", self.torque_limit, f"one number, or {arm.n}, one per arm joint")
