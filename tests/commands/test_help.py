@@ -55,7 +55,8 @@ def test_what_is_used_most_comes_first_in_groups(capsys):
 
 @pytest.mark.parametrize("command", ["rig", "map"])
 def test_lists_of_subcommands_are_wrapped(command, capsys):
-    assert max(map(len, said_by(f"{command} --help", capsys).splitlines())) <= 100
+    assert cli.main_of(command)(["--help"]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
 
 
 def test_the_first_screen_cuts_no_sentence(capsys):

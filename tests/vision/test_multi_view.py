@@ -235,7 +235,7 @@ def test_what_is_no_strike_of_several_cameras_is_refused():
         ([left], "recordings: got 1; allowed: two or more"),
         ([left, places], r"mocap\.csv: got 'positions'; allowed: pixels"),
         ([left, left], "recordings: got 'of the cameras left, left'; allowed: one recording of each camera"),
-        ([left, dataclasses.replace(right, strike=other)], "2 commands"),
+        ([left, dataclasses.replace(right, strike=other)], "2 different commands"),
         ([left, dataclasses.replace(right, view=turned)], "was a camera moved"),
         ([left, dataclasses.replace(right, markers=("a", "b"))], r"left\.csv: got 'no marker that two cameras saw'"),
     ):

@@ -419,7 +419,7 @@ train --direction 1 0 --arrival-angle 30 | only without --direction
 train --direction 1 0 --target 1.514 0 --zone-radius 0.01 | where arm and whip are stretched to their reach
 train --arrival-angle nan | --arrival-angle
 train --arrival-angle 90 30 | --arrival-angle: got (90.0, 30.0); allowed: an angle, or FROM TO
-train --arrival-angle 0 400 | one turn at most
+train --arrival-angle 0 400 | at most one turn apart
 train --arrival-angle 1 2 3 | --arrival-angle
 train --arrival-angle -30 30 --cone 0 | --cone
 train --arrival-angle 30 --cone 181 | --cone
@@ -567,7 +567,7 @@ adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
 adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
-adapt-next --run of-robot good.npz | a requested strike
+adapt-next --run of-robot good.npz | a strike that was planned
 adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
 identify --free | --free
 identify --free magic | --free

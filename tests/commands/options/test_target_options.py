@@ -180,7 +180,7 @@ def test_the_rule_that_options_ask_for(options, rule):
             "only without --direction",
         ),
         ({"arrival_angle": (90.0, 30.0)}, "--arrival-angle"),
-        ({"arrival_angle": (0.0, 361.0)}, "one turn at most"),
+        ({"arrival_angle": (0.0, 361.0)}, "at most one turn apart"),
         ({"arrival_angle": ()}, "--arrival-angle"),
     ],
 )

@@ -174,7 +174,7 @@ class ZoneGoalOptions(ZoneOptions):
         """
         ordered = len(angles) == 1 or (len(angles) == 2 and angles[0] < angles[1] <= angles[0] + 360)
         if not (ordered and all(map(math.isfinite, angles))):
-            allowed = "an angle, or FROM TO with FROM < TO, one turn apart at most"
+            allowed = "an angle, or FROM TO with FROM < TO, at most one turn apart"
             raise InputError("--arrival-angle", angles, allowed)
 
 
