@@ -478,7 +478,7 @@ def bare(tracks, tmp_path_factory):
         ("{bare}/none.csv", "none.csv.*exists"),
         ("{bare}/notes.txt", "one of the formats"),
         ("{bare}/broken.npz", "broken.npz"),
-        ("{bare}/tip.npz --drive joints", "measured joints"),
+        ("{bare}/tip.npz --drive joints", "measured joint angles"),
         ("{bare}/tip.npz --drive handle", "the handle among them"),
         ("{bare}/commandless.npz", "command"),
         ("{bare}/tip.npz {bare}/other.npz", "that of the other recordings"),

@@ -365,7 +365,7 @@ def test_a_whip_and_its_robots_lag_come_back_from_the_command_alone():
 def test_a_robot_in_space_has_a_command():
     t = np.arange(0, 1, 0.02)
     nothing = StrikeRecording(t, np.zeros((len(t), 1, 3)), ("tip",))
-    with pytest.raises(InputError, match="a recording that states the command"):
+    with pytest.raises(InputError, match="a recording that states its strike's command"):
         Predictor([nothing], Plant(ROBOT, Controller()), drive="robot", shared=["whip.k"])
     with pytest.raises(InputError, match="for a model in the plane"):
         Predictor([nothing], Plant(preset("lemon2024"), Controller()), drive="robot", shared=["whip.k"])

@@ -386,7 +386,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         if file.suffix.lower() in SIDECARS:
             table = "strike = {q_i = [...], q_f = [...], D = ...}"
             fix = f"write {file.with_suffix('.toml').name} next to it with {table} (angles in rad, D in s); {fix}"
-        raise InputError("recording", self.called, "a recording that states the command of its strike", fix + otherwise)
+        raise InputError("recording", self.called, "a recording that states its strike's command", fix + otherwise)
 
     def save(self, path: Path | str) -> None:
         """Write an NPZ file, without pickle.
