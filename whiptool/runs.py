@@ -207,7 +207,7 @@ class RunFolder:
             (self.path / RESULT).unlink(missing_ok=True)
 
     def write_result(self, result: Mapping) -> None:
-        """Write the result and the works to cite, each as a complete file."""
+        """Write `result.json` (JSON data without NaN) and `citations.bib`; neither is ever incomplete."""
         write_whole(self.path / CITATIONS, citations(*used_by(self.config, result)))
         write_whole(self.path / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
 

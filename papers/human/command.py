@@ -49,7 +49,7 @@ class HumanOptions(ResumableOptions):
     workers: int = 1
     """Number of processes on this machine."""
     quick: bool = False
-    """Run a small version in a minute, unless the options are given."""
+    """Run a version of a minute, with smaller numbers for the options that are not given."""
 
     def needs(self) -> tuple[str, ...]:
         return ("h5py", "statsmodels", "torch")

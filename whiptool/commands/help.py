@@ -100,7 +100,7 @@ def _lines(one: _Shown, *, short: bool) -> Iterator[str]:
     meaning = one.meaning
     if short:
         default = re.search(r" \[default: [^]]*\]$", meaning)
-        sentence = re.split(r"(?<=[a-z)\]])[.;] ", meaning, maxsplit=1)[0].rstrip(".")
+        sentence = re.split(r"(?<=[a-z)\]])(?:\. (?!\d)|; )", meaning, maxsplit=1)[0].rstrip(".")
         value = default[0] if default and default[0] not in sentence else ""
         meaning = sentence + value
     lines = textwrap.wrap(meaning, _WIDTH - _COLUMN) or [""]

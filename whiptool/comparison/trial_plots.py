@@ -128,8 +128,8 @@ def plot_rewards(
 
 
 def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
-    """Return the figures `bars`, with one panel per hit radius, and `ecdf`, with one per hit radius and observation;
-    learners with the mean action first.
+    """Return the figures `bars` (see `plot_bars`), with one panel per hit radius, and `ecdf` (see `plot_ecdf`), with
+    one per hit radius and observation. Series that are not `main` are left out.
     """
     radii = list(dict.fromkeys(one.hit_radius for one in series))
     main = [one for one in series if one.main]

@@ -47,9 +47,10 @@ def outcome_columns(a: int, dimension: int) -> Columns:
     """Return the columns of a strike's outcome in the compiled code, for `a` driven joints, in the plane or in space.
 
     The columns are the miss distance, its time, velocity and position of the tip at this time, whether the simulation
-    diverged, its last step, and the derivatives of the miss distance and of the tip's position and velocity. Each
-    driven joint adds its largest speed and torque, its lowest and highest position, its effort (the integral of the
-    squared torque by the trapezoidal rule), and the derivatives of effort and largest torque.
+    diverged, its last step, and the directional derivatives of the miss distance and of the tip's position and
+    velocity along one direction of the inputs. Each driven joint adds its largest speed and torque, its lowest and
+    highest position, its effort (the integral of the squared torque by the trapezoidal rule), and the directional
+    derivatives of effort and largest torque.
     """
     sizes = {
         "distance": 1,

@@ -90,7 +90,9 @@ class MovingFrame(NamedTuple):
         return self._replace(rotation=self.rotation @ rotation_about(axis, q), spin=spin)
 
     def slid(self, axis: Sequence[float], q: np.ndarray, v: np.ndarray) -> MovingFrame:
-        """Return the frame after a prismatic joint along an axis (3,) at positions q [m] and speeds v [m/s], (...)."""
+        """Return the frame after a prismatic joint along an axis (3,), given in this frame's axes, at positions q
+        [m] and speeds v [m/s], (...).
+        """
         along = self.rotation @ np.asarray(axis, float)
         moved = along * q[..., None]
         velocity = self.velocity + np.cross(self.spin, moved) + along * v[..., None]

@@ -139,7 +139,7 @@ class ArmChoice:
             raise InputError("tip", self.tip, "the name of a link, body or site")
         if self.moving is not None:
             if isinstance(self.moving, str) or not all(isinstance(name, str) for name in self.moving):
-                raise InputError("moving", self.moving, "names of joints")
+                raise InputError("moving", self.moving, "a list of joints' names")
             object.__setattr__(self, "moving", tuple(self.moving))
         if not isinstance(self.locked, Mapping):
             raise InputError("locked", self.locked, "positions of joints in rad or m by the joints' names")

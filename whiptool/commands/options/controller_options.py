@@ -38,9 +38,9 @@ class LawOptions(OptionGroup):
     only_with: ClassVar[Conditions] = {"preset": (_NOT_IN_FILE, _NOT_POSITION)}
 
     controller: LawName | None = None
-    """Control law (default: oiac, which is online impedance adaptation, position for arms in space, constant for
-    nah2023). With position the joints follow the commanded path exactly, as those of stiff robots do. A TOML file has a
-    table [controller], as config.toml of a run has."""
+    """Control law: oiac (adapts the impedance online, default in the plane), constant (default of nah2023) or position
+    (default in space). With position the joints follow the commanded path exactly, as those of stiff robots do. A TOML
+    file has a table [controller], as config.toml of a run has."""
     preset: Preset | None = None
     """Parameters of the control law. OIAC: printed (the paper's a = 0.2) or table4 (fitted to the errors of Table 4);
     default: table4. Constant impedance: nah2020 (Eq. 22), nah2023, ur5e or panda; default: that of the model, otherwise

@@ -96,8 +96,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     model: ModelName = "lemon2024"
     """Model at which the fit starts: a preset or a file. With --drive free it is the file of the pendulum."""
     controller: LawName | None = None
-    """Controller of recordings that name none (default: oiac, which is online impedance adaptation, position for arms
-    in space, constant for nah2023)."""
+    """Controller of recordings that name none: oiac (adapts the impedance online, default in the plane), constant
+    (default of nah2023) or position (default in space)."""
     preset: Preset | None = None
     """Parameters of the law of --controller; default: table4 for oiac, nah2020 (Eq. 22) for constant."""
     held_out: tuple[str, ...] | None = None
