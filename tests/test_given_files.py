@@ -184,7 +184,7 @@ def test_a_trajectorys_arrays_belong_together(change: dict, said: str, tmp_path:
         (np.ones((3, 4)), 0.1, "in the plane or in space"),
         (np.ones((3, 2)), 0.0, "cell"),
         (np.ones((3, 2)), np.nan, "cell"),
-        (np.array([[0.0, 0.0], [1e9, 1e9]]), 0.01, "within"),
+        (np.array([[0.0, 0.0], [1e9, 1e9]]), 0.01, "spread over at most"),
     ],
 )
 def test_a_regions_cells_are_plausible(corners: np.ndarray, cell: float, said: str, tmp_path: Path) -> None:

@@ -327,7 +327,7 @@ def test_bad_input_is_named():
         "drive": lambda: fit([recording], PLANT, FREE, options=FitOptions(drive="magic")),
         "pieces": lambda: FitOptions(pieces=(0.3,)),
         "command": lambda: fit([dataclasses.replace(recording, strike=None)], PLANT, FREE),
-        "measured joints": lambda: fit([no_log], PLANT, FREE, options=FitOptions(drive="joints")),
+        "measured joint angles": lambda: fit([no_log], PLANT, FREE, options=FitOptions(drive="joints")),
         "its base is prescribed": lambda: fit([recording], PLANT, ["law.a"], options=FitOptions(drive="joints")),
         "start of whip.b": lambda: fit([recording], Plant(AWAY.with_parameters({"whip.b": 0.0}), CONTROLLER), FREE),
         "different names": lambda: fit([recording], PLANT, ["delay"], options=FitOptions(per_recording=("delay",))),

@@ -296,7 +296,7 @@ def test_it_gives_no_torques_to_a_rig():
 
 @pytest.mark.parametrize("port", ["twin", "/dev/ttyUSB0"])
 def test_a_rigs_options_refuse_it(port):
-    with pytest.raises(InputError, match=r"^--controller: got 'position'; allowed: one that gives torques"):
+    with pytest.raises(InputError, match=r"^--controller: got 'position'; allowed: a law that gives torques"):
         ArmOptions(controller="position", port=port, target=(1.3, 0.0)).build_controller()
 
 
