@@ -126,7 +126,8 @@ def test_torques_of_an_arm_of_unknown_inertia_are_not_known():
 
 
 def test_a_motor_that_turns_has_no_line_for_what_slides():
-    with pytest.raises(InputError, match=r"--limits: got 'xm430'; allowed: arm or none, because .*hand_x, hand_y, hand_z"):
+    prismatic = r"--limits: got 'xm430'; allowed: arm or none, because .*hand_x, hand_y, hand_z"
+    with pytest.raises(InputError, match=prismatic):
         LimitOptions(limits="xm430").build_limits(Model(rope(), free_hand(np.eye(3))), Controller(PositionControl()))
 
 
