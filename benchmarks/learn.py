@@ -27,9 +27,9 @@ from whiptool.rl.actor_critic import make_learner
 from whiptool.rl.environment import WhipEnv, make_task
 from whiptool.rl.learner import Learner
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.settings import settings_for
+from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.training import Training, TrainingPlan
+from whiptool.rl.training import Training
 
 TRIALS, RANDOM_EPISODES = 100, 4
 CAP = 600

@@ -27,7 +27,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # where the folder `papers` 
 import whiptool as wt
 from papers.unknown.study import MATERIALS, SPACE, WhipUnit, families
 from whiptool.adaptation.twins import FAMILIES
-from whiptool.commands.adapt import AdaptOptions, prepare
+from whiptool.commands.adapt import prepare
+from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.rollout.reference import ReferenceRollout
 
 TARGETS = ((1.1, 0.05), (1.15, 0.0), (1.15, 0.05), (1.2, -0.05))

@@ -15,8 +15,9 @@ import numpy as np
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.goals.criteria import Criterion, StrikesAtGoal
 from whiptool.goals.target import Target, as_target, usual_target
-from whiptool.limits.all_limits import AllLimits, Limits, Smooth, distance_beyond, limits_given
+from whiptool.limits.all_limits import AllLimits, distance_beyond, limits_given
 from whiptool.limits.clearance import Clearance
+from whiptool.limits.limits import Limits, Smooth
 from whiptool.models.numbers import ArrayLike, NoArray, array_of, number, whole
 from whiptool.models.strike import T_STAY, AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory

@@ -13,9 +13,9 @@ from whiptool.comparison import TargetScene
 from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Sector
-from whiptool.limits.all_limits import Limits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
+from whiptool.limits.limits import Limits
 from whiptool.models.strike import T_STAY
 from whiptool.strike_map.answers import bounds_all_around
 from whiptool.strike_map.building import Building, MapPlan

@@ -24,7 +24,7 @@ from whiptool import (
     preset,
     search,
 )
-from whiptool.adaptation.loop import Options
+from whiptool.adaptation.adapter import Options
 from whiptool.comparison.units import Unit
 from whiptool.goals.criteria import find_criterion
 

@@ -6,6 +6,6 @@
 
 from papers.nah2023.report import SUBTITLE, TITLE, facts, sections
 from papers.nah2023.units import CONTROLLER
-from papers.nah2023.units import NAH2023 as MODEL
+from whiptool.models.presets import NAH2023 as MODEL
 
 __all__ = ["CONTROLLER", "MODEL", "SUBTITLE", "TITLE", "facts", "sections"]

@@ -16,18 +16,11 @@ import numpy as np
 from papers.nah2023 import pictures, published
 from papers.nah2023.claims import LEVEL, share_nearer
 from papers.nah2023.solutions import descend
-from papers.nah2023.units import (
-    BOUNDS,
-    COARSE,
-    CONTROLLER,
-    NAH2023,
-    STAY,
-    by_merit,
-    simulator,
-)
+from papers.nah2023.units import BOUNDS, COARSE, CONTROLLER, STAY, by_merit, simulator
 from whiptool import CompiledRollout, Strike, StrikeBounds, Target, Trajectory
 from whiptool.comparison.units import Unit
 from whiptool.models.kinematics import joint_points
+from whiptool.models.presets import NAH2023
 from whiptool.viz.report import Picture, Section, Table, Text
 
 CLOSE = published.HIT_RADIUS  # [m]: descents that end farther away are not followed on

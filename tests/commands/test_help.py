@@ -61,6 +61,7 @@ def test_lists_of_subcommands_are_wrapped(command, capsys):
 
 def test_the_first_screen_cuts_no_sentence(capsys):
     said = " ".join(said_by("optimize --help", capsys).split())
+    assert "of Wang et al. 2024, or hard" in " ".join(said_by("reproduce --help", capsys).split())
     assert "oiac (adapts the impedance online, default in the plane), constant (default of nah2023) or position" in said
 
 

@@ -16,7 +16,6 @@ from whiptool.identification.inputs import (
     full_name,
     in_pixels,
     may_be_filmed,
-    names_of,
     opened,
     profile_of,
     read_marker,
@@ -25,6 +24,7 @@ from whiptool.identification.inputs import (
     tracked,
 )
 from whiptool.identification.plant import Plant
+from whiptool.identification.variables import names_of
 from whiptool.impedance import OIAC, ConstantImpedance, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import Model

@@ -16,7 +16,7 @@ from whiptool.limits.arm_limits import XM430
 from whiptool.models import preset
 from whiptool.recording.filmed_approach import Frames, Judgement, judge_frames
 from whiptool.rig.cyclelog import Phase
-from whiptool.rig.dynamixel.joints import SafetyError
+from whiptool.rig.stops import SafetyError
 from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
 from whiptool.rig.struck import Run, Struck
 from whiptool.viz.report import Picture, Table, Text, to_html

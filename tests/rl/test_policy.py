@@ -20,9 +20,9 @@ from whiptool.models.strike import StrikeBounds
 from whiptool.rl import training
 from whiptool.rl.actor_critic import make_learner
 from whiptool.rl.policy import EVERY, GOALS, Policy, Score, held_out_goals, score, trials_to_hit
-from whiptool.rl.settings import settings_for
+from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import StrikeTask
-from whiptool.rl.training import Training, TrainingPlan, load_checkpoint
+from whiptool.rl.training import Training, load_checkpoint
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 0.5, 0.3, 0.8, 2.0))
 

@@ -10,8 +10,7 @@ from one_joint import one_joint_task
 
 from whiptool.errors import InputError
 from whiptool.rl.actor_critic import make_learner
-from whiptool.rl.settings import SETTINGS, settings_for
-from whiptool.rl.training import TrainingPlan
+from whiptool.rl.settings import SETTINGS, TrainingPlan, settings_for
 
 
 def test_settings_are_checked():

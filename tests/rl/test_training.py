@@ -15,9 +15,9 @@ from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.zone import Disc
 from whiptool.models.strike import StrikeBounds
 from whiptool.rl.actor_critic import make_learner
-from whiptool.rl.settings import settings_for
+from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import StrikeTask, reward
-from whiptool.rl.training import Training, TrainingPlan, load_checkpoint
+from whiptool.rl.training import Training, load_checkpoint
 
 BOUNDS = StrikeBounds((-1.0, 0.0, 0.1, 0.2, 1.0), (1.0, 1.0, 0.3, 0.8, 2.0))
 ZONE = Disc((1.0, 0.0), 0.5)

@@ -17,9 +17,9 @@ from whiptool.rl import hindsight
 from whiptool.rl.actor_critic import LEARNERS, PPO, make_learner
 from whiptool.rl.learner import Diverged, OffPolicyLearner, Transitions
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.settings import settings_for
+from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import OBSERVATIONS, reward
-from whiptool.rl.training import Training, TrainingPlan, load_checkpoint
+from whiptool.rl.training import Training, load_checkpoint
 
 OFF_POLICY = ("sac", "td3", "ddpg")
 SMALL: dict[str, dict[str, Any]] = {name: {"hidden": (16, 16), "batch_size": 32} for name in OFF_POLICY}

@@ -41,8 +41,9 @@ def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
             one.
     """
     from whiptool.dynamics.structure import LUMPED
-    from whiptool.identification.inputs import full_name, names_of
+    from whiptool.identification.inputs import full_name
     from whiptool.identification.plant import BareArm
+    from whiptool.identification.variables import names_of
 
     found, known = [], plant.values()
     for name in names:

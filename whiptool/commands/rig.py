@@ -74,7 +74,7 @@ class RigStrikeOptions(RigOptions):
     q_ef (at the end) and D."""
 
     def check(self) -> None:
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.models.strike import Strike
 
         super().check()

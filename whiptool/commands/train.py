@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
@@ -31,9 +31,6 @@ from whiptool.progress import Progress, note
 from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.runs import CITATIONS
 from whiptool.words import counted
-
-if TYPE_CHECKING:
-    pass
 
 EPISODES, CURVE = "episodes.csv", "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target

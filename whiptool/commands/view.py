@@ -9,7 +9,7 @@ import warnings
 import webbrowser
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import tyro
 
@@ -21,9 +21,6 @@ from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
 from whiptool.progress import note
-
-if TYPE_CHECKING:
-    pass
 
 T = TypeVar("T", bound=OptionGroup)
 REPORT = "report.html"

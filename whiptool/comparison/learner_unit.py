@@ -114,8 +114,8 @@ class LearnerUnit(MethodUnit):
 
         from whiptool.rl.actor_critic import make_learner
         from whiptool.rl.learner import OffPolicyLearner
-        from whiptool.rl.settings import settings_for
-        from whiptool.rl.training import Training, TrainingPlan
+        from whiptool.rl.settings import TrainingPlan, settings_for
+        from whiptool.rl.training import Training
 
         task = self._task(self.scene.radii[0], threads)
         generator = torch.Generator().manual_seed(self.seed)

@@ -1,8 +1,8 @@
 """Units of work, identified by a hash of class and fields, and the folder that stores their results.
 
-Units run on this machine's cores or on a Ray cluster; the result does not depend on the machine. Each result is a small
-file, so that a killed run only loses unfinished units. If a worker process dies (killed, out of memory), its unit is
-run again.
+Units run on this machine's cores or on a Ray cluster; the result does not depend on the number of workers, but on
+another processor its last digits may differ, and with them which strike a search finds. Each result is a small file, so
+that a killed run only loses unfinished units. If a worker process dies (killed, out of memory), its unit is run again.
 """
 
 from __future__ import annotations

@@ -15,7 +15,8 @@ from whiptool.dynamics.structure import LUMPED, lumping, profile_slopes
 from whiptool.errors import InputError, expect
 from whiptool.given_files import build_from, read_toml
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import ArmLink, ArmParameters, Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import ArmLink, ArmParameters, Model
 from whiptool.models.profile import WhipProfile
 from whiptool.models.whip import WhipParameters
 from whiptool.whole_files import write_whole

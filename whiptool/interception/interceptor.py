@@ -13,7 +13,7 @@ from whiptool.errors import InputError
 from whiptool.goals.target import HIT_RADIUS, Target, checked_radius
 from whiptool.interception.library import Library, sure_paths
 from whiptool.interception.target_tracks import TargetTrack, fit_track
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.models.strike import Strike, strike_names
 from whiptool.models.trajectory import closest_on_segments
 

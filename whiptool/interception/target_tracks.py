@@ -14,7 +14,7 @@ from scipy.special import ellipj, ellipkinc
 from scipy.stats import chi2 as chi2_distribution
 
 from whiptool.errors import InputError
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 
 GRAVITY = 9.81  # [m/s^2]
 LENGTHS = (0.4, 1.0, 2.5)  # [m] of strings that a search starts from

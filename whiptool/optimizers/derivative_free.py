@@ -12,8 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.models.numbers import whole
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number, whole
 from whiptool.objective import Objective
 
 

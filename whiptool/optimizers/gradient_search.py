@@ -18,8 +18,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.criteria import Criterion, StrikesAtGoal, hit_excess, hit_excess_slopes
-from whiptool.limits.all_limits import Smooth
 from whiptool.limits.clearance import Clearance
+from whiptool.limits.limits import Smooth
 from whiptool.objective import Objective
 
 if TYPE_CHECKING:

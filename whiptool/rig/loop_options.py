@@ -12,7 +12,8 @@ import numpy as np
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller, ControlLoop
 from whiptool.impedance.laws import OIAC
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 
 

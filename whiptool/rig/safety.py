@@ -13,7 +13,7 @@ from types import TracebackType
 
 import numpy as np
 
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE, WATCHDOG_UNIT, in_words, register
 from whiptool.rig.dynamixel.joints import Joints, JointSample, check_registers
 from whiptool.rig.dynamixel.line import BusError, NoReply, Refused, Unplugged

@@ -16,7 +16,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, Strike
-from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
 from whiptool.recording.camera import Camera, camera_preset
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
@@ -30,7 +30,7 @@ from whiptool.rig.safety import Safety
 from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rig.struck import Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
 from whiptool.rollout.completed import States, complete_trajectory
-from whiptool.rollout.interface import Points, Rollout, Strikes, joined, target_points
+from whiptool.rollout.interface import Rollout, Strikes, joined
 from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 

@@ -19,7 +19,8 @@ from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import GoalRegion, as_region
 from whiptool.goals.goals import Goals
 from whiptool.goals.zone import Zone, check_fits
-from whiptool.limits.all_limits import AllLimits, Limits, distance_beyond, limits_given
+from whiptool.limits.all_limits import AllLimits, distance_beyond, limits_given
+from whiptool.limits.limits import Limits
 from whiptool.models.kinematics import joint_points
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model

@@ -92,7 +92,7 @@ def train(
     zone: Zone | GoalRegion | None = None,
     method: str = "sac",
     *,
-    episodes: int = 500,
+    episodes: int | None = None,
     plan: TrainingPlan | None = None,
     seed: int = 0,
     progress: bool = True,
@@ -104,8 +104,8 @@ def train(
         rollout: Simulator of the model and controller, of which a `StrikeTask` is made; or a `StrikeTask`.
         zone: Zone of the targets, such as `Disc((1.2, 0.1), 0.2)`, or region of goals, see `StrikeTask`.
         method: `sac`, `td3`, `ddpg` or `ppo`. Capital letters and hyphens make no difference.
-        episodes: Number of episodes of 100 strikes, the first tenth of which are random.
-        plan: Length of the training instead of `episodes`.
+        episodes: Number of episodes of 100 strikes, the first tenth of which are random; 500 if no `plan` is given.
+        plan: Length of the training, in place of `episodes`.
         seed: Seed of everything random.
         progress: Show a bar.
         settings: Hyperparameters of the learner by name, such as `{"learning_rate": 1e-3}`.
@@ -115,7 +115,8 @@ def train(
         `policy.strike(target)`, or `policy.predict(observation)`.
 
     Raises:
-        InputError: PyTorch is not installed, there is no such learner, or a number is out of range.
+        InputError: PyTorch is not installed, there is no such learner, a number is out of range, or `episodes` and
+            `plan` are both given.
         Diverged: A loss is not finite.
     """
     expect(Rollout, StrikeTask, rollout=rollout)
@@ -123,8 +124,12 @@ def train(
     expect(str, method=method)
     expect(TrainingPlan, type(None), plan=plan)
     method = method_name(method)
-    seed, episodes = numbers.whole("seed", seed, low=0), numbers.whole("episodes", episodes)
-    plan = plan or TrainingPlan(episodes, random_episodes=episodes // 10)
+    seed = numbers.whole("seed", seed, low=0)
+    if plan is None:
+        episodes = numbers.whole("episodes", 500 if episodes is None else episodes)
+        plan = TrainingPlan(episodes, random_episodes=episodes // 10)
+    elif episodes is not None:
+        raise InputError("episodes", episodes, "None with a plan, which has the number of episodes")
     if isinstance(rollout, StrikeTask) and zone is not None:
         raise InputError("zone", str(zone), "None, because a StrikeTask has a zone")
     task = rollout if isinstance(rollout, StrikeTask) else StrikeTask(rollout, zone)

@@ -17,7 +17,7 @@ from whiptool.models.hand_space import StrikeSpace
 from whiptool.models.numbers import array_of, number, texts, whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, JointSpace
-from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
 from whiptool.progress import Progress
 from whiptool.rollout.batch import TOLERANCE, Batch, Engine, Resolved, displacements, resolve
 from whiptool.rollout.completed import States, complete_trajectory
@@ -29,11 +29,9 @@ from whiptool.rollout.interface import (
     SLOPES,
     SMALLEST_STEP,
     ApproachSlopes,
-    Points,
     Rollout,
     Strikes,
     joined,
-    target_points,
     time_grid,
 )
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.goals import Goals
-from whiptool.limits.all_limits import AllLimits, Limits, limits_given
+from whiptool.limits.all_limits import AllLimits, limits_given
 from whiptool.limits.clearance import Clearance
+from whiptool.limits.limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.models.trajectory import Approach, Trajectory
 from whiptool.rollout.compiled import CompiledRollout

@@ -17,7 +17,7 @@ from whiptool.commands.options.controller_options import (
     SpaceOptions,
 )
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.rig import ArmOptions
+from whiptool.commands.options.rig_options import ArmOptions
 from whiptool.errors import InputError
 from whiptool.impedance import (
     OIAC,

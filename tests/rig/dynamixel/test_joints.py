@@ -14,8 +14,9 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.limits.arm_limits import XM430
 from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.dynamixel import Joints, Units
-from whiptool.rig.dynamixel.joints import ASSUMED, Guards, JointSample, SafetyError, Watch, check_registers, mismatches
+from whiptool.rig.dynamixel.joints import ASSUMED, Guards, JointSample, Watch, check_registers, mismatches
 from whiptool.rig.loop_options import LoopOptions
+from whiptool.rig.stops import SafetyError
 
 
 def test_joints_are_in_si_units(bus):

@@ -75,7 +75,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Do not ask before a real arm moves."""
 
     def check(self) -> None:
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.rig.loop_options import LONGEST_DELAY
 
         super().check()

@@ -26,7 +26,7 @@ from whiptool.progress import note
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
-    from whiptool.limits.all_limits import Limits
+    from whiptool.limits.limits import Limits
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikePath
@@ -52,7 +52,7 @@ class StepOptions(OptionGroup):
     --tolerance needs."""
 
     def check(self) -> None:
-        from whiptool.models.parameters import number
+        from whiptool.models.numbers import number
         from whiptool.rollout.interface import COARSEST, FINEST, LARGEST_STEP, SMALLEST_STEP
 
         super().check()

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from whiptool.goals.zone import Zone
     from whiptool.models.parameters import Model
 
-    pass
-    pass
-
 LONGEST_STAY = 60.0  # [s]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import XM430
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import (
     TICKS,

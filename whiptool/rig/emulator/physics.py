@@ -12,7 +12,8 @@ import numpy as np
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
-from whiptool.models.parameters import Model, number
+from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.presets import preset
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
 from whiptool.rig.emulator.servo import Motor, Protection, Servo

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import XM430
-from whiptool.models.parameters import number
+from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.control_table import (
     CURRENT_MODE,
     TICKS,
