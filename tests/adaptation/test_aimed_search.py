@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from papers.aim.published import CONTROLLER, MODEL
 from whiptool.adaptation.adapter import Adapter, Options
-from whiptool.adaptation.first_look import FASTEST, choose_wiggle
+from whiptool.adaptation.first_look import FASTEST, choose_wiggle, hanging
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.plan_search import Demands, Passes, PlanningEffort
@@ -98,6 +98,15 @@ def test_a_wiggle_keeps_the_limits_of_the_robot(prior):
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < FASTEST  # a sample is far shorter than a second
     rare, _ = choose_wiggle(prior, rng=np.random.default_rng(1), keeps=LIMITS, candidates=2, t_stay=0.1)
     assert striker.keep(rare.vector[None]).all()
+    over_floor = (LIMITS[0], Clearance(MODEL, 0.0))
+    striker = Striker(rollout, limits=over_floor, t_stay=0.1)
+    for keeps, there in (
+        ((), False),
+        (over_floor, True),
+    ):  # in the middle of the start postures the whip is in the floor
+        still = hanging(prior, rng=np.random.default_rng(0), t_stay=0.1, keeps=keeps)
+        assert still.q_i == still.q_f
+        assert striker.keep(still.vector[None])[0] == there
     with pytest.raises(InputError, match="wiggle"):
         choose_wiggle(prior, rng=np.random.default_rng(0), keeps=(Clearance(MODEL, 5.0),), candidates=2, t_stay=0.1)
 

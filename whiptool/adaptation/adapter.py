@@ -266,12 +266,13 @@ class Adapter:
         o, number, began = self.options, self.number, time.perf_counter()
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
+            keeps = o.limits if self.prior.plant.model.dimension == 3 else ()  # a rig rehearses it
             if o.wiggle:
-                keeps = o.limits if self.prior.plant.model.dimension == 3 else ()  # a rig rehearses it
                 strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=keeps)
                 reason = f"a movement from which {gain:.1f} nat are learned about the whip"
             else:
-                strike, reason = hanging(self.belief, o.bounds), "the whip as it hangs: how long it is"
+                strike = hanging(self.belief, o.bounds, rng=rng, t_stay=o.t_stay, keeps=keeps)
+                reason = "the whip as it hangs: how long it is"
             return Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
         if number > 1 and not o.adapt:
             return self.steps[-1].plan

@@ -22,6 +22,7 @@ from whiptool.strike_map.striker import Striker
 SWING = 0.7  # [rad] that a joint turns at most
 DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
+CANDIDATES = 32  # random movements or postures that are compared
 ROUNDS = 16  # of random movements that are drawn before none is found
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
 WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is used in space
@@ -62,18 +63,47 @@ def information(
     return gain, np.where(np.isfinite(fastest), fastest, np.inf), np.where(np.isfinite(widest), widest, np.inf)
 
 
-def hanging(belief: Belief, bounds: StrikeBounds | None = None) -> Strike:
-    """Return a strike without movement, in the middle of the start postures, during which the length of the hanging
-    whip can be measured.
+def hanging(
+    belief: Belief,
+    bounds: StrikeBounds | None = None,
+    *,
+    rng: np.random.Generator,
+    t_stay: float = T_STAY,
+    keeps: Given = (),
+) -> Strike:
+    """Return a strike without movement, during which the length of the hanging whip can be measured: in the middle of
+    the start postures or, if it breaks a limit there, in the nearest of random start postures that keep the limits.
 
     Args:
-        belief: Belief about whip and arm, of which only the arm is used.
+        belief: Belief about whip and arm.
         bounds: Bounds of strikes; default: `default_bounds`.
+        rng: Random generator of the start postures.
+        t_stay: As in `information`.
+        keeps: Limits that the arm and the hanging whip have to keep, judged with the mean of the belief.
+
+    Raises:
+        InputError: None of the postures keeps the limits.
     """
     lower, upper = (bounds or default_bounds(belief.plant.model.arm)).box
     a = belief.plant.model.arm.n
-    q = (lower[:a] + upper[:a]) / 2
-    return Strike.from_vector(np.r_[q, q, STILL])
+    middle, width = (lower[:a] + upper[:a]) / 2, upper[:a] - lower[:a]
+    at_rest = lambda q: np.hstack([q, q, np.full((len(q), 1), STILL)])  # noqa: E731
+    strikes = at_rest(middle[None])
+    if not keeps:
+        return Strike.from_vector(strikes[0])
+    striker = _striker(belief, bounds, keeps, t_stay)
+    for _ in range(ROUNDS):
+        kept = strikes[striker.keep(strikes)]
+        if len(kept):
+            distance = np.linalg.norm((kept[:, :a] - middle) / width, axis=1)
+            return Strike.from_vector(kept[distance.argmin()])
+        strikes = at_rest(rng.uniform(lower[:a], upper[:a], (CANDIDATES, a)))
+    raise InputError(
+        "still",
+        f"none of {1 + (ROUNDS - 1) * CANDIDATES} postures within the limits",
+        "at least one",
+        "give wider limits",
+    )
 
 
 def choose_wiggle(
@@ -82,7 +112,7 @@ def choose_wiggle(
     rng: np.random.Generator,
     bounds: StrikeBounds | None = None,
     t_stay: float = T_STAY,
-    candidates: int = 32,
+    candidates: int = CANDIDATES,
     keeps: Given = (),
 ) -> tuple[Strike, float]:
     """Return the random short movement with a slow tip that has the largest `information` gain, and this gain [nat].
