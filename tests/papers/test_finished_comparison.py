@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from papers.finished_comparison import Results, read_run
+from papers.finished_comparison import read_run
 from whiptool.commands import run_folders
 from whiptool.commands.compare import CompareOptions
+from whiptool.comparison.finished import Results
 from whiptool.errors import InputError
 from whiptool.runs import RunFolder
 

@@ -27,6 +27,7 @@ SMALLER = {  # studies that take tens of seconds, and what the test computes of 
 LONGEST_CELL = 25  # lines
 LARGEST = 1.5e6  # bytes
 MACHINE_PATH = re.compile(r"(/home/|/root/|/tmp/|/Users/|/usr/|/opt/|site-packages|[A-Z]:\\\\)")
+NOT_INSTALLED = re.compile(r"^(from|import) (papers|tools|tests|benchmarks)\b", re.MULTILINE)
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
@@ -103,6 +104,7 @@ def test_its_cells_are_short_and_public(path):
     for cell in code_cells(path):
         assert len(cell.source.splitlines()) <= LONGEST_CELL, cell.source
         assert not hidden_names(cell.source), cell.source
+        assert not NOT_INSTALLED.search(cell.source), cell.source
 
 
 def test_hidden_names_are_found():
