@@ -1,0 +1,1 @@
+"""Robot arms with controllers of their own: their drivers, and strikes with them."""
