@@ -50,7 +50,7 @@ def whole_file(path: Path | str, name: str = "recording", *, largest: float = LA
     if size == 0:
         raise InputError(str(path), "an empty file", f"a {name}")
     if size > largest:
-        fix = "cut the strike out of it" if name == "recording" else ""
+        fix = "keep only the part with the strike" if name == "recording" else ""
         raise InputError(str(path), f"{size} bytes", f"at most {largest:.0f} bytes", fix)
     return path
 

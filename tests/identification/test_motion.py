@@ -265,7 +265,7 @@ def test_logs_that_do_not_fit_are_refused():
 def test_a_motion_too_long_for_memory_is_refused_before_it_is_made():
     """Ten minutes of a robot's log at 500 Hz would take terabytes."""
     t = np.arange(0, 600, 0.002)
-    with pytest.raises(InputError, match=r"600 s, a knot every 0.02 s: .*cut the strike out"):
+    with pytest.raises(InputError, match=r"600 s, a knot every 0.02 s: .*keep only the part with the strike"):
         JointMotion(t, np.stack([np.sin(t)] * ARM.n, 1), ARM, np.arange(0, 600, 1e-3))
 
 

@@ -99,10 +99,10 @@ def hanging(
             return Strike.from_vector(kept[distance.argmin()])
         strikes = at_rest(rng.uniform(lower[:a], upper[:a], (CANDIDATES, a)))
     raise InputError(
-        "still",
-        f"none of {1 + (ROUNDS - 1) * CANDIDATES} postures within the limits",
+        "postures for filming the hanging whip",
+        f"none of {1 + (ROUNDS - 1) * CANDIDATES} within the limits",
         "at least one",
-        "give wider limits",
+        "give wider limits, or skip this measurement: still=False in Python, --no-still on the command line",
     )
 
 

@@ -98,7 +98,7 @@ class OptimizeOptions(
         return learned_with([self.method] if self.method else [])
 
 
-_EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --method directl --target 1.2 0.1"
+_EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --target 1.2 0.1"
 
 
 _REFUSALS_SHOWN = 30  # strikes that are all refused, after which a search reports it

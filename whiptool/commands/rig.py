@@ -95,9 +95,9 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     max_trials: int = 20
     """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
-    """Camera: twin or d435-... (rendered images) or points (simulated positions of the tip), with a real arm realsense
-    or FILE.db3 (a RealSense recording). d435-color renders colour images, twin and d435-infrared infrared images;
-    points have the error of tracked images."""
+    """Camera, with the twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images) or
+    points (simulated positions of the tip), and with a real arm: realsense or FILE.db3 (a RealSense recording). points
+    have the error of tracked images."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "method")

@@ -134,7 +134,9 @@ class Drive:
 
     @property
     def of_start(self) -> np.ndarray:
-        """Matrix (2 n, 2 n) that converts the unknown initial state to angles and velocities of the n joints."""
+        """Matrix (2 n, 2 n) whose product with the unknowns `start` is added to the initial angles [rad] and velocities
+        [rad/s] of the n joints of the simulated system (prismatic joints: [m], [m/s]). This implementation returns the
+        identity matrix."""
         return np.eye(len(self.unknowns["start"]))
 
     @property
@@ -293,10 +295,11 @@ class SwingDrive(Drive):
 
     @property
     def of_start(self) -> np.ndarray:
-        """Matrix (2 n, 2 n) that converts the unknown initial state x to angles and velocities of the n joints.
+        """Matrix (2 n, 2 n) whose product with the unknowns `start` is added to the angles and velocities with which
+        the n joints of the whip begin.
 
-        In the plane x contains the absolute angles of the links and their rates. Joint angles would be strongly
-        correlated in the fit, because each of them moves all later links.
+        In the plane the unknowns are changes of the absolute angles of the links and of their rates. Changes of joint
+        angles would be strongly correlated in the fit, because each of them moves all later links.
         """
         assert isinstance(self.structure, SwingStructure)
         n = self.structure.coordinates

@@ -36,10 +36,12 @@ def check_covers(name: str, t: np.ndarray, q: np.ndarray, first: float, last: fl
     gaps, moved = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
     for i in np.flatnonzero((gaps > usual) & (moved > _MOVED) & (t[1:] > first) & (t[:-1] < last)):
         given = f"a hole of {gaps[i]:.3g} s from {t[i]:.3f} s, in which a joint moved by {moved[i]:.2g}"
-        raise InputError(name, given, "no gap while the arm moves", "cut the recording before it, or record it again")
+        raise InputError(
+            name, given, "no gap while the arm moves", "keep only the part before the gap, or record it again"
+        )
     rule, fix = (
         "a log that begins at rest and lasts to the last reading",
-        "cut the recording to what the log holds, or record it again",
+        "keep only the part of the recording that the log covers, or record it again",
     )
     if t[0] > first + usual and _moves(q, t <= t[0] + _SHORT):
         raise InputError(name, f"a start at {t[0]:.3f} s, with the arm moving; readings from {first:.3f} s", rule, fix)
@@ -119,9 +121,9 @@ def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
     needed = 8 * len(instants) * (span / knots + DEGREE) * d * width  # [bytes]
     if needed > LARGEST:
         most = span * (LARGEST / needed) ** 0.5
-        rule = f"a span whose derivatives take {LARGEST / 1e9:g} GB at most, about {most:.2g} s"
+        rule = f"about {most:.2g} s at most, for which the fit needs {LARGEST / 1e9:g} GB of memory"
         given = f"{span:.4g} s, a knot every {knots:.3g} s: {needed / 1e9:.3g} GB"
-        raise InputError("recording", given, rule, "cut the strike out of it")
+        raise InputError("recording", given, rule, "keep only the part with the strike")
 
 
 def _spacing(t: np.ndarray, samples: float) -> float:

@@ -100,7 +100,7 @@ def _clock_words(fit: Fit, fault: ClockFault) -> str:
     cause = "stamped twice" if fault.size > 0 else "lost"
     return (
         f"{of}: from about {fault.at:.3f} s on they are {size:.3g} ms too {side} ({fault.frames:.2g} frames; standard "
-        f"error {error:.1g} ms), as if frames had been {cause}; correct the times there, or cut the recording there"
+        f"error {error:.1g} ms), as if frames had been {cause}; correct the times there, or keep only the part before"
     )
 
 

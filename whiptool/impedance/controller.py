@@ -325,7 +325,8 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     known = [f.name for f in dataclasses.fields(LAWS[law])]
     for key in numbers:
         if key not in known:
-            raise InputError(f"controller.{key}", numbers[key], "one of " + ", ".join(("law", *known, *_OPTIONS)))
+            keys = ", ".join(("law", *known, *_OPTIONS))
+            raise InputError(f"controller.{key}", numbers[key], f"one of the keys {keys}")
     try:
         return Controller(law=LAWS[law](**numbers), **options)
     except InputError as error:

@@ -42,7 +42,8 @@ class Law(Protocol):
         ...
 
     def sizes(self, n: int) -> dict[str, int]:
-        """Names and lengths of `parameters()` for an arm of n joints; by default each is a single number."""
+        """Names and lengths of `parameters()` for an arm of n joints. This implementation is for laws whose parameters
+        are single numbers, of length 1."""
         return dict.fromkeys(self.parameters(), 1)
 
     def parameters(self) -> dict[str, np.ndarray]:
@@ -50,7 +51,8 @@ class Law(Protocol):
         return {f.name: np.ravel(getattr(self, f.name)) for f in fields(self)}
 
     def changed(self, numbers: Mapping[str, np.ndarray]) -> Self:
-        """Return the same law with other values of its `parameters`; by default each is a single number, (1,)."""
+        """Return the same law with other values of its `parameters`. This implementation is for laws whose parameters
+        are single numbers, (1,) each."""
         return type(self)(**{name: float(x[0]) for name, x in numbers.items()})
 
 

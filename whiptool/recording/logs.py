@@ -118,7 +118,7 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
     if step >= SLOWEST or step < FASTEST:
         raise InputError(name, f"steps of {step:g}", f"steps from {FASTEST:g} s to {SLOWEST:g} s", cause)
     if span > longest:
-        cause = f"cut the strike out of it; or {cause}"
+        cause = f"keep only the part with the strike; or {cause}"
         raise InputError(name, f"a span of {span:g} s in {len(t)} rows", f"at most {longest:g} s", cause)
 
 

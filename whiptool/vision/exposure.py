@@ -33,12 +33,13 @@ class Exposed:
 
 
 def expose(camera: Camera, t: np.ndarray, path: np.ndarray, starts: np.ndarray) -> Exposed:
-    """Return a camera's measurements of a moving point: means of its path over exposures, which a rolling shutter
-    starts when it reads the point's row.
+    """Return a camera's measurements of a moving point: means of its path over the exposures of its image row. A
+    rolling shutter exposes the rows one after the other.
 
     Args:
         camera: The camera.
-        t, path: Times [s], (T,), and positions [m], (T, 2), in space (T, 3); before and after the point is at rest.
+        t, path: Times [s], (T,), and positions [m], (T, 2), in space (T, 3); before the first time and after the last
+            the point is at rest.
         starts: Start of the first row's exposure in each frame [s], (F,).
     """
 

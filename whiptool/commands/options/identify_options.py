@@ -86,10 +86,11 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Parameters to fit, such as k, arm.mass[0] or law.a. k, b and m are stiffness, damping and mass of the whip's
     nodes; others are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""
     drive: Drive = "command"
-    """Motion or command that drives the simulated whip. command: the commanded strike, with the controller simulated.
-    joints: the measured joint angles. robot: in space, the command with a first-order lag that is fitted. hand: in
-    space, the measured pose of the hand. handle: a tracked marker at the handle. passive: none; the whip is released by
-    hand and its first state is fitted. free: no whip but a pendulum, from the angles of its links."""
+    """What drives the simulated whip: command (the commanded strike), joints (their measured angles), robot (the
+    command with a fitted lag), hand (its measured pose), handle (a tracked marker) or passive (nothing after a release
+    by hand), while free fits a pendulum and no whip. command simulates the controller. robot and hand are for models in
+    space; the lag is of first order. passive also fits the first state of the whip. free takes the measured angles of
+    the pendulum's links."""
     clamp: float | None = None
     """With --drive passive: angle at which the whip is clamped, 0 being straight down [rad]; a first guess if clamp is
     in --free. Default: the whip hangs from a free hinge."""
@@ -126,7 +127,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Restore exchanged marker labels, and leave out points where two markers are merged. Without this option such a
     recording is refused."""
     cameras: str | None = None
-    """TOML file of the cameras in space (default: that of each recording). It is for recordings in pixels and films."""
+    """TOML file with the calibration of the cameras, for recordings in space (default: that of each recording). It is
+    for recordings in pixels and films."""
     tip: str | None = None
     """TOML file with the appearance of the tip in videos: radius [m], hue range [deg, deg] and saturation, or for
     infrared the brightness (value)."""

@@ -57,9 +57,9 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Serial device of the servos, or twin (a simulated rig). A device is, for example, /dev/ttyUSB0; twin emulates the
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """Camera: twin and d435-infrared (rendered infrared images), d435-color (rendered colour images), points (simulated
-    positions of the tip) and none go with the twin, realsense, FILE.db3 (a RealSense recording) and none with a real
-    arm. points have the error of tracked images."""
+    """Camera, with the twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images),
+    points (simulated positions of the tip) or none, and with a real arm: realsense, FILE.db3 (a RealSense recording) or
+    none. points have the error of tracked images."""
     rate: float = 500.0
     """Rate of the control loop [Hz]."""
     approach_speed: float = 0.2
@@ -252,9 +252,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     example, /dev/ttyUSB0; twin emulates the servos and their protocol. A robot takes each strike as a trajectory from
     the run folder; put its recording there as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera: tip and points (simulated positions of the tip), twin and d435-infrared (rendered infrared images) and
-    d435-color (rendered colour images) go with the twin, realsense and FILE.db3 (a RealSense recording) with a real
-    arm. points have the error of tracked images; tip has 60 frames a second and 5 mm noise, without servos."""
+    """Camera, with the twin: points (positions of the tip with the errors of tracked images), tip (positions with 5 mm
+    noise at 60 Hz, without servos), twin or d435-infrared (both render infrared images) or d435-color (renders colour
+    images), and with a real arm: realsense or FILE.db3 (a RealSense recording)."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Deviation of the simulated whip from --model, small, large or doubled. kin: a uniform whip near the model;
     strange: tapered, with a bead, a soft joint and more; stranger: the same deviations, doubled."""

@@ -132,8 +132,9 @@ class LimitOptions(OptionGroup):
     }
 
     limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS", others=("arm", "none"))] | None = None
-    """Limits that strikes keep (default: arm, the limits of the joints, if the model has any, else none). xm430 is the
-    speed-torque line of that motor. optimize counts strikes that exceed a limit as misses; simulate reports them."""
+    """Limits that strikes keep: those of XM430 servos (xm430), of the joints (arm) or none (default: arm if the joints
+    have limits, else none). xm430 is the speed-torque line of that motor. optimize counts strikes that exceed a limit
+    as misses; simulate reports them."""
     keep_free: float = 0.0
     """Fraction of the limits that strikes leave unused, such as 0.1 (default: 0)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None

@@ -233,7 +233,9 @@ def _shown(path: Path | str) -> Generator[tuple[np.ndarray, float], None, None]:
             if image.shape != (shape := shape or image.shape) or image.dtype != np.uint8:
                 raise InputError(str(path), f"an image of shape {image.shape}", f"images of shape {shape}")
             yield image, 1e-3 * float(capture.get(cv2.CAP_PROP_POS_MSEC))
-        raise InputError(str(path), f"more than {MOST_FRAMES} images", f"at most {MOST_FRAMES}", "cut the strike out")
+        raise InputError(
+            str(path), f"more than {MOST_FRAMES} images", f"at most {MOST_FRAMES}", "keep only the part with the strike"
+        )
     except (cv2.error, MemoryError) as error:
         raise InputError(str(path), "a damaged file", "a whole video file", str(error)[:160]) from None
     finally:
