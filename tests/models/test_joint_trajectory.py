@@ -14,8 +14,9 @@ from whiptool.errors import InputError
 from whiptool.impedance.arm import Arm
 from whiptool.models import preset
 from whiptool.models.hand_space import HandSpace, hand_poses
-from whiptool.models.joint_trajectory import JointTrajectory, hand_joints, lead_in_time
+from whiptool.models.joint_trajectory import JointTrajectory, hand_joints
 from whiptool.models.kinematics import HandKinematics, arm_frames
+from whiptool.models.smooth_path import path_between
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike
 
@@ -32,7 +33,10 @@ def trajectory(**options) -> JointTrajectory:
 def test_way_rest_strike_and_stay_follow_each_other():
     found = trajectory(start=POSTURE, rate=250)
     begins = found.strike_begins
-    assert begins == pytest.approx(lead_in_time(np.array(POSTURE), np.array(STRIKE.q_i), LIMITS) + 1, abs=0.008)
+    way = path_between(POSTURE, STRIKE.q_i, LIMITS, 250)
+    assert begins == pytest.approx((len(way[0]) - 1) / 250 + 1, abs=1e-9)
+    for values, expected in zip((found.q, found.v, found.a), way, strict=True):
+        np.testing.assert_array_equal(values[: len(expected)], expected)
     np.testing.assert_allclose(np.diff(found.t), 1 / 250)
     np.testing.assert_allclose(found.q[0], POSTURE)
     resting = (found.t > begins - 0.99) & (found.t <= begins)
@@ -52,22 +56,6 @@ def test_velocities_and_accelerations_are_derivatives_of_positions():
     np.testing.assert_allclose(np.gradient(found.q, found.t, axis=0)[inside], found.v[inside], atol=2e-4)
     corner = 60 * 2.4 / STRIKE.D**3 / 2000 / 2  # the jerk jumps where parts meet
     np.testing.assert_allclose(np.gradient(found.v, found.t, axis=0)[inside], found.a[inside], atol=corner)
-
-
-def test_the_way_to_the_start_uses_a_fifth_of_the_limits():
-    """Whichever of them asks for the longest time is used wholly, of speed, acceleration and jerk by differences."""
-    start, end = np.array([0.0, 0.0]), np.array([2.0, -1.0])
-    for limits in (LIMITS, (JointLimits(), JointLimits()), (JointLimits(velocity=0.5), JointLimits(jerk=1.0))):
-        T = lead_in_time(start, end, limits)
-        t = np.linspace(0, T, 20_001)
-        _, v, a = Strike(tuple(start), tuple(end), T).reference(t)
-        jerk = np.diff(a, axis=0) / np.diff(t)[:, None]
-        used = []
-        for j, limit in enumerate(limits):
-            used.append(np.abs(v[:, j]).max() / min(limit.velocity / 5, 1.0))
-            used.append(np.abs(a[:, j]).max() / min(limit.acceleration / 5, 2.0))
-            used.append(np.abs(jerk[:, j]).max() / (limit.jerk / 5))
-        assert max(used) == pytest.approx(1, abs=2e-3)
 
 
 @pytest.mark.parametrize(

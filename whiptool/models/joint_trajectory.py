@@ -20,15 +20,14 @@ from whiptool.errors import InputError
 from whiptool.given_files import read_text
 from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
+from whiptool.models.smooth_path import path_between
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, Vector, limit_unit
-from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK, Strike, StrikePath
+from whiptool.models.strike import StrikePath
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
 RATE = 500.0  # [1/s], of a UR5e's servos
 REST = 3.0  # [s] in which the whip comes to hang still
-GENTLE = 0.2  # share of the joints' limits that the way to the start uses
-SPEED, ACCELERATION = 1.0, 2.0  # [rad/s or m/s], [rad/s2 or m/s2] of the way to the start at most
 _QUANTITIES = ("position", "velocity", "acceleration")
 POSE = tuple(f"hand_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))  # columns: place [m], unit quaternion
 _UNIT = 1e-6  # by which the length of a quaternion may differ from 1
@@ -91,7 +90,8 @@ class JointTrajectory:
             strike: The strike; in hand space the path of its joints.
             joints: Names of the n joints.
             start: Present posture [rad or m], (n,); default: the strike's start, with no movement to it.
-            limits: Limits of each joint; see `lead_in_time`. Default: none.
+            limits: Limits of each joint, of which the movement to the start uses a fifth, see `path_between`. Default:
+                none.
             rate: Sampling rate [1/s]; all parts of the trajectory begin at a sample.
             rest: Least time at rest before the strike [s].
             t_stay: Least time after the strike [s].
@@ -103,9 +103,10 @@ class JointTrajectory:
         if len(joints) != n:
             raise InputError("joints", tuple(joints), f"the names of {n} joints")
         step = 1 / number("rate", rate, low=1)
-        here = np.array(strike.q_i if start is None else numbers("start posture", tuple(start), n))
-        way = Strike(tuple(here), strike.q_i, lead_in_time(here, np.array(strike.q_i), limits) or step)
-        parts = [way.reference(_instants(way.D, step))] if start is not None else []
+        parts = []
+        if start is not None:
+            way = path_between(numbers("start posture", tuple(start), n), strike.q_i, limits, rate)
+            parts.append(tuple(x[:-1] for x in way))  # its end is the next part's first sample
         parts.append(strike.reference(np.zeros(_samples(number("rest", rest, low=0), step))))
         parts.append(strike.reference(_instants(strike.D, step)))
         parts.append(strike.reference(np.full(_samples(number("t_stay", t_stay, low=0), step) + 1, np.inf)))
@@ -213,24 +214,6 @@ class JointTrajectory:
                          "rotation": dict(zip("xyzw", pose[3:], strict=True))}  # fmt: skip
             points.append({"transforms": [transform], "time_from_start": _duration(t)})
         _write_yaml({"joint_names": ["hand"], "points": points}, path)
-
-
-def lead_in_time(start: np.ndarray, end: np.ndarray, limits: Sequence[JointLimits] = ()) -> float:
-    """Return the duration of the movement from one posture to another [s].
-
-    The movement is a minimum-jerk path within 1 rad/s, 2 rad/s^2 and a fifth of the joints' limits.
-
-    Args:
-        start, end: Postures [rad or m], (n,).
-        limits: Limits of each joint, (n,); default: none.
-    """
-    longest = 0.0
-    for span, limit in zip(np.abs(end - start), limits or [JointLimits()] * len(start), strict=True):
-        by_velocity = FASTEST * span / min(GENTLE * limit.velocity, SPEED)
-        by_acceleration = math.sqrt(LARGEST_ACCELERATION * span / min(GENTLE * limit.acceleration, ACCELERATION))
-        by_jerk = (LARGEST_JERK * span / (GENTLE * limit.jerk)) ** (1 / 3)
-        longest = max(longest, by_velocity, by_acceleration, by_jerk)
-    return longest
 
 
 def _samples(duration: float, step: float) -> int:
