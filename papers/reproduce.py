@@ -58,7 +58,7 @@ class ReproduceOptions(ComparisonOptions):
     whip_targets: int = 3
     """Number of targets for each unknown whip, in the part adapt."""
     space: bool = False
-    """Run adapt in space: a UR5e with ropes, targets with a direction."""
+    """Run the part adapt in space: a UR5e with ropes, targets with a direction."""
     rows: tuple[Row, ...] = ("still", "wiggle")
     """Measurement before the first strike, in the part adapt. still: the whip is filmed as it hangs; wiggle: it is
     filmed in one slow movement; unseen: none; rig: as still, through emulated servos and images; nominal: nothing is
@@ -96,12 +96,12 @@ class ReproduceOptions(ComparisonOptions):
             idle = {f.name for f in fields(self)} - _OF_ANY_PAPER - set(_OF_ADAPT)
             self.refuse_given(f"only without {self.what}, which has its own", *sorted(idle))
         if self.what != "adapt":
-            self.refuse_given("nothing but with adapt", *_OF_ADAPT)
+            self.refuse_given("only with the part adapt", *_OF_ADAPT)
         if self.space and "rig" in self.rows:
             raise InputError("--rows", "rig", "only without --space: the servos are those of a planar arm")
         further = ("further_zones", "further_methods", "further_observation")
         if self.what not in ("fig6", "all"):
-            self.refuse_given("nothing but with fig6 or all", *further)
+            self.refuse_given("only with the part fig6 or all", *further)
         elif not self.further_zones:
             self.refuse_given("only with --further-zones", *further[1:])
 

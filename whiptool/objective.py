@@ -53,8 +53,7 @@ class Arrival:
 
 @dataclass(frozen=True)
 class Outcome(ArrayLike):
-    """Outcome of one strike. It converts to a number, its `cost`, so that `scipy.optimize.minimize(objective, strike)`
-    works.
+    """Outcome of one strike. `float(outcome)` is its `cost`, so `scipy.optimize.minimize(objective, strike)` works.
 
     Args:
         miss_distance: Closest approach of the tip to the target [m]; a penalty if the strike diverged or was refused by

@@ -35,7 +35,8 @@ class HumanOptions(ResumableOptions):
     }
 
     folder: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]] = None
-    """Folder with trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or both under their original names."""
+    """Folder with trial_stats.csv and whip_task_data.mat of Krotov et al. 2022, or with both as they were published,
+    WhipTask_TrialStats.csv and WhipTaskData.mat."""
     resamples: int = 40
     """Number of bootstrap samples of people for the confidence intervals of the whip's parameters; 0: no intervals."""
     seeds: int = 4

@@ -119,7 +119,7 @@ def test_the_wiggle_tells_most_among_the_slow_ones(asked):
 
 def test_where_all_are_fast_there_is_no_wiggle(asked):
     asked["limit"] = 0.1
-    with pytest.raises(InputError, match=r"got 'at least 8.0 m/s at the tip'; allowed: at most 8 m/s"):
+    with pytest.raises(InputError, match=r"tip reaches 8.0 m/s or more'; allowed: at most 8 m/s"):
         choose_wiggle(belief(), rng=np.random.default_rng(0))
     assert asked["strikes"].shape == (32, 5)
     assert asked["t_stay"] == 0.3

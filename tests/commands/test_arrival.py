@@ -119,6 +119,9 @@ def test_a_strike_beyond_the_arms_limits_is_not_written(capsys):
     words = ["--model", "ur5e", "--controller", "position", "--no-video", "--target", "0.9", "0", "0.3"]
     assert simulate.main([*words, *strike, "--export-trajectory", "strike.csv"]) == 2
     error = capsys.readouterr().err
-    assert "whiptool: --export-trajectory: got 'strike.csv'; allowed: a strike within limits; at" in error
+    assert (
+        "whiptool: --export-trajectory: got 'strike.csv'; allowed: only for a strike within limits; in this strike, at"
+        in error
+    )
     assert "the velocity of shoulder_pan is" in error
     assert not list(Path().iterdir())  # refused before anything is written

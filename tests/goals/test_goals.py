@@ -61,7 +61,7 @@ def test_upward_and_leftward_at_a_target_straight_ahead():
 
 def test_a_target_above_the_base_has_no_arrival_angle():
     for place in ([0.0, 0.0, 1.3], [0.0, 0.0, -1.3], [1e-7, 0.0, 1.3]):
-        with pytest.raises(InputError, match=r"^arrival angle at: got .*not above or below the base"):
+        with pytest.raises(InputError, match=r"^target of an arrival angle: got .*not straight above or below"):
             arrival_directions(np.array([[1.0, 0.0, 0.0], place]), np.zeros(2))
     directions, _ = arrival_directions(np.array([[0.0, 1.3, 0.0], [1e-3, 0.0, 1.3]]), np.zeros(2))
     np.testing.assert_allclose(directions, [[0, 0, 1], [-1, 0, 0]], atol=1e-3)

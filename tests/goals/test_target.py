@@ -97,7 +97,7 @@ def test_an_arrival_angle_needs_an_upward_direction_across_the_line_of_sight():
     assert target.direction == pytest.approx((0.0, 1.0, 0.0), abs=1e-12)
     assert target.sight == (-1.0, 0.0, 0.0)
     assert (target.cone, target.hit_radius) == (0.2, 0.05)
-    with pytest.raises(InputError, match="not above or below the base, or a direction"):
+    with pytest.raises(InputError, match="not straight above or below the base; give a direction"):
         Target.arriving((0.0, 0.0, 1.3), 0.0)
 
 

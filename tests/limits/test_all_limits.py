@@ -103,7 +103,7 @@ def test_the_box_is_narrowed_to_positions():
     box = StrikeBounds((-3.0, -3.0, -3.0, -3.0, 0.4), (3.0, 3.0, 3.0, 3.0, 1.0))
     limits = AllLimits(ArmLimits((JointLimits((-1.0, 9.0)), JointLimits((-9.0, 2.0)))))
     assert limits.narrowed(box) == StrikeBounds((-1.0, -3.0, -1.0, -3.0, 0.4), (3.0, 2.0, 3.0, 2.0, 1.0))
-    with pytest.raises(InputError, match=r"bounds: .*strikes within the position limits"):
+    with pytest.raises(InputError, match=r"^bounds\[0\]: got \(-3.0, 3.0\); .*position limits, 4 to 9$"):
         AllLimits(ArmLimits((JointLimits((4.0, 9.0)), JointLimits()))).narrowed(box)
     assert AllLimits(None).narrowed(box) == box
     assert not AllLimits(None)

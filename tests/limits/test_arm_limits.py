@@ -101,7 +101,7 @@ def test_arms_have_limits_or_none():
     ur5e = ArmLimits.of(preset("ur5e").arm)
     assert [joint.torque for joint in ur5e.joints] == [150, 150, 150, 28, 28, 28]
     for name in ("lemon2024", "nah2023"):
-        with pytest.raises(InputError, match="limits: got 'none'; allowed: an arm whose joints have limits"):
+        with pytest.raises(InputError, match="limits: got 'an arm whose joints have no limits'; allowed: an arm"):
             ArmLimits.of(preset(name).arm)
 
 

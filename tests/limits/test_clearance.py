@@ -160,7 +160,10 @@ def test_a_floor_in_the_plane():
 
 
 def test_nothing_to_touch_is_named():
-    with pytest.raises(InputError, match="clearance: got 'none'; allowed: an arm with capsules, or a floor"):
+    with pytest.raises(
+        InputError,
+        match="clearance: got 'an arm without capsules, and no floor'; allowed: an arm with",
+    ):
         Clearance(preset("lemon2024"))
     with pytest.raises(InputError, match="least: got -1"):
         Clearance(UR5E, least=-1)

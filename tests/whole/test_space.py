@@ -112,7 +112,7 @@ def test_a_policy_and_a_comparison_in_space(tmp_path):
         ),
         (["--target", "1.2", "0.3", "0.4"], "two coordinates x y in m, for the model lemon2024, which is in the plane"),
         (["--model", "ur5e", "--target", "9", "0", "0"], "within the model's reach"),
-        (["--limits", "arm"], "--limits: got 'none'; allowed: an arm whose joints have limits"),
+        (["--limits", "arm"], "--limits: got 'an arm whose joints have no limits'; allowed: an arm"),
         (["--arm", "nowhere.urdf", "--target", "1", "0", "0"], "nowhere.urdf"),
         (["--arm", "nobody"], "--arm: got 'nobody'"),
         (["--model", "ur5e", "--target", "1", "0", "0", "--lower", "0", "0"], "13 numbers, q_shoulder_pan_i"),

@@ -165,7 +165,10 @@ class Adapter:
         """
         self._catch_up()
         if self.done or (self._asked is None and self._read(PLAN) is None):
-            raise InputError("recording", f"one of strike {self.number}", "the recording of a strike that was planned")
+            ask = "call ask() first; on the command line, whiptool adapt next without a recording"
+            fix = "the run has ended" if self.done else ask
+            given, rule = f"one of strike {self.number}", "the recording of a strike that was planned"
+            raise InputError("recording", given, rule, fix)
         return Strike.from_vector(self._plan().strike)
 
     def tell(self, told: StrikeRecording | Seen, *, must_teach: bool = False) -> Step:

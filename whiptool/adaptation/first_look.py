@@ -155,14 +155,13 @@ def choose_wiggle(
             return Strike.from_vector(strikes[best]), float(gain[best])
         slowest = min(slowest, fastest.min())
     if np.isfinite(slowest):
-        raise InputError(
-            "wiggle", f"at least {slowest:.1f} m/s at the tip", f"at most {FASTEST:g} m/s", "strike without it"
-        )
+        given = f"movements in which the tip reaches {slowest:.1f} m/s or more"
+        raise InputError("wiggle", given, f"at most {FASTEST:g} m/s", "leave it out")
     raise InputError(
         "wiggle",
         f"none of {ROUNDS * candidates} movements within the limits",
         "at least one",
-        "give wider limits, or strike without it",
+        "give wider limits, or leave it out",
     )
 
 

@@ -174,7 +174,8 @@ class Belief:
             names, error = tuple(table["names"]), ModelError(**table["model_error"])
             z, covariance = np.array(table["z"], float), np.array(table["covariance"], float)
         except (KeyError, TypeError, ValueError) as fault:
-            raise InputError("belief", str(table)[:80], f"names, z, covariance, model_error ({fault})") from None
+            rule = f"a table with names, z, covariance and model_error ({fault})"
+            raise InputError("belief", str(table)[:80], rule) from None
         return cls(plant, names, z, covariance, error)
 
 
@@ -360,7 +361,7 @@ def read_belief(
     known, given, fixed = {**belief.plant.values(), "delay": 0.0}, {}, {}
     for name, entry in read_toml(Path(path)).items():
         if name not in known:
-            raise InputError(f"{path}: {name}", entry, "one of " + ", ".join(known))
+            raise InputError(f"{path}: {name}", entry, "one of the parameters " + ", ".join(known))
         if not isinstance(entry, dict) or set(entry) != {"value", "error"}:
             raise InputError(f"{path}: {name}", entry, "{value = ..., error = ...}")
         value = number(f"{path}: {name}.value", entry["value"])

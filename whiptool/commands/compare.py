@@ -185,10 +185,10 @@ class CompareOptions(ComparisonOptions, ZoneGoalOptions):
     """Search methods. They are those of whiptool optimize; random is always added. sac, td3, ddpg and ppo are trained
     once per seed."""
     observation: tuple[Observation, ...] = ("goal",)
-    """Learners see tip, tip minus target, or tip and target. They are trained separately for each observation."""
+    """Observation of the learners: the tip, tip minus target (relative), or tip and target (goal). They are trained
+    separately for each observation."""
     zone: Literal["disc", "fast"] = "disc"
-    """Zone of targets (fast: the tip can reach 3 m/s there). disc: around --target; fast: where the tip of random
-    strikes moves at 3 m/s or more."""
+    """Zone of targets: disc around --target, or fast, where the tip of random strikes moves at 3 m/s or more."""
 
     def __post_init__(self) -> None:
         spell_methods(self, "methods")

@@ -66,7 +66,8 @@ class BuildOptions(
     }
 
     random_strikes: int = 8192
-    """Number of random strikes. The map begins with the points of the region that they pass."""
+    """Number of random strikes with which the map begins. Its first entries are the points of the region that they
+    pass."""
     room: int = 2
     """Largest number of strikes that are stored in each cell of the region at first; every round adds one. A cell is
     two hit radii and two cones wide."""
@@ -86,7 +87,7 @@ class BuildOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
-    """Options of `map strike`, which looks up a strike in a map; --hit-radius is by default that of the map."""
+    """Options of `map strike`, which looks up a strike in a map; the default of --hit-radius is that of the map."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("video",)
     only_with: ClassVar[Conditions] = {"t_stay": Condition("only without a map, which has its own", lambda o: False)}

@@ -82,8 +82,7 @@ class TrainOptions(
     strikes: int = 100
     """Largest number of strikes at one target in an episode."""
     hidden: tuple[int, ...] | None = None
-    """Sizes of the hidden layers. The defaults of this and the following options down to --spread depend on the method;
-    docs/paper.md lists them."""
+    """Sizes of the hidden layers. Defaults that are not named here depend on --method; docs/paper.md lists them."""
     learning_rate: float | None = None
     """Learning rate of Adam."""
     discount: float | None = None

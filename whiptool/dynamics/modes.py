@@ -24,7 +24,8 @@ from whiptool.models.parameters import ArmLink, ArmParameters, Model
 class Linearisation:
     """Equations of small motions about a posture, `M ddx + C dx + K x = tau`.
 
-    x are the deviations of the n joints from the posture [rad]; tau are torques, added to those that hold it [N m].
+    x are the deviations of the n joints of arm and whip from the posture [rad]; tau are torques, added to those that
+    hold it [N m].
     A rod has two deviations: rotations towards the x and y axes of its frame. This frame is the world's, rotated by the
     smallest rotation that takes -z to the rod's direction. For a hanging rod they are tilts towards x and y.
 

@@ -68,8 +68,8 @@ def outcome_columns(a: int, dimension: int) -> Columns:
 
 
 def row_columns(n: int, a: int, dimension: int) -> Columns:
-    """Return the columns of one sample of a trajectory: time, state of n joints, torques of `a` driven joints, tip
-    position and velocity.
+    """Return the columns of one sample of a trajectory: time, state of the n joints of arm and whip, torques of the
+    `a` driven joints, tip position and velocity.
     """
     return Columns({"t": 1, "x": 2 * n, "tau": a, "tip": dimension, "velocity": dimension})
 

@@ -22,7 +22,7 @@ _SAME = 1e-6  # largest difference of directions that are the same
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """Required arrival of the tip at every target of a zone; by default any arrival.
+    """Required arrival of the tip at every target of a zone; `ArrivalRule()` allows any arrival.
 
     Args:
         direction: Direction for all targets, a vector of any length, (2,) or (3,); it is stored as a unit vector.

@@ -327,7 +327,8 @@ def arrival_directions(positions: np.ndarray, angles: np.ndarray) -> tuple[np.nd
     bad = np.flatnonzero(aside <= _ALONG * distance)
     if len(bad):
         given = tuple(map(float, positions[bad[0]]))
-        raise InputError("arrival angle at", given, "a target that is not above or below the base, or a direction")
+        rule, fix = "one that is not straight above or below the base", "give a direction in place of the angle"
+        raise InputError("target of an arrival angle", given, rule, fix)
     z = -positions / distance
     up = np.array([0.0, 0.0, 1.0]) - z[:, 2:] * z
     x = up / np.linalg.norm(up, axis=1, keepdims=True)

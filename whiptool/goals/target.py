@@ -28,7 +28,7 @@ _COORDINATES = {2: "two coordinates x y", 3: "three coordinates x y z"}
 @made_of_numbers(lambda place: (place,))
 @dataclass(frozen=True)
 class Target(Vector):
-    """A point to hit, with the direction and the speed of the tip if they are required. It converts to an array, its
+    """A point to hit, with the direction and the speed of the tip if they are required. `np.asarray(target)` is its
     position.
 
     `Target(1.25, 0.2)` is the same as `Target((1.25, 0.2))`; other arguments are then given by name: `Target(1.25, 0.2,

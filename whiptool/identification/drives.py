@@ -258,10 +258,10 @@ class SwingDrive(Drive):
         for name in free:
             if name.startswith(("arm.", "law.", "torque_limit")):
                 raise InputError(
-                    f"free parameter {name}",
-                    kind,
-                    "a parameter of the whip, because the motion of its base is prescribed",
-                    "drive by command",
+                    "free parameter",
+                    name,
+                    f"a parameter of the whip, because with drive {kind} the motion of its base is prescribed",
+                    "or drive by command",
                 )
         if kind in ("robot", "hand") and plant.model.dimension == 2:
             raise InputError("drive", kind, "joints, handle, command or passive, for a model in the plane")
@@ -345,6 +345,7 @@ class SwingDrive(Drive):
                 "whip.k[0]",
                 "a spring or damper at the handle",
                 "a free hinge, because only the handle's position is known",
+                "give whip.k and whip.b a value per node, the first of them 0",
             )
         m = recording.markers.index("handle")
         seen = ~np.isnan(recording.points[:, m, 0])
@@ -359,7 +360,8 @@ class SwingDrive(Drive):
     def _still(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         self.start = float(recording.t_points[recording.seen].min()) - recording.exposure / 2
         if plant.clamp is None and not hinge_is_free(plant.model):
-            raise InputError("whip.k[0]", "a spring where the whip is held", "a free hinge, or a clamp's direction")
+            fix = "give the clamp's angle: --clamp on the command line, Plant(..., clamp=0.0) in Python"
+            raise InputError("whip.k[0]", "a spring where the whip is held", "a free hinge, or a clamp", fix)
         return StillMotion(_hand(recording), len(self._instants(recording, options.h)), joints=plant.model.arm.n)
 
     def _instants(self, recording: StrikeRecording, h: float) -> np.ndarray:

@@ -120,7 +120,7 @@ def read_prior(path: str | None, plant: Plant, free: tuple[str, ...]) -> Prior |
         except InputError as error:
             raise error.within(f"{path}: ") from None
         if full not in free:
-            raise InputError(f"{path}: {name}", full, "a free parameter: " + ", ".join(free))
+            raise InputError(f"{path}: {name}", full, "one of the free parameters " + ", ".join(free))
         names.append(full)
         positive = variable(full, 1.0).log
         low = 0.0 if positive else -math.inf

@@ -89,7 +89,8 @@ class Predictor:
         if len(set(named)) < len(named):
             raise InputError("free parameters", named, "different names, each shared or per recording")
         if drive == "passive" and "delay" in named:
-            raise InputError("free parameters", named, "no delay, which is not distinguishable from a free first state")
+            rule = "names other than delay, which is not distinguishable from the free first state of a passive swing"
+            raise InputError("free parameters", named, rule)
         self._of_plant = [name for name in self.shared if name not in NUISANCE]
         self._adaptive = timestep is None and drive == "command"
         self.h = _interval(plant) if timestep is None else timestep

@@ -376,7 +376,7 @@ def _hand(table: Any) -> HandControl:
         raise InputError("controller.hand", table, "a table with some of " + ", ".join(known))
     for key in table:
         if key not in known:
-            raise InputError(f"controller.hand.{key}", table[key], "one of " + ", ".join(known))
+            raise InputError(f"controller.hand.{key}", table[key], "one of the keys " + ", ".join(known))
     try:
         return HandControl(**table)
     except InputError as error:

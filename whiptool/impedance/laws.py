@@ -94,7 +94,7 @@ def _check_acts_against(name: str, matrix: Matrix | float) -> None:
 @register
 @dataclass(frozen=True)
 class ConstantImpedance(NoArray, Law, instead="its K or B"):
-    """`tau = K e + B de`, with the paper's matrices (Eq. 22, from Nah et al. 2020) by default.
+    """`tau = K e + B de`; the default matrices are the paper's (Eq. 22, from Nah et al. 2020).
 
     `ConstantImpedance(100, 10)` gives every joint of any arm the same stiffness and damping.
 

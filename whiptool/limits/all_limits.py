@@ -67,7 +67,7 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
             raise InputError("limits", name, rule)
         found.append(limits_preset(name).keeping_free(keep_free))
     elif keep_free:
-        raise InputError("keep_free", keep_free, "0 for an arm without limits", "name the limits")
+        raise InputError("keep_free", keep_free, "0 for an arm without limits", "or give the limits of a motor (xm430)")
     given = named.get("floor")
     floor = default_floor(model.arm) if given is None else floor_height(given)
     if not named.get("ignore_collisions") and (floor is not None or Clearance.is_of(model)):
@@ -191,8 +191,9 @@ class AllLimits:
             if limits.positions is not None and self._by_joints:
                 low, high = (np.r_[x, x, end] for x, end in zip(limits.positions, (-np.inf, np.inf), strict=True))
                 lower, upper = np.maximum(lower, low), np.minimum(upper, high)
-        if not (lower < upper).all():
-            raise InputError("bounds", bounds.box, "a box with strikes within the position limits")
+                for i in np.flatnonzero(~(lower < upper)):
+                    rule = f"a range that overlaps the position limits, {low[i]:.4g} to {high[i]:.4g}"
+                    raise InputError(f"bounds[{i}]", (bounds.lower[i], bounds.upper[i]), rule)
         return StrikeBounds(tuple(lower), tuple(upper))
 
     def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:

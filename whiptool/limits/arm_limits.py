@@ -73,7 +73,8 @@ class ArmLimits(Limits):
 
     def __post_init__(self) -> None:
         if not _limited(self.joints):
-            raise InputError("limits", "none", "an arm whose joints have limits")
+            given, rule = "an arm whose joints have no limits", "an arm whose joints have limits"
+            raise InputError("limits", given, rule, "give the limits of a motor (xm430), or none")
 
     @classmethod
     def of(cls, arm: AnyArm, *, keep_free: float = 0.0, prescribed: bool = False) -> ArmLimits:

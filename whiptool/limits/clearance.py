@@ -174,7 +174,7 @@ class Clearance(Limits):
             object.__setattr__(self, "floor", metres("floor", self.floor, low=-LONGEST, strict=False))
         object.__setattr__(self, "least", metres("least", self.least, longest=LARGEST_GAP, strict=False))
         if not self.is_of(self.model) and self.floor is None:
-            raise InputError("clearance", "none", "an arm with capsules, or a floor")
+            raise InputError("clearance", "an arm without capsules, and no floor", "an arm with capsules, or a floor")
 
     @property
     def of_candidates(self) -> bool:

@@ -171,7 +171,7 @@ def model_from_table(table: Mapping, folder: Path = Path()) -> Model:
     if isinstance(whip, Mapping) and "profile" in whip:
         for key in whip:
             if key not in ("profile", "N", *_WITH_PROFILE):
-                rule = f"together with profile only N, {', '.join(_WITH_PROFILE)}"
+                rule = f"only without whip.profile, with which a whip has only N, {', '.join(_WITH_PROFILE)}"
                 raise InputError(f"whip.{key}", whip[key], rule)
         profile = _profile(whip["profile"])
         try:

@@ -88,7 +88,7 @@ class JointTrajectory:
 
         Args:
             strike: The strike; in hand space the path of its joints.
-            joints: Names of the n joints.
+            joints: Names of the arm's joints, (n,).
             start: Present posture [rad or m], (n,); default: the strike's start, with no movement to it.
             limits: Limits of each joint, of which the movement to the start uses a fifth, see `path_between`. Default:
                 none.

@@ -1,7 +1,7 @@
 """Checks of numbers in arguments, and conversion of whiptool's objects by NumPy.
 
-By default `np.asarray` converts an object to an array of no dimension that contains the object; such an array
-broadcasts, and an assignment, a sum or a comparison with it fails late or not at all.
+Without `__array__`, `np.asarray(thing)` is an array of no dimension that contains the thing; such an array broadcasts,
+and an assignment, a sum or a comparison with it fails late or not at all.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def made_of_numbers(arguments: Callable[[tuple[float, ...]], tuple[Any, ...]]) -
     """Class decorator: the class can also be constructed from the numbers of its vector, such as `Target(1.25, 0.2)`.
 
     Args:
-        arguments: Converts these numbers to the arguments of the class.
+        arguments: Function that returns the arguments of the class for these numbers.
     """
 
     def decorate(cls: C) -> C:

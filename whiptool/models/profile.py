@@ -242,7 +242,7 @@ def graded(
         profile: All of `WhipProfile.numbers`.
         quantity: `linear_density`, `bending_stiffness` or `bending_damping`.
         place: Position as a fraction of the length.
-        constant: Converts a NumPy array to the type that the profile's values are multiplied with.
+        constant: Function that returns a NumPy array in the type with which the profile's values are multiplied.
     """
     taper, waves = _GRADED[quantity]
     exponent = constant(np.zeros_like(place))
@@ -272,7 +272,7 @@ def lump(
         profile: All of `WhipProfile.numbers`.
         N: Number of nodes.
         clamped: Whether the whip's first joint bends as in a clamp; otherwise it is a free hinge.
-        constant: Converts a NumPy array to the type that the profile's values are multiplied with.
+        constant: Function that returns a NumPy array in the type with which the profile's values are multiplied.
 
     Returns:
         Columns (N, 1) of l, m, k, b, rest_angle, drag; and hinge_mass, (1, 1).

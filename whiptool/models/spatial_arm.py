@@ -350,7 +350,7 @@ class SpatialArm(JointedArm):
         object.__setattr__(self, "never_touch", _checked_pairs(self.never_touch, self.joints))
         object.__setattr__(self, "weightless", tuple(self.weightless))
         if not set(self.weightless) <= set(self.joints):
-            raise InputError("weightless", self.weightless, "some of the arm's joints, by their names")
+            raise InputError("weightless", self.weightless, f"some of the arm's joints {', '.join(self.joints)}")
         names = tuple(self.names) or self.joints
         if len(names) != len(links) or not all(isinstance(name, str) for name in names):
             raise InputError("names", self.names, f"{len(links)} names, one for each joint, or none")
@@ -487,5 +487,5 @@ BASE = "base"  # of an arm, in pairs that never touch
 def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     pairs = tuple(tuple(pair) for pair in given) if isinstance(given, (list, tuple)) else (())
     if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= {*joints, BASE} for p in pairs):
-        raise InputError("never_touch", given, f"pairs of the arm's joints, by their names, or {BASE} and one of them")
+        raise InputError("never_touch", given, f"pairs of the names {', '.join((BASE, *joints))}")
     return tuple((a, b) for a, b in pairs)

@@ -64,7 +64,7 @@ _VECTOR = "joint positions q_i, as many q_f, and D [s]: 5 numbers for 2 joints, 
 @made_of_numbers(lambda row: ends_and_duration(row, _VECTOR))
 @dataclass(frozen=True)
 class Strike(Vector):
-    """Reference trajectory (zero-torque trajectory) of the arm's n joints; it converts to an array, its `vector`.
+    """Reference trajectory (zero-torque trajectory) of the arm's n joints; `np.asarray(strike)` is its `vector`.
 
     `Strike(-1.36, 0.47, 1.73, 1.41, 0.95)` is the same as `Strike((-1.36, 0.47), (1.73, 1.41), 0.95)`.
 
@@ -131,8 +131,8 @@ class Strike(Vector):
 
 @dataclass(frozen=True)
 class StrikeBounds(ArrayLike):
-    """Box in which strikes are searched; `lower` and `upper` are in the order of `Strike.vector`. It converts to an
-    array (2, 2 n + 1).
+    """Box in which strikes are searched; `lower` and `upper` are in the order of `Strike.vector`. `np.asarray(bounds)`
+    has these two rows, (2, 2 n + 1).
 
     Raises:
         InputError: Lengths differ, a value is not finite, lower is not below upper, or D may be <= 0.
@@ -223,7 +223,7 @@ _HAND_VECTOR = "the hand's coordinates x_i, as many x_f, and D"
 @made_of_numbers(lambda row: ends_and_duration(row, _HAND_VECTOR))
 @dataclass(frozen=True)
 class HandStrike(Vector):
-    """Reference trajectory of the hand in m coordinates, see `HandKinematics`; it converts to an array, its `vector`.
+    """Reference trajectory of the hand in m coordinates, see `HandKinematics`; `np.asarray(strike)` is its `vector`.
 
     `HandStrike(0.1, 0.2, 0.3, 0.4, 0.5)` is the same as `HandStrike((0.1, 0.2), (0.3, 0.4), 0.5)`.
 

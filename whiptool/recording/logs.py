@@ -51,7 +51,7 @@ def good_stamps(stamps: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     if len(bad) > max(1, MOST_BAD * len(stamps)) or len(crowds):
         first, last = (bad[crowds[0]], bad[crowds[-1] + CROWD - 1]) if len(crowds) else (bad[0], bad[-1])
         given = f"{len(bad)} of {len(stamps)} stamps that repeat or go back, samples {first + 1} to {last + 1}"
-        fix = "were they written with too few digits? Cut that stretch out, or say the times (timestamps, fps)"
+        fix = "were they written with too few digits? Remove these samples, or say the times (timestamps, fps)"
         raise InputError(what, given, "increasing stamps, each later than the previous stamp", fix)
     rows = ", ".join(f"{i + 1} ({stamps[i]:.6g} s)" for i in bad[:5])
     return keep, [f"{what}: left out {len(bad)} of {len(stamps)} samples, whose stamps cannot be right: {rows}"]

@@ -432,7 +432,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
                     raise InputError("key", key, "one of " + ", ".join(keys))
             for key in REQUIRED:
                 if key not in values:
-                    raise InputError("key", None, f"{key}; there must be " + ", ".join(REQUIRED))
+                    raise InputError(key, None, f"a value; a recording has at least {', '.join(REQUIRED)}")
             if (number := int(values.pop("format", LAYOUT))) != LAYOUT:
                 raise InputError("format", number, f"{LAYOUT}", "it was written by another version of whiptool")
             values = {key: _READ.get(key, lambda value: value)(value) for key, value in values.items()}

@@ -239,7 +239,10 @@ class RigLoop:
         rehearsal = rehearse(self.model, self.controller, strike, self.options, guards=self.guards, believed=believed)
         if rehearsal.refused is not None:
             raise StrikeRefused(
-                "strike", strike.vector.tolist(), "what the motors and the loop can carry", rehearsal.refused
+                "strike",
+                strike.vector.tolist(),
+                "a strike that the motors and the loop can carry out",
+                rehearsal.refused,
             )
 
     def _plan(self, strike: Strike, q: np.ndarray) -> Iterator[tuple[Phase, CappedLoop, float]]:

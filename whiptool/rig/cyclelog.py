@@ -107,7 +107,7 @@ class CycleLog:
 
 @dataclass(frozen=True)
 class Cycles:
-    """Log of a run: C control cycles, n joints. Values that a missed cycle did not measure are NaN.
+    """Log of a run: C control cycles of an arm of n joints. Values that a missed cycle did not measure are NaN.
 
     Args:
         t, stamp, late: Scheduled time, clock time of the sample, and delay of the cycle's start [s], (C,) each.

@@ -179,7 +179,7 @@ class NativeEngine:
         return None if library is None else cls(library, system, "simd" if simd else "scalar")
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
-        """Roll the batch out, on all cores by default."""
+        """Roll the batch out with this number of threads; None: one per core."""
         keys = (-batch.steps,) if batch.tolerance is None else (-batch.steps, batch.tolerance)
         order = np.lexsort(keys)  # lanes that take as many steps; the longest first
         ordered = batch.take(order)

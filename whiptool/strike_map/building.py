@@ -229,7 +229,11 @@ class Building:
         drawn = self.striker.limits.random_strikes(self.striker.bounds, rng, count)
         found = harvest.pick(drawn, room=self.plan.room)
         if not before and not len(found):
-            raise InputError("zone", str(self.region.zone), f"a zone that some of {count} random strikes pass")
+            rule, fix = (
+                f"a zone that some of {count} random strikes pass",
+                "make it larger, or take more random strikes",
+            )
+            raise InputError("zone", str(self.region.zone), rule, fix)
         return found
 
     def _practice(self, harvest: Harvest, answers: Answers, rng: np.random.Generator, *, room: int) -> Answers:

@@ -83,8 +83,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Recorded strikes: tables, motion capture files or videos. They are tracks (CSV, DeepLabCut, NPZ, MAT, C3D,
     LeRobot folders), or videos (files, ROS bags), in which the tip is tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
-    """Parameters to fit, such as k, arm.mass[0] or law.a. k, b and m are stiffness, damping and mass of the whip's
-    nodes; others are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""
+    """Parameters to fit: k, b and m (stiffness, damping and mass of the whip's nodes), or others such as arm.mass[0] or
+    law.a. More are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""
     drive: Drive = "command"
     """What drives the simulated whip: command (the commanded strike), joints (their measured angles), robot (the
     command with a fitted lag), hand (its measured pose), handle (a tracked marker) or passive (nothing after a release
@@ -107,7 +107,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     per_recording: tuple[Own, ...] = ()
     """Parameters whose value is fitted for each recording separately; start is the first state. Default: none."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
-    """Numbers of nodes to try (default: that of the model). The one with the smallest held-out error is kept."""
+    """Numbers of nodes of the whip to try (default: that of the model). The one with the smallest held-out error is
+    kept."""
     profile: bool = False
     """Fit a whip whose properties vary from handle to tip. Its parameters are length, linear_density,
     bending_stiffness, bending_damping, drag, tapers."""

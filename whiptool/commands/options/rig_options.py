@@ -256,8 +256,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     noise at 60 Hz, without servos), twin or d435-infrared (both render infrared images) or d435-color (renders colour
     images), and with a real arm: realsense or FILE.db3 (a RealSense recording)."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
-    """Deviation of the simulated whip from --model, small, large or doubled. kin: a uniform whip near the model;
-    strange: tapered, with a bead, a soft joint and more; stranger: the same deviations, doubled."""
+    """Deviation of the simulated whip from --model: small (kin), large (strange) or twice that (stranger). kin: a
+    uniform whip near the model; strange: tapered, with a bead, a soft joint and more; stranger: the same deviations,
+    doubled."""
     material: Annotated[str, Names("whiptool.adaptation.materials:MATERIALS")] | None = None
     """Known material of the whip, for the prior (default: that of --model). It sets the prior mean; the prior
     covariance is that of materials in general."""

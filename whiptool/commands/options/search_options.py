@@ -70,7 +70,7 @@ class SearchOptions(OptionGroup):
     joints, and duration. In hand space they are those of x_i y_i x_f y_f [m] and D, in space of x_i y_i z_i x_f y_f z_f
     and D. Default: those of the model."""
     upper: tuple[float, ...] | None = None
-    """Upper bounds, in the same order. Default: those of the model."""
+    """Upper bounds, in the order of --lower. Default: those of the model."""
     max_trials: int = 600
     """Largest number of trials, each of which is one strike."""
 

@@ -259,7 +259,8 @@ class TrajectoryOptions(OptionGroup):
             InputError: A limit is exceeded, and the options ask for a trajectory.
         """
         if words is not None and self.export_trajectory is not None:
-            raise InputError("--export-trajectory", str(self.export_trajectory), f"a strike within limits; {words}")
+            given, rule = str(self.export_trajectory), "only for a strike within limits"
+            raise InputError("--export-trajectory", given, rule, f"in this strike, {words}")
 
     def write_trajectory(self, trajectory: JointTrajectory | None, controller: Controller) -> None:
         """Write a trajectory to the file that the options name. If that file cannot hold the hand's poses, write them

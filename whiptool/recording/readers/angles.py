@@ -69,7 +69,7 @@ def read_swings(path: Path | str) -> list[StrikeRecording]:
     side = read_toml(path.with_suffix(".toml")) if path.with_suffix(".toml").is_file() else {}
     for key in side:
         if key not in SIDECAR:
-            raise InputError(f"{path.with_suffix('.toml')}: {key}", side[key], "one of " + ", ".join(SIDECAR))
+            raise InputError(f"{path.with_suffix('.toml')}: {key}", side[key], "one of the keys " + ", ".join(SIDECAR))
     with parsing(path, path.suffix[1:].upper()):
         t, angle, velocity = (_from_csv if path.suffix.lower() == ".csv" else _from_npz)(path)
         rates = [None] * len(angle) if velocity is None else list(velocity)

@@ -153,7 +153,7 @@ def _best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray,
             continue
         others = "".join(f"; not by {other}" for other in said)
         return np.where(keep, stamps, np.nan), whose + others
-    fix = "state the key timestamps"
+    fix = "state the key timestamps in the sidecar"
     raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing stamps", fix)
 
 

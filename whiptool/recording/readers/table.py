@@ -210,7 +210,7 @@ def stacked(
         columns: Indices of each marker's columns, see `split_columns`.
         what: The quantity, such as `x`.
         otherwise: Value of markers that lack the column, a number or broadcastable to (T, M).
-        unit: Factor that converts the column's values.
+        unit: Factor by which the column's values are multiplied.
     """
     default = np.broadcast_to(otherwise, (len(table), len(columns)))
     found = [table[:, c[what]] * unit if what in c else default[:, j] for j, c in enumerate(columns.values())]
@@ -227,7 +227,7 @@ class JointLog:
     Args:
         t: Times [s], (S,), strictly increasing.
         q: Positions in the unit of the file, (S, n).
-        names: Names of the n joints; empty if they are in the arm's order.
+        names: Names of the joints of the log, (n,); empty if they are in the arm's order.
         columns: Names of their columns in the file.
         unit: `rad` or `deg` if the columns' names state it; else empty.
         listed: Whether the columns were listed in the arm's order.

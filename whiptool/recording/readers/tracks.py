@@ -239,7 +239,9 @@ def read_deeplabcut(path: Path | str, **options: Any) -> StrikeRecording:
         pixels, t = pixels[clock.keep], clock.times
         readout = side.readout()
         if readout and "rows" not in side.table:
-            raise InputError("rows", None, "the height of the image [pixels], together with readout")
+            raise InputError(
+                "rows", None, "the height of the image [pixels], with the key readout", "state it in the sidecar"
+            )
         height = side.number("rows", 2.0, low=2, high=1e5)
         late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
         return side.recording(

@@ -28,7 +28,7 @@ RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
 
 @dataclass(frozen=True)
 class Motor:
-    """Parameters of a motor, all at the output shaft; by default those of the XM430-W350 at 12 V.
+    """Parameters of a motor, all at the output shaft; the default values are those of the XM430-W350 at 12 V.
 
     The manual gives stall torque, stall current and no-load speed. They fix the winding's resistance `V / i_stall`,
     the back EMF `V / w_0`, and, since an ideal gear would give as many N m/A as V s/rad, the gear's efficiency 0.72.
