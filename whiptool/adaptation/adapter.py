@@ -44,7 +44,7 @@ class Options:
     Args:
         max_strikes: Largest number of strikes.
         stop_at: End after the first strike whose estimated miss distance is at most this [m]; None: after the first hit
-            that is claimed; 0: only after `max_strikes`.
+            that is claimed, see `Step.hit`; 0: only after `max_strikes`.
         still: Film the hanging whip before the first strike, as step 0, unless earlier recordings are given.
         wiggle: Make a short, slow movement as step 0 instead.
         adapt: Whether to identify the whip; if not, one strike is planned from the prior and repeated.

@@ -36,7 +36,7 @@ def information(
 
     Args:
         belief: Belief before the recording.
-        strikes: Strike vectors, (B, 2 a + 1).
+        strikes: Strike vectors of an arm with `a` joints, (B, 2 a + 1).
         t_stay: Time after the movement's end for which the tip is still observed [s].
 
     Returns:

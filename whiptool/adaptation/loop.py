@@ -85,7 +85,7 @@ class Adaptation:
         )
 
     def run(self, on_step: Callable[[Step], None] = lambda step: None) -> Steps:
-        """Strike until a hit is claimed, or until the largest number of strikes.
+        """Strike until a hit is claimed, see `Step.hit`, or until the largest number of strikes.
 
         Strikes of an earlier run in the folder are read and not repeated. A strike is repeated if the process was
         killed before its outcome was written, or if a fault or a signal ended it; it does not count. After a fault a

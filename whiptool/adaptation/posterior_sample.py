@@ -159,7 +159,8 @@ def importance_sample(
     computed, and the covariance is mixed with the first one.
 
     Args:
-        log_density: Returns the log density (S,) of draws (S, m), up to a constant; minus infinity for density zero.
+        log_density: Function that returns the log density (S,) of draws (S, m), up to a constant; minus infinity for
+            density zero.
         centre, covariance: Centre and covariance of the first proposal, (m,) and (m, m).
         rng: Random generator of the draws.
         rounds, size: Number of proposals, and of draws from each.

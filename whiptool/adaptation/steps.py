@@ -241,7 +241,7 @@ class Step:
 
     @property
     def hit(self) -> bool | None:
-        """Whether a hit is claimed; None: the tip was not seen."""
+        """Whether a hit is claimed, which takes a hit probability of 90 % or more; None: the tip was not seen."""
         return None if self.judged is None else self.judged.hit
 
 

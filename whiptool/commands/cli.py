@@ -64,7 +64,7 @@ class Interruptions(Listener):
     torque-off is completed; they call `note`.
 
     Args:
-        clock: Returns the present time [s].
+        clock: Function that returns the present time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

@@ -355,7 +355,7 @@ class LaggedReference:
         instants: Times at which the hand's motion is computed [s], (I,), not below 0.
 
     Attributes:
-        start, rows, mean: As of a `BaseMotion`; the one coefficient is the lag [s].
+        start, rows, mean: As in `BaseMotion`; the one coefficient is the lag [s].
     """
 
     def __init__(self, strike: Strike, arm: SpatialArm, instants: np.ndarray) -> None:

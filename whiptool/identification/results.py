@@ -147,7 +147,7 @@ class FittedStart:
 
 
 def judge_starts(runs: Sequence[FittedStart], readings: int) -> list[FittedStart]:
-    """Return the runs sorted by cost, each with `over_best` and `failed` set.
+    """Return the runs sorted by cost, each with `over_best`, its cost over the least cost, and `failed` set.
 
     A run has failed if a likelihood ratio test rejects that it ended in the minimum of the best run. Under that
     hypothesis twice the difference of the two costs, over the residual variance of the best run, has a chi-squared

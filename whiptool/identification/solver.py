@@ -153,7 +153,7 @@ def solve(
     unknown at a bound is fixed for one step if the cost decreases beyond the bound.
 
     Args:
-        evaluate: Returns the blocks at (z, own), with derivatives or without (A and B are then ignored).
+        evaluate: Function that returns the blocks at (z, own), with derivatives or without (A and B are then ignored).
         z, own: Starting point: shared unknowns (G,), and each recording's own unknowns (L,).
         lower, upper: Bounds of z, (G,).
         loss: Loss to minimise.

@@ -67,7 +67,9 @@ def _gain(symbol: str, *, force: bool, length: bool) -> str:
 
 
 def units(arm: AnyArm, controller: Controller | None, names: Sequence[str]) -> dict[str, str]:
-    """Return the units of parameters by name; those of gains depend on prismatic joints and on control of the hand."""
+    """Return the units of parameters by name; those of gains depend on which joints are prismatic and on whether the
+    hand is controlled.
+    """
     of_law = of_arm = [joint in arm.slides for joint in arm.joints]
     if controller is not None and controller.hand is not None:
         of_law = [name[0] in "xyz" for name in controller.strike_space(arm).names if name.endswith("_i")]

@@ -282,7 +282,7 @@ def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
         way, steepest = _best_way(turned.mean().as_matrix() @ cube, turned)
     if steepest > _STEEPEST:
         rule = f"rotations of the hand with a middle Euler angle of at most {np.rad2deg(_STEEPEST):.0f} degrees"
-        raise InputError("hand", f"{np.rad2deg(steepest):.0f} degrees", rule)
+        raise InputError("hand", f"{np.rad2deg(steepest):.0f} degrees", rule, "record the arm's joints instead")
     return free_hand(way), np.hstack([poses[:, :3], np.unwrap(_turns(way, turned), axis=0)])
 
 

@@ -36,7 +36,7 @@ def refuse_tendons(
         model: MuJoCo model.
         movers: Indices of the arm's joints.
         names: Names of all joints.
-        joints_to: Returns the indices of the joints between the world and a body.
+        joints_to: Function that returns the indices of the joints between the world and a body.
 
     Raises:
         InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,

@@ -164,8 +164,8 @@ class VideoSource:
     """A sequence of images with the data that convert pixels to metres and rows to times.
 
     Args:
-        frames: Returns a new iterator over the F images at each call: (H, W, 3) uint8 in the order BGR, or (H, W) uint8
-            or uint16. It raises an InputError if an image cannot be decoded.
+        frames: Function that returns a new iterator over the F images: (H, W, 3) uint8 in the order BGR, or (H, W)
+            uint8 or uint16. It raises an InputError if an image cannot be decoded.
         times: Middle of the first row's exposure in each image [s], (F,), strictly increasing, relative to the
             command's start.
         shape: Height and width [pixels].

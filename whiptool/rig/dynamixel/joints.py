@@ -126,7 +126,7 @@ class Assumed:
         name: Name of the register.
         value: Value that `--for-strikes` sets, which is the manufacturer's default.
         meaning: Purpose of the register, for messages.
-        holds: Returns whether a value is acceptable; None: only `value` is.
+        holds: Function that returns whether a value is acceptable; None: only `value` is.
     """
 
     name: str
