@@ -36,6 +36,7 @@ def torque_rates(t: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 FOLLOWED, PRESCRIBED = 0.9, 1.0 - ROUNDING  # shares of the velocities that searches command
+RESTING = 1e-9  # [rad/s or m/s] and less is no velocity
 _NAMES = ("position", "velocity", "torque")
 
 
@@ -48,9 +49,9 @@ def _limited(joints: Sequence[JointLimits]) -> bool:
 class ArmLimits(Limits):
     """Limits of each joint of an arm.
 
-    Position, velocity and torque are checked on the simulated motion; acceleration and jerk on the commanded path, for
-    which manufacturers state them; the rate of change of torque (`torque_rates`) on the whole trajectory, only for
-    strikes that would be hits or the best.
+    Position, velocity and torque are checked on the simulated motion; acceleration, jerk and velocities that depend on
+    the position on the commanded path, for which manufacturers state them; the latter and the rate of change of torque
+    (`torque_rates`) on the whole trajectory, too, but only for strikes that would be hits or the best.
 
     Args:
         joints: Limits of each joint; see `JointLimits`.
@@ -114,10 +115,14 @@ class ArmLimits(Limits):
 
     @property
     def of_candidates(self) -> bool:
-        """Whether a joint has a limit on its torque rate, which peak values do not show.
+        """Whether a joint has a limit that peak values do not show: of its torque rate, or of velocity by position.
 
         A strike that would be a hit or the best is then checked over its whole trajectory.
         """
+        return self._of_rates or any(joint.by_position for joint in self.joints)
+
+    @property
+    def _of_rates(self) -> bool:
         return any(math.isfinite(joint.torque_rate) for joint in self.joints)
 
     def usage(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -131,9 +136,7 @@ class ArmLimits(Limits):
             range has only one end, each radian or metre beyond it counts as 1.
         """
         low, high = np.array([joint.position for joint in self.joints]).T
-        velocity, torque = (
-            np.array([getattr(joint, name) for joint in self.joints]) for name in ("velocity", "torque")
-        )
+        velocity, torque = (np.array([getattr(joint, name) for joint in self.joints]) for name in ("fastest", "torque"))
         half = np.where(np.isfinite(high - low), (high - low) / 2, 1.0)
         beyond = np.maximum(low - q, q - high) / half  # -inf where there is no end
         return np.stack([np.maximum(1 + beyond, 0), np.abs(v) / velocity, np.abs(tau) / torque], axis=-2)
@@ -172,9 +175,14 @@ class ArmLimits(Limits):
             return f"at {t[i]:.3f} s the {effort} of {joints[j]} changes by {rate}"
         i, what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value = (trajectory.q, trajectory.v, trajectory.tau)[what][i, j]
-        limit, unit = getattr(self.joints[j], _NAMES[what]), limit_unit(_NAMES[what], slides=j in self.slides)
+        limits, unit = self.joints[j], limit_unit(_NAMES[what], slides=j in self.slides)
         quantity = ("position", "velocity", self._effort(j))[what]
-        allowed = f"{limit[0]:.2f} to {limit[1]:.2f} {unit}" if what == 0 else f"{limit:.2f} {unit}"
+        allowed = f"{limits.torque:.2f} {unit}"
+        if what == 0 or (what == 1 and limits.by_position):
+            low, high = limits.position if what == 0 else limits.velocities(trajectory.q[i, j])
+            allowed = f"{low:.2f} to {high:.2f} {unit}" + " at this position" * what
+        elif what == 1:
+            allowed = f"{limits.fastest:.2f} {unit}"
         return (
             f"at {trajectory.t[i]:.3f} s the {quantity} of {joints[j]} is {value:+.2f} {unit}; its limit is {allowed}"
         )
@@ -183,12 +191,21 @@ class ArmLimits(Limits):
         return "force" if joint in self.slides else "torque"
 
     def _usage_of(self, trajectory: Trajectory) -> np.ndarray:
+        """Usage of position, velocity and torque, (T, 3, a); here velocities are judged by the position, too."""
         a = trajectory.tau.shape[1]
-        return self.usage(trajectory.q[:, :a], trajectory.v[:, :a], trajectory.tau)
+        q, v = trajectory.q[:, :a], trajectory.v[:, :a]
+        used = self.usage(q, v, trajectory.tau)
+        for j, joint in enumerate(self.joints):
+            if joint.by_position:
+                lowest, highest = joint.velocities(q[:, j])
+                speed, bound = np.abs(v[:, j]), np.where(v[:, j] < 0, -lowest, highest)
+                within = np.minimum(speed / np.maximum(bound, RESTING), 1.0)
+                used[:, 1, j] = np.where(speed <= bound + RESTING, within, 1 + (speed - bound) / joint.fastest)
+        return used
 
     def _rate_usage_of(self, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times (S,), what changes of torques use of their limits, and the changes [N m/s or N/s], (S, a)."""
-        t, rates = torque_rates(trajectory.t, trajectory.tau) if self.of_candidates else _NO_RATES
+        t, rates = torque_rates(trajectory.t, trajectory.tau) if self._of_rates else _NO_RATES
         if not len(t):
             return np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1))
         return t, np.abs(rates) / np.array([joint.torque_rate for joint in self.joints]), rates

@@ -5,16 +5,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, Protocol
 
 import numpy as np
 
+from whiptool.limits.slowing import Slowing
 from whiptool.models.spatial_arm import JointLimits, limit_unit
-from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK
+from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK, Strike
 from whiptool.models.trajectory import Approach, Trajectory
 
 _PEAKS = np.array([FASTEST, LARGEST_ACCELERATION, LARGEST_JERK])  # of the derivatives 1 to 3
 _NAMES = ("velocity", "acceleration", "jerk")
+_FIELDS = ("fastest", "acceleration", "jerk")  # of `JointLimits`
+_INSTANTS = 1000  # of a commanded path that exceeds a limit, of which the worst is told
+_NOWHERE = 1e-9  # [rad or m], a movement so small is none
 ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding takes no strike beyond them
 
 
@@ -23,7 +28,7 @@ class CommandLimits:
     """Limits of velocity, acceleration and jerk of commanded paths; their usage is a closed form of a strike.
 
     The largest k-th derivative of a minimum-jerk path over a span in a duration D is span / D^k times 15/8, 10/sqrt(3)
-    and 60 for k = 1, 2, 3.
+    and 60 for k = 1, 2, 3. For limits of velocity that depend on the position, see `Slowing`.
 
     Args:
         joints: Limits of each joint; see `JointLimits`.
@@ -41,7 +46,7 @@ class CommandLimits:
         """Largest velocity, acceleration and jerk that searches command for each joint, (3, a); infinite without a
         limit.
         """
-        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES])
+        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _FIELDS])
         return limits * np.array([[self.share], [1 - ROUNDING], [1 - ROUNDING]])
 
     def farthest(self, D: np.ndarray) -> np.ndarray:
@@ -56,6 +61,25 @@ class CommandLimits:
         powers = np.asarray(D, float)[:, None, None] ** np.array([1, 2, 3])[:, None]  # (B, 3, 1)
         return (self.largest * powers / _PEAKS[:, None]).min(axis=1)
 
+    @cached_property
+    def slowing(self) -> Slowing:
+        """Limits of velocity that depend on the position."""
+        return Slowing(self.joints)
+
+    def spans(self, strikes: np.ndarray) -> np.ndarray:
+        """Return the largest movements downwards and upwards that searches command from the start of strikes.
+
+        Args:
+            strikes: Strike vectors, (B, 2 a + 1).
+
+        Returns:
+            Movements [rad or m], (B, 2, a), at least 0; infinite without a limit.
+        """
+        farthest = np.repeat(self.farthest(strikes[:, -1])[:, None], 2, axis=1)
+        if len(which := self.slowing.which):
+            farthest[..., which] = np.minimum(farthest[..., which], self.slowing.reach(strikes, self.share).span)
+        return farthest
+
     def shortened(self, strikes: np.ndarray) -> np.ndarray:
         """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if they are too far.
 
@@ -63,13 +87,14 @@ class CommandLimits:
         """
         a = len(self.joints)
         q_i, q_f, D = np.split(strikes, [a, 2 * a], axis=1)
-        farthest = self.farthest(D[:, 0])
-        return np.hstack([q_i, np.clip(q_f, q_i - farthest, q_i + farthest), D])
+        down, up = self.spans(strikes).swapaxes(0, 1)
+        return np.hstack([q_i, np.clip(q_f, q_i - down, q_i + up), D])
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
 
-        The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit.
+        The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit, and the movement
+        minus the largest one, for each limit of velocity that depends on the position.
 
         Args:
             strike: Strike vector, (2 a + 1,).
@@ -87,37 +112,67 @@ class CommandLimits:
             side[np.arange(len(joints)), joints] = -sign * peaks
             side[np.arange(len(joints)), a + joints] = sign * peaks
             side[:, -1] = -slope
-        return np.concatenate([move - allowed, -move - allowed]), rows.reshape(-1, len(strike))
+        values, slopes = self._slowed(strike)
+        return np.concatenate([move - allowed, -move - allowed, values]), np.vstack([*rows, slopes])
+
+    def _slowed(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Movements beyond the largest ones by limits that depend on the position, (2 k,), and their derivatives."""
+        a, which = len(self.joints), self.slowing.which
+        if not len(which):
+            return np.zeros(0), np.zeros((0, len(strike)))
+        reach, k = self.slowing.reach(strike[None], self.share), np.arange(len(which))
+        move, rows = strike[a + which] - strike[which], np.zeros((2, len(which), len(strike)))
+        for i, (side, sign) in enumerate(zip(rows, (-1, 1), strict=True)):
+            side[k, a + which] = sign
+            side[k, which] = -sign + sign * reach.by_distance[0, i]  # upwards, the distance decreases with q_i
+            side[:, -1] = -reach.by_duration[0, i]
+        return np.concatenate([-move, move]) - reach.span[0].ravel(), rows.reshape(-1, len(strike))
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether strikes (B, 2 a + 1) keep the limits for searches, (B,)."""
         a = len(self.joints)
-        moves = np.abs(strikes[:, a : 2 * a] - strikes[:, :a])
-        return np.all(moves <= self.farthest(strikes[:, -1]) + ROUNDING, axis=1)
+        moves = strikes[:, a : 2 * a] - strikes[:, :a]
+        down, up = self.spans(strikes).swapaxes(0, 1)
+        return np.all((-moves <= down + ROUNDING) & (moves <= up + ROUNDING), axis=1)
 
     def usage(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the fraction of the limits of acceleration and jerk that strikes use; above 1 they exceed it.
+        """Return the fraction of the limits of acceleration and jerk, and of the largest movement by limits of velocity
+        that depend on the position, that strikes use; above 1 they exceed it.
 
         Args:
             strikes: Strike vectors, (B, 2 a + 1).
 
         Returns:
-            Usage of acceleration and jerk, (B, 2, a); 0 without a limit.
+            Usage by velocity, acceleration and jerk, (B, 3, a); 0 without a limit.
         """
-        values = self._peaks_of(strikes)[:, 1:]
-        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _NAMES[1:]])
-        return values / limits
+        a, which = len(self.joints), self.slowing.which
+        limits = np.array([[getattr(joint, name) for joint in self.joints] for name in _FIELDS])
+        limits[0] = np.inf  # judged on the simulated motion
+        used = self._peaks_of(strikes) / limits
+        if len(which):
+            down, up = self.slowing.reach(strikes, 1.0).span.swapaxes(0, 1)
+            move = (strikes[:, a : 2 * a] - strikes[:, :a])[:, which]
+            moved = np.where(np.abs(move) < _NOWHERE, 0.0, np.abs(move))
+            used[:, 0, which] = moved / np.maximum(np.where(move < 0, down, up), _NOWHERE)
+        return used
 
     def violation(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the largest relative excess of strikes (B, 2 a + 1) over a limit of acceleration or jerk, (B,)."""
+        """Return the largest relative excess of strikes (B, 2 a + 1) over the limits of `usage`, (B,)."""
         return self.usage(strikes).max(axis=(1, 2)) - 1.0
 
     def explain(self, strike: np.ndarray, joints: Sequence[str]) -> str:
         """Return a description of the limit that a strike (2 a + 1,) uses most."""
         usage = self.usage(strike[None])[0]
         what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
-        value, name = self._peaks_of(strike[None])[0, what + 1, j], _NAMES[what + 1]
-        limit, unit = getattr(self.joints[j], name), limit_unit(name, slides=j in self.slides)
+        value, name = self._peaks_of(strike[None])[0, what, j], _NAMES[what]
+        limit, unit = getattr(self.joints[j], _FIELDS[what]), limit_unit(name, slides=j in self.slides)
+        if what == 0:
+            q, v, _ = (x[:, j] for x in Strike.from_vector(strike).reference(np.linspace(0, strike[-1], _INSTANTS)))
+            lowest, highest = self.joints[j].velocities(q)
+            i = int(np.maximum(v - highest, lowest - v).argmax())
+            where = f"{q[i]:+.2f} {limit_unit('position', slides=j in self.slides)}"
+            value = f"{v[i]:+.2f} {unit} at {where}; its limit there is {lowest[i]:.2f} to {highest[i]:.2f} {unit}"
+            return f"the velocity of {joints[j]} is commanded to be {value}"
         return f"the {name} of {joints[j]} is commanded up to {value:.2f} {unit}; its limit is {limit:g} {unit}"
 
     def _peaks_of(self, strikes: np.ndarray) -> np.ndarray:

@@ -102,6 +102,7 @@ def _link_from_table(table: object, place: str) -> SpatialLink:
 
 def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
     file, stick, base = table.pop("file"), table.pop("stick", None), table.pop("base", "floor")
+    limits = table.pop("limits", {})
     if not isinstance(file, str):
         raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
     choice = build_from(ArmChoice, table, "arm.")
@@ -109,6 +110,7 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
         arm = read_robot(folder / file, choice)
     except InputError as error:
         raise error.within("arm: ") from None
+    arm = _with_limits(arm, limits)
     try:
         arm = mounted(arm, base)
     except InputError as error:
@@ -120,11 +122,32 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
     return with_stick(arm, **stick)
 
 
+def _with_limits(arm: SpatialArm, table: object) -> SpatialArm:
+    """Return an arm with further limits, or others than its file has: for all joints, or in a table by joint."""
+    fields = {f.name for f in dataclasses.fields(JointLimits)}
+    if not isinstance(table, Mapping):
+        raise InputError("arm.limits", table, f"a table of {', '.join(sorted(fields))}, or of such tables by joint")
+    common = {name: value for name, value in table.items() if name in fields}
+    own = {name: value for name, value in table.items() if name not in fields}
+    links = []
+    for joint, name, link in zip(arm.joints, arm.names, arm.links, strict=True):
+        found, place = own.pop(name, own.pop(joint, {})), f"arm.limits.{name}."
+        if not isinstance(found, Mapping):
+            raise InputError(place.rstrip("."), found, f"a table of {', '.join(sorted(fields))}")
+        limits = build_from(JointLimits, {**dataclasses.asdict(link.limits), **common, **found}, place)
+        links.append(dataclasses.replace(link, limits=limits))
+    for name in own:
+        raise InputError(f"arm.limits.{name}", name, f"a joint ({', '.join(arm.names)}) or {', '.join(sorted(fields))}")
+    return dataclasses.replace(arm, links=tuple(links))
+
+
 def arm_to_table(arm: AnyArm) -> dict[str, Any]:
     """Return the arm as plain data; `arm_from_table` gives the same arm back."""
     table = _plain(dataclasses.asdict(arm))
     for link in table["links"] if arm.dimension == 3 else ():
-        limits = {name: value for name, value in link.pop("limits").items() if np.isfinite(value).any()}
+        limits = {
+            name: value for name, value in link.pop("limits").items() if np.isfinite(value).any() and np.any(value)
+        }
         if limits:
             link["limits"] = limits
         if not link["capsules"]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -126,37 +126,65 @@ class JointTrajectory:
     def beyond(self, limits: Sequence[JointLimits], *, slides: Sequence[bool] = ()) -> str | None:
         """Return a description of the largest violation of a limit of position, velocity, acceleration or jerk.
 
-        The jerk is computed from differences of the accelerations. None: all limits are kept.
+        The derivatives are judged twice: as they are given, the jerk by differences of the accelerations; and between
+        samples, by differences of the positions, as a robot does that receives nothing else. None: all limits are kept.
 
         Args:
             limits: Limits of each joint, (n,); empty without limits.
             slides: Which joints are prismatic, (n,); empty: none.
         """
-        slides = slides or [False] * len(self.joints)
-        limits = limits or [JointLimits()] * len(self.joints)
-        jerk = np.diff(self.a, axis=0, prepend=self.a[:1]) / np.diff(self.t, prepend=-1.0)[:, None]
+        slides, differences = slides or [False] * len(self.joints), self.differences()
         worst, said = _ROUNDING, None
-        for j, (joint, limit) in enumerate(zip(self.joints, limits, strict=True)):
-            low, high = limit.position
-            half = (high - low) / 2 if math.isfinite(high - low) else 1.0
-            used = {
-                "position": (
-                    np.maximum(low - self.q[:, j], self.q[:, j] - high) / half,
-                    self.q,
-                    f"{low:g} to {high:g}",
-                ),
-                "velocity": (np.abs(self.v[:, j]) / limit.velocity - 1, self.v, f"{limit.velocity:g}"),
-                "acceleration": (np.abs(self.a[:, j]) / limit.acceleration - 1, self.a, f"{limit.acceleration:g}"),
-                "jerk": (np.abs(jerk[:, j]) / limit.jerk - 1, jerk, f"{limit.jerk:g}"),
-            }
-            for quantity, (excess, values, allowed) in used.items():
+        for j, (joint, limit) in enumerate(zip(self.joints, limits, strict=bool(limits))):
+            for quantity, between, values, (lowest, highest), scale in self._judged(j, limit, differences):
+                excess = np.maximum(lowest - values, values - highest) / scale
                 i = int(excess.argmax())
                 if excess[i] > worst:
-                    worst = excess[i]
-                    unit = limit_unit(quantity, slides=slides[j])
-                    value = f"{values[i, j]:+.3f} {unit}; its limit is {allowed} {unit}"
-                    said = f"at {self.t[i]:.3f} s the {quantity} of {joint} is {value}"
+                    worst, unit = excess[i], limit_unit(quantity, slides=slides[j])
+                    allowed = f"is {limit.position[0]:g} to {limit.position[1]:g}"
+                    if quantity == "velocity" and limit.by_position:
+                        allowed = f"at this position is {lowest[i]:.3f} to {highest[i]:.3f}"
+                    elif quantity != "position":
+                        allowed = f"is {scale:g}"
+                    said = (
+                        f"at {self.t[i]:.3f} s the {quantity} of {joint}{between} is {values[i]:+.3f} {unit}; "
+                        f"its limit {allowed} {unit}"
+                    )
         return said
+
+    def differences(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return velocities, accelerations and jerks by backward differences of the positions, (T, n) each.
+
+        Before the first sample the joints rest there.
+        """
+        steps = np.diff(self.t)
+        if np.ptp(steps) < _ROUNDING * self.t[-1]:
+            steps = np.full(len(steps), self.t[-1] / len(steps))
+        found, values = [], self.q
+        for _ in range(3):
+            values = np.diff(values, axis=0, prepend=values[:1]) / np.r_[steps[0], steps][:, None]
+            found.append(values)
+        return found[0], found[1], found[2]
+
+    def _judged(self, j: int, limit: JointLimits, differences: tuple[np.ndarray, ...]) -> Iterator[tuple]:
+        """Yield what is judged of a joint: the quantity, words on it, values, lowest and highest (T,), and a scale."""
+        low, high = limit.position
+        yield "position", "", self.q[:, j], (low, high), (high - low) / 2 if math.isfinite(high - low) else 1.0
+        jerk = np.diff(self.a[:, j], prepend=self.a[0, j]) / np.diff(self.t, prepend=-1.0)
+        given, between = (self.v[:, j], self.a[:, j], jerk), [x[:, j] for x in differences]
+        scales = (limit.fastest, limit.acceleration, limit.jerk)
+        bounds = (
+            limit.velocities(self.q[:, j]),
+            *((np.full(len(self.t), -x), np.full(len(self.t), x)) for x in scales[1:]),
+        )
+        step = self.t[-1] / (len(self.t) - 1)
+        for k, (quantity, bound, scale) in enumerate(
+            zip(("velocity", "acceleration", "jerk"), bounds, scales, strict=True)
+        ):
+            if math.isfinite(scale):
+                slack = (2 / step) ** (k + 1) * np.spacing(np.abs(self.q[:, j]).max())  # of rounded positions
+                yield quantity, "", given[k], bound, scale
+                yield quantity, " between samples", between[k], (bound[0] - slack, bound[1] + slack), scale
 
     def save_csv(self, path: Path | str) -> None:
         """Write a CSV file at full precision.

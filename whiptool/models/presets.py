@@ -52,9 +52,10 @@ def _link(capsules: tuple[dict, ...] = (), limits: dict | None = None, **numbers
     return SpatialLink(**numbers, capsules=tuple(Capsule(**x) for x in capsules), limits=JointLimits(**limits or {}))
 
 
-UR5E_ARM, PANDA_ARM = _published("ur5e"), _published("panda")  # without a tool
+UR5E_ARM, PANDA_ARM, FR3_ARM = (_published(name) for name in ("ur5e", "panda", "fr3"))  # without a tool
 UR5E = Model(name="ur5e", arm=with_stick(UR5E_ARM, **STICK), whip=rope())
 PANDA = Model(name="panda", arm=with_stick(PANDA_ARM, **STICK), whip=rope())
+FR3 = Model(name="fr3", arm=with_stick(FR3_ARM, **STICK), whip=rope())
 NAH2023 = Model(
     name="nah2023",
     arm=_published("person"),
@@ -96,6 +97,7 @@ PRESETS: Registry[Model] = Registry(
             NAH2023,
             UR5E,
             PANDA,
+            FR3,
         )
     },
     what="model preset",

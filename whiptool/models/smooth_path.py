@@ -54,7 +54,7 @@ def path_between(
     span = end - start
     step, share = 1 / number("rate", rate, low=1), _share(share)
     allowed = [
-        (min(share * x.velocity, SPEED), min(share * x.acceleration, ACCELERATION), min(share * x.jerk, JERK))
+        (min(share * x.fastest, SPEED), min(share * x.acceleration, ACCELERATION), min(share * x.jerk, JERK))
         for x in _of_joints(limits, len(start))
     ]
     if not span.any():

@@ -65,7 +65,7 @@ _UNITS = {
     "position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "acceleration": ("rad/s^2", "m/s^2"),
     "jerk": ("rad/s^3", "m/s^3"), "torque": ("N m", "N"), "torque_rate": ("N m/s", "N/s"),
 }  # fmt: skip
-_MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate")  # of limits, without the range of positions
+_MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate", "deceleration")  # without positions
 _ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
 _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
 
@@ -79,9 +79,16 @@ class JointLimits:
         velocity, acceleration, jerk: Largest magnitudes [rad/s, rad/s^2, rad/s^3; m instead of rad if prismatic].
         torque: Largest magnitude of the torque [N m], or of a prismatic joint's force [N].
         torque_rate: Largest magnitude of the rate of change of torque or force [N m/s or N/s].
+        deceleration, velocity_offset: Numbers d [rad/s^2 or m/s^2] and v_o [rad/s or m/s] of robots whose largest
+            velocity decreases towards the ends of the range of positions, as libfranka's `JointVelocityLimitsConfig`:
+            towards an end at a distance s it is `sqrt(2 d s) - v_o`, at least 0 and at most `velocity`. Default: the
+            largest velocity is the same everywhere.
+        velocity_margin: Reserve [rad/s or m/s] that commanded velocities keep to the limits of velocity, for lost
+            packets: libfranka's `kJointVelocityLimitsTolerance`.
 
     Raises:
-        InputError: A value is NaN or not positive, or the lowest position is not below the highest.
+        InputError: A value is NaN or not positive, the lowest position is not below the highest, a velocity that
+            depends on the position is given without a range, or the margin leaves no velocity.
     """
 
     position: tuple[float, float] = (-math.inf, math.inf)
@@ -90,6 +97,9 @@ class JointLimits:
     jerk: float = math.inf
     torque: float = math.inf
     torque_rate: float = math.inf
+    deceleration: float = math.inf
+    velocity_offset: float = 0.0
+    velocity_margin: float = 0.0
 
     def __post_init__(self) -> None:
         ends = self.position
@@ -104,10 +114,46 @@ class JointLimits:
             if not value > 0:
                 raise InputError(name, getattr(self, name), "a number > 0")
             object.__setattr__(self, name, value)
+        for name in ("velocity_offset", "velocity_margin"):
+            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
+        if self.by_position and not math.isfinite(high - low):
+            raise InputError("deceleration", self.deceleration, "only with a lowest and a highest position")
+        if self.velocity_offset and not self.by_position:
+            raise InputError("velocity_offset", self.velocity_offset, "only with a deceleration")
+        if not self.velocity_margin < self.velocity:
+            raise InputError("velocity_margin", self.velocity_margin, f"less than the velocity, {self.velocity:g}")
+
+    @property
+    def by_position(self) -> bool:
+        """Whether the largest velocity depends on the position."""
+        return math.isfinite(self.deceleration)
+
+    @property
+    def fastest(self) -> float:
+        """Largest velocity that may be commanded at any position [rad/s or m/s]; infinite without a limit."""
+        return self.velocity - self.velocity_margin
+
+    def velocities(self, q: np.ndarray) -> np.ndarray:
+        """Return the lowest and highest velocity that may be commanded at positions.
+
+        Args:
+            q: Positions [rad or m], (...).
+
+        Returns:
+            Velocities [rad/s or m/s], (2, ...), the lowest at most 0 and the highest at least 0.
+        """
+        left = np.stack([q - self.position[0], self.position[1] - np.asarray(q)])
+        bound = np.full(left.shape, self.velocity)
+        if self.by_position:
+            slowed = np.sqrt(np.maximum(2 * self.deceleration * left, 0.0)) - self.velocity_offset
+            bound = np.clip(slowed, 0.0, self.velocity)
+        bound = np.maximum(bound - self.velocity_margin, 0.0)
+        bound[0] *= -1
+        return bound
 
     def keeping_free(self, share: float) -> JointLimits:
         """Return the limits reduced by a fraction that must remain unused; a position range is shortened by it, half at
-        each end.
+        each end, and velocities that depend on the position decrease towards these ends.
 
         Raises:
             InputError: The fraction is not in [0, 1).
@@ -115,7 +161,8 @@ class JointLimits:
         left = 1.0 - kept_free(share)
         low, high = self.position
         shift = (high - low) * (1.0 - left) / 2 if math.isfinite(high - low) else 0.0
-        rest = {name: left * getattr(self, name) for name in _MAGNITUDES}
+        rest = {name: left * getattr(self, name) for name in (*_MAGNITUDES, "velocity_offset", "velocity_margin")}
+        rest["deceleration"] *= left  # of sqrt(2 d s) the share `left`
         return JointLimits((low + shift, high - shift), **rest)
 
 

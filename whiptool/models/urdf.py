@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -24,6 +23,7 @@ from whiptool.models.spatial_arm import (
     welded,
     without_inertia,
 )
+from whiptool.models.urdf_limits import keeps_off, number_of, position_limits, with_all_limits, zero_limit
 from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
@@ -33,8 +33,6 @@ from whiptool.models.urdf_shapes import (
     simple_shapes,
     with_meshes,
 )
-
-_BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
 
 
 def assumed(
@@ -64,12 +62,11 @@ def assumed(
 
     light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
     following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
-    soft, free, meshes = of(_keeps_off), of(_zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
-    fast, rubbing = of(lambda joint: joint.find(_BY_POSITION) is not None), of(_rubs)
+    soft, free, meshes = of(keeps_off), of(zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
+    rubbing = of(_rubs)
     said = {
         f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
-        f"speed limits that depend on the position of {fast} are not judged, only the largest speeds": fast,
         f"what mimics joints of the arm does not move with them, but is held: {following}": following,
         f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
         f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,
@@ -81,30 +78,7 @@ def assumed(
 
 def _rubs(joint: ET.Element) -> bool:
     """Whether a joint has dry friction."""
-    return _number(joint.find("dynamics"), "friction") > 0
-
-
-def _zero_limit(joint: ET.Element) -> bool:
-    """Whether a joint's limit of speed or torque is written as 0."""
-    limit = joint.find("limit")
-    return limit is not None and any(
-        limit.get(x) is not None and _number(limit, x) <= 0 for x in ("velocity", "effort")
-    )
-
-
-def _keeps_off(joint: ET.Element) -> bool:
-    """Whether a joint is to stay within less than its range."""
-    soft, limit = joint.find("safety_controller"), joint.find("limit")
-    low, high = _number(soft, "soft_lower_limit"), _number(soft, "soft_upper_limit")
-    return low < high and (low > _number(limit, "lower") or high < _number(limit, "upper"))
-
-
-def _number(element: ET.Element | None, name: str, absent: str = "0") -> float:
-    """A number of an element: `absent` where it is not given, NaN where it is not a number."""
-    try:
-        return float(absent if element is None else element.get(name, absent))
-    except ValueError:
-        return math.nan
+    return number_of(joint.find("dynamics"), "friction") > 0
 
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
@@ -221,7 +195,7 @@ def _check_moving(joint: ET.Element) -> None:
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     if joint.get("type") == "continuous":
         return
-    ends = [_number(limit, end) for end in ("lower", "upper")]
+    ends = [number_of(limit, end) for end in ("lower", "upper")]
     if not ends[0] < ends[1]:
         rule = 'a <limit> whose lower is below its upper, or type="continuous"'
         raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
@@ -260,8 +234,8 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     moments = {name: body.inertia for name, body in zip(model.names, model.inertias, strict=True) if not body.mass}
     without_mass = [name for name in movers if name in moments and np.any(moments[name])]
     notes = assumed(robot, movers, set().union(*carried), weighed & set().union(*carried[1:]), without_mass)
-    rotors = [_rotor(robot, name) for name in model.names[1:]]
-    links = tuple(replace(x, armature=x.armature + rotor) for x, rotor in zip(links, rotors, strict=True))
+    own = {joint.get("name"): joint for joint in robot.findall("joint")}
+    links = tuple(_with_own(x, own[name]) for x, name in zip(links, model.names[1:], strict=True))
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
     return without_inertia(replace(arm, notes=notes), [names[i - 1] for i in weightless])
 
@@ -278,35 +252,26 @@ def _tell_apart(robot: ET.Element) -> dict[str, str]:
     return renamed
 
 
-def _position_limits(joint: ET.Element) -> tuple[float, float]:
-    """The lowest and highest position of a joint [rad or m]; infinite where it says none, or turns on and on."""
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return -math.inf, math.inf
-    low, high = (_number(limit, end) for end in ("lower", "upper"))
-    return (low, high) if low < high else (-math.inf, math.inf)
-
-
 def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
     """Where joints are that do not move: those that mimic a locked one follow it."""
     locked = dict(choice.locked)
     for joint in robot.findall("joint"):
         if joint.get("name", "") in choice.locked:
-            low, high = _position_limits(joint)
+            low, high = position_limits(joint)
             choice.check_locked(joint.get("name", ""), low, high, turns=joint.get("type") != "prismatic")
         mimic, name = joint.find("mimic"), joint.get("name", "")
         if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)
-            locked[name] = _number(mimic, "multiplier", "1") * value + _number(mimic, "offset")
+            locked[name] = number_of(mimic, "multiplier", "1") * value + number_of(mimic, "offset")
     return locked
 
 
-def _rotor(robot: ET.Element, name: str) -> float:
-    """Inertia of a joint's rotor as the joint feels it, of Drake's extension [kg m^2 or kg]."""
-    joint = next(joint for joint in robot.findall("joint") if joint.get("name") == name)
+def _with_own(link: SpatialLink, joint: ET.Element) -> SpatialLink:
+    """A link with what Pinocchio does not read of its joint: limits, and the rotor's inertia of Drake's extension."""
     usual = {"rotor_inertia": ET.Element("", value="0"), "gear_ratio": ET.Element("", value="1")}
     said = usual | {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x for x in joint}
-    return _number(said["rotor_inertia"], "value", "nan") * _number(said["gear_ratio"], "value", "nan") ** 2
+    rotor = number_of(said["rotor_inertia"], "value", "nan") * number_of(said["gear_ratio"], "value", "nan") ** 2
+    return replace(link, armature=link.armature + rotor, limits=with_all_limits(joint, link.limits))
 
 
 def _links_of(model: Any) -> list[set[str]]:
