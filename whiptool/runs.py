@@ -32,6 +32,7 @@ WORKS: dict[str, tuple[str, ...]] = {  # keys of the entries in references.bib b
     "nah2023": ("nah2023",),
     "ur5e": ("menagerie2022",),
     "panda": (),
+    "fr3": (),
     "oiac": ("xiong2021",),
     "constant": ("hogan1985",),
     "position": (),

@@ -103,7 +103,7 @@ def test_a_preset_of_no_such_name_is_refused_with_all_names():
     with pytest.raises(InputError) as caught:
         constant_preset("ur10")
     assert (caught.value.name, caught.value.given) == ("constant impedance", "ur10")
-    assert caught.value.allowed == "nah2020, nah2023, ur5e, panda"
+    assert caught.value.allowed == "nah2020, nah2023, ur5e, panda, fr3"
 
 
 def test_torques_are_springs_and_dampers_summed_joint_by_joint():
@@ -186,7 +186,7 @@ def test_stiffness_and_damping_are_of_the_same_joints():
         ConstantImpedance(K=tuple(map(tuple, np.eye(3))))
 
 
-@pytest.mark.parametrize("name", ["ur5e", "panda"])
+@pytest.mark.parametrize("name", ["ur5e", "panda", "fr3"])
 def test_gains_of_robots_are_of_3_hz_or_more_and_well_damped(name):
     """At the heaviest of many postures, with the rope's mass at the hand."""
     model, law = preset(name), constant_preset(name)

@@ -27,7 +27,7 @@ def test_what_is_used_is_what_differences_of_the_reference_say():
         t = np.linspace(0, strike.D, 20_001)
         _, _, a = strike.reference(t)
         jerk = np.abs(np.diff(a, axis=0)).max(axis=0) / (t[1] - t[0])
-        expected = [np.abs(a).max(axis=0) / (9, 4, math.inf), jerk / (200, math.inf, math.inf)]
+        expected = [np.zeros(3), np.abs(a).max(axis=0) / (9, 4, math.inf), jerk / (200, math.inf, math.inf)]
         np.testing.assert_allclose(LIMITS.usage(vector[None])[0], expected, rtol=1e-3)
 
 
@@ -38,7 +38,7 @@ def test_shortened_strikes_are_at_their_limits_and_others_stay():
     assert (LIMITS.violation(wild) > 0).any()
     assert (LIMITS.violation(tame) <= 0).all()
     speeds = [np.abs(Strike.from_vector(x).reference(np.array([x[-1] / 2]))[1][0]) for x in tame]
-    used = np.c_[np.array(speeds)[:, 0] / (0.8 * 2), LIMITS.usage(tame)[:, 0, :2], LIMITS.usage(tame)[:, 1, 0]]
+    used = np.c_[np.array(speeds)[:, 0] / (0.8 * 2), LIMITS.usage(tame)[:, 1, :2], LIMITS.usage(tame)[:, 2, 0]]
     changed = (tame[:, 3:5] != wild[:, 3:5]).T
     np.testing.assert_allclose(used[changed[0]][:, [0, 1, 3]].max(axis=1), 1, rtol=2e-6)
     np.testing.assert_allclose(used[changed[1]][:, 2], 1, rtol=2e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -46,6 +47,37 @@ def test_files_read_back_the_same(tmp_path, arm):
     model = random_model(rng=np.random.default_rng(5), **arm)
     write_model(model, tmp_path / "model.toml")
     assert read_model(tmp_path / "model.toml") == model
+
+
+FURTHER = """
+[arm.limits]
+jerk = 500.0
+[arm.limits.elbow]
+acceleration = 9.0
+velocity = 1.5
+[arm.limits.shoulder-joint]
+torque_rate = 100.0
+"""
+
+
+def test_limits_may_be_given_beside_a_robot_s_file(tmp_path):
+    (tmp_path / "small.urdf").write_text(URDF)
+
+    def read(text: str):
+        (tmp_path / "model.toml").write_text(ROBOT + text)
+        return [link.limits for link in read_model(tmp_path / "model.toml").arm.links]
+
+    own, (rail, shoulder, elbow) = read(""), read(FURTHER)
+    assert rail == dataclasses.replace(own[0], jerk=500.0)
+    assert shoulder == dataclasses.replace(own[1], jerk=500.0, torque_rate=100.0)
+    assert elbow == dataclasses.replace(own[2], jerk=500.0, acceleration=9.0, velocity=1.5)
+    for wrong, said in (
+        ("wrist = {jerk = 1.0}", "limits.wrist"),
+        ("jerk = -1.0", "jerk"),
+        ("elbow = 3", "limits.elbow"),
+    ):
+        with pytest.raises(InputError, match=f"arm.limits.*{said.split('.')[-1]}"):
+            read(f"[arm.limits]\n{wrong}\n")
 
 
 def test_a_file_may_name_a_robot_s_file_beside_it(tmp_path):

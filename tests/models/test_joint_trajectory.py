@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
@@ -78,6 +79,30 @@ def test_what_is_beyond_a_limit_is_told(limit, said):
     limits = (limit, JointLimits())
     assert re.search(said, found.beyond(limits) or "")
     assert re.search(said.replace("rad", "m"), found.beyond(limits, slides=(True, False)) or "")
+
+
+def test_a_robot_judges_differences_of_the_positions():
+    """Velocities and accelerations that a file states do not matter to a robot that receives positions only."""
+    found = trajectory(rate=1000.0)
+    v, a, jerk = found.differences()
+    np.testing.assert_allclose(v[1:], (found.v[1:] + found.v[:-1]) / 2, atol=2e-3)
+    np.testing.assert_allclose(a[2:], found.a[1:-1], atol=0.2)
+    assert np.abs(jerk).max() <= 60 * 2.4 / STRIKE.D**3 + 1e-3
+    still = dataclasses.replace(found, v=0 * found.v, a=0 * found.a)
+    for limit, said in ((JointLimits(velocity=6.0), "velocity"), (JointLimits(acceleration=25.0), "acceleration"),
+                        (JointLimits(jerk=400.0), "jerk")):  # fmt: skip
+        assert f"the {said} of shoulder between samples is" in (still.beyond((limit, JointLimits())) or "")
+    jump = dataclasses.replace(found, q=found.q + np.array([1e-3, 0]) * (np.arange(len(found.t)) == 500)[:, None])
+    assert "jerk of shoulder between samples" in (jump.beyond(LIMITS) or "")
+
+
+def test_a_velocity_is_judged_by_its_position():
+    slowed, found = JointLimits((-3, 3), velocity=8.0, deceleration=6.0, velocity_offset=0.3), trajectory()
+    left = 3 - found.q[:, 0]
+    i = int(np.argmax(found.v[:, 0] - np.sqrt(12 * left) + 0.3))
+    said = f"is {found.v[i, 0]:+.3f} rad/s; its limit at this position is -"
+    assert said in (found.beyond((slowed, JointLimits())) or "")
+    assert f" to {math.sqrt(12 * left[i]) - 0.3:.3f} rad/s" in (found.beyond((slowed, JointLimits())) or "")
 
 
 def test_csv_is_read_back_to_the_last_digit(tmp_path):

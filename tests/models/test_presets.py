@@ -131,7 +131,7 @@ def test_published_presets():
 
 
 def test_a_preset_of_no_such_name_is_refused_with_all_names():
-    names = "lemon2024, nah2020-n10.*panda; did you mean lemon2024"
+    names = "lemon2024, nah2020-n10.*fr3; did you mean lemon2024"
     with pytest.raises(InputError, match=rf"^model preset: got 'lemon2023'; allowed: {names}\?$"):
         preset("lemon2023")
 

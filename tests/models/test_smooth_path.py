@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.models.presets import FR3_ARM
 from whiptool.models.smooth_path import ACCELERATION, BRAKING, BRAKING_JERK, JERK, SPEED, path_between, path_to_rest
 from whiptool.models.spatial_arm import JointLimits
 
@@ -104,3 +105,17 @@ def test_bad_arguments_of_a_movement_are_named(arguments, said):
         path_between((0.0,), (1.0,), (), 500.0, share=0)
     with pytest.raises(InputError, match=r"^velocities: got"):
         path_to_rest((0.0,), (1.0, 0.0), (0.0,), (), 500.0)
+
+
+def test_a_movement_is_slowed_down_to_velocities_of_its_positions():
+    """Near the ends of the FR3's joints, where a fifth of their largest velocities is too much."""
+    limits = FR3_ARM.joint_limits
+    start, end = np.zeros(7), np.array([0.2, 1.78, 0.0, -0.5, 0.0, 1.5, 0.0])
+    start[[3, 5]] = -0.5, 1.5
+    q, v, _ = path_between(start, end, limits, 1000.0)
+    allowed = [joint.velocities(q[:, j]) for j, joint in enumerate(limits)]
+    assert all((v[:, j] >= low).all() and (v[:, j] <= high).all() for j, (low, high) in enumerate(allowed))
+    plain = len(path_between(start, end, [JointLimits(velocity=x.fastest) for x in limits], 1000.0)[0])
+    assert plain < len(q) < 1.5 * plain
+    start[1] = limits[1].position[0]  # where no velocity is allowed, so that nothing is gained by slowness
+    assert len(path_between(start, end, limits, 1000.0)[0]) < 5 * plain

@@ -126,11 +126,26 @@ def test_bad_links_are_named(change, message):
 @pytest.mark.parametrize(
     ("limits", "message"),
     [({"position": (1, 1)}, "position"), ({"position": 3}, "position"), ({"velocity": 0}, "velocity"),
-     ({"torque": float("nan")}, "torque"), ({"jerk": -1}, "jerk")],
+     ({"torque": float("nan")}, "torque"), ({"jerk": -1}, "jerk"), ({"deceleration": 6}, "deceleration"),
+     ({"velocity_offset": 0.3}, "velocity_offset"), ({"velocity": 1, "velocity_margin": 1}, "velocity_margin")],
 )  # fmt: skip
 def test_bad_limits_are_named(limits, message):
     with pytest.raises(InputError, match=f"^{message}: got .*allowed: "):
         JointLimits(**limits)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_velocities_by_position_are_a_parabola_of_speed(share):
+    """Towards its ends at -1 and 1 it is sqrt(2 d s) - v_o, less the reserve; of that, a share is kept free."""
+    limits = JointLimits((-1, 1), velocity=3.0, deceleration=8.0, velocity_offset=0.2, velocity_margin=0.1)
+    q = np.linspace(-1.2, 1.2, 25)
+    left = 1 - share
+    low, high = (
+        [left * max(min(np.sqrt(16 * max(left + sign * x, 0)) - 0.2, 3.0) - 0.1, 0) for x in q] for sign in (1, -1)
+    )
+    np.testing.assert_allclose(limits.keeping_free(share).velocities(q), [-np.array(low), high], atol=1e-12)
+    assert limits.keeping_free(share).fastest == pytest.approx(left * 2.9)
+    np.testing.assert_array_equal(JointLimits(velocity=2.0).velocities(q), np.outer([-2, 2], np.ones(25)))
 
 
 def test_bad_arms_are_named():

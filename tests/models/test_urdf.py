@@ -214,13 +214,21 @@ def test_what_mimics_a_locked_joint_follows_it(read):
     )
 
 
-def test_speed_limits_by_position_are_said_not_to_be_judged(read):
-    extended = '<position_based_velocity_limits velocity_offset="0.3" deceleration_limit="6"/><axis xyz="0 1 0"/>'
-    arm = read(TIP, URDF.replace('<axis xyz="0 1 0"/>', extended))
-    assert arm.notes == (
-        "speed limits that depend on the position of elbow are not judged, only the largest speeds",
-        NO_LIMIT,
+def test_limits_that_pinocchio_does_not_read_are_the_file_s(read):
+    """Speeds by position, of Franka's files; acceleration, deceleration and jerk, of URDF 1.2."""
+    slowed = '<position_based_velocity_limits velocity_offset="0.3" deceleration_limit="6"/><axis xyz="0 1 0"/>'
+    text = URDF.replace('<axis xyz="0 1 0"/>', slowed).replace(
+        'velocity="2"', 'velocity="2" acceleration="9" jerk="50"'
     )
+    rail, shoulder, elbow = (link.limits for link in read(TIP, text).links)
+    assert (elbow.deceleration, elbow.velocity_offset, elbow.by_position) == (6, 0.3, True)
+    assert (rail.acceleration, rail.jerk, rail.by_position) == (9, 50, False)
+    assert shoulder == read().links[1].limits
+    slower = text.replace('acceleration="9"', 'acceleration="9" deceleration="7"')
+    assert read(TIP, slower).links[0].limits.acceleration == 7
+    for wrong, said in (('jerk="fast"', "rail: jerk"), ('jerk="-1"', "rail: jerk")):
+        with pytest.raises(InputError, match=said):
+            read(TIP, text.replace('jerk="50"', wrong))
 
 
 def test_dry_friction_and_an_inertia_without_mass_are_said_to_have_no_part(read):

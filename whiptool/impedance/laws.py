@@ -181,6 +181,7 @@ CONSTANT_PRESETS: dict[str, ConstantImpedance] = {
     "panda": ConstantImpedance(
         _diagonal(1200, 1200, 500, 350, 100, 100, 5), _diagonal(130, 130, 50, 40, 6.5, 6.5, 0.3)
     ),
+    "fr3": ConstantImpedance(_diagonal(1250, 1250, 530, 370, 110, 100, 1), _diagonal(136, 136, 54, 40, 7, 6.5, 0.03)),
 }
 
 

@@ -127,7 +127,8 @@ class JointTrajectory:
         """Return a description of the largest violation of a limit of position, velocity, acceleration or jerk.
 
         The derivatives are judged twice: as they are given, the jerk by differences of the accelerations; and between
-        samples, by differences of the positions, as a robot does that receives nothing else. None: all limits are kept.
+        samples, by differences of the positions, as a robot does that receives nothing else; where the largest velocity
+        depends on the position, this is the earlier one. None: all limits are kept.
 
         Args:
             limits: Limits of each joint, (n,); empty without limits.
@@ -172,19 +173,23 @@ class JointTrajectory:
         yield "position", "", self.q[:, j], (low, high), (high - low) / 2 if math.isfinite(high - low) else 1.0
         jerk = np.diff(self.a[:, j], prepend=self.a[0, j]) / np.diff(self.t, prepend=-1.0)
         given, between = (self.v[:, j], self.a[:, j], jerk), [x[:, j] for x in differences]
-        scales = (limit.fastest, limit.acceleration, limit.jerk)
-        bounds = (
-            limit.velocities(self.q[:, j]),
-            *((np.full(len(self.t), -x), np.full(len(self.t), x)) for x in scales[1:]),
-        )
+        q, before = self.q[:, j], np.r_[self.q[:1, j], self.q[:-1, j]]
         step = self.t[-1] / (len(self.t) - 1)
-        for k, (quantity, bound, scale) in enumerate(
-            zip(("velocity", "acceleration", "jerk"), bounds, scales, strict=True)
-        ):
+        for k, quantity in enumerate(("velocity", "acceleration", "jerk")):
+            scale = (limit.fastest, limit.acceleration, limit.jerk)[k]
             if math.isfinite(scale):
-                slack = (2 / step) ** (k + 1) * np.spacing(np.abs(self.q[:, j]).max())  # of rounded positions
-                yield quantity, "", given[k], bound, scale
-                yield quantity, " between samples", between[k], (bound[0] - slack, bound[1] + slack), scale
+                bounds = [
+                    limit.velocities(x) if k == 0 else np.outer((-scale, scale), np.ones_like(x)) for x in (q, before)
+                ]
+                slack = (2 / step) ** (k + 1) * np.spacing(np.abs(q).max())  # of rounded positions
+                yield quantity, "", given[k], bounds[0], scale
+                yield (
+                    quantity,
+                    " between samples",
+                    between[k],
+                    bounds[1] + np.outer((-slack, slack), np.ones_like(q)),
+                    scale,
+                )
 
     def save_csv(self, path: Path | str) -> None:
         """Write a CSV file at full precision.

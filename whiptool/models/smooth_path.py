@@ -21,6 +21,8 @@ GENTLE = 0.2  # share of the joints' limits that the way to a strike's start use
 SPEED, ACCELERATION, JERK = 1.0, 2.0, 20.0  # of that way at most [rad/s, rad/s^2, rad/s^3; m for prismatic joints]
 BRAKING, BRAKING_JERK = 10.0, 500.0  # of a stop, where a joint has no such limit [rad/s^2, rad/s^3; m if prismatic]
 
+_SLOWER, _SLOWEST = 10, 20  # times that a movement is slowed down by velocity limits of positions, and by how much
+
 Path: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]  # positions, velocities, accelerations, (T, n) each
 
 
@@ -35,7 +37,8 @@ def path_between(
     """Return the fastest movement from rest to rest along the straight line between two postures.
 
     No joint exceeds a share of its limits, nor 1 rad/s, 2 rad/s^2 or 20 rad/s^3 (of a prismatic joint m instead of
-    rad). All joints begin and end together, at a sample; the last sample is at rest at `q_to`.
+    rad); where a limit of velocity depends on the position, all joints are slowed down until it is kept. They begin and
+    end together, at a sample; the last sample is at rest at `q_to`.
 
     Args:
         q_from, q_to: Postures [rad or m], (n,).
@@ -63,11 +66,27 @@ def path_between(
     most = (np.array(allowed)[moving] / np.abs(span[moving])[:, None]).min(axis=0)  # of the covered fraction of the way
     profile = _planned(((0.0,), (0.0,), (0.0,)), most, to=1.0)
     T = math.ceil(profile.duration / step - 1e-9)
-    slower = profile.duration / (T * step)  # a whole number of steps, so that the end is a sample
-    s, v, a = _sampled(profile, np.arange(T + 1) * step * slower)
-    q, v, a = start + s * span, slower * v * span, slower**2 * a * span
+    for _ in range(_SLOWER):
+        slower = profile.duration / (T * step)  # a whole number of steps, so that the end is a sample
+        s, v, a = _sampled(profile, np.arange(T + 1) * step * slower)
+        q, v, a = start + s * span, slower * v * span, slower**2 * a * span
+        excess = _too_fast(q, v, limits)
+        if excess <= 1 or excess > _SLOWEST:  # more than that: it begins or ends where no velocity is allowed
+            break
+        T = math.ceil(1.001 * T * min(excess, 2.0))
     q[-1], v[-1], a[-1] = end, 0.0, 0.0
     return q, v, a
+
+
+def _too_fast(q: np.ndarray, v: np.ndarray, limits: Sequence[JointLimits]) -> float:
+    """The largest ratio of velocities to limits that depend on the position; 0 without these."""
+    excess = 0.0
+    for j, joint in enumerate(limits):
+        if joint.by_position:
+            lowest, highest = joint.velocities(q[:, j])
+            allowed = np.where(v[:, j] < 0, -lowest, highest)
+            excess = max(excess, float((np.abs(v[:, j]) / np.maximum(allowed, 1e-9)).max()))
+    return excess
 
 
 def path_to_rest(
