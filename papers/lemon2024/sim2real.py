@@ -36,7 +36,7 @@ from whiptool.errors import WhiptoolError
 from whiptool.identification.fit import FitOptions, RecordingFit, predict
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.uncertainty import Parameter
-from whiptool.rig.emulator.servo import HARDWARE
+from whiptool.rig.emulator.motor import HARDWARE
 from whiptool.viz.report import Claim, Claims, Picture, Section, Table, Text, verdict_over
 from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted, rounded

@@ -99,9 +99,9 @@ def test_baud_rates_are_those_of_the_control_table():
 
 def test_command_line_serves_a_linked_device(tmp_path):
     link = tmp_path / "tty"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "whiptool.rig.emulator", "--link", str(link)], stdout=subprocess.PIPE, text=True
-    )
+    faults = ("--faults", "sag:volts=11", "same_id:at=3600:servo=1", "--reboot-time", "3600")
+    command = [sys.executable, "-m", "whiptool.rig.emulator", "--link", str(link), *faults]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         assert "emulated servos [1, 2] at 1000000 baud" in process.stdout.readline()
@@ -110,6 +110,12 @@ def test_command_line_serves_a_linked_device(tmp_path):
         assert port.setBaudRate(1_000_000)
         while handler.ping(port, 2) != (1020, *OK):  # the SDK gives up after 34 ms, a busy machine does not
             assert process.poll() is None
+        while handler.read2ByteTxRx(port, 2, 144) != (110, *OK):  # [0.1 V]
+            assert process.poll() is None
+        handler.reboot(port, 2)
+        while handler.ping(port, 1) != (1020, *OK):  # so that the reboot was heard
+            assert process.poll() is None
+        assert handler.ping(port, 2)[1] == sdk.COMM_RX_TIMEOUT  # for an hour
         port.closePort()
     finally:
         process.terminate()

@@ -245,6 +245,9 @@ AT = 0.1  # [s]
         (Fault("dead", at=AT, servo=1), "missed", 4),
         (Fault("hot", at=AT, servo=1), "hardware", 3),
         (Fault("alert", at=AT, servo=0), "hardware", 3),
+        (Fault("sag", at=AT, volts=9.0), "hardware", 3),
+        (Fault("reboot", at=AT, servo=1), "torque", 3),
+        (Fault("same_id", at=AT, servo=1), "missed", 4),
         (Fault("stuck", at=AT, servo=1), "frozen", 150),  # as soon as the reference has moved by 0.1 rad
     ],
     ids=lambda x: f"{x.kind}{x.servo}" if isinstance(x, Fault) else None,
@@ -262,7 +265,7 @@ def test_fault_ends_in_no_current_within_a_bound(bus, twin, fault, kind, bound):
     assert_not_driven(state)
     assert state["last_driven"] <= AT + bound * PERIOD + 1e-9
     assert_record_is_whole(run, state)
-    assert run.torque_off == (fault.kind not in ("drop", "corrupt", "lose", "late", "unplug", "dead"))
+    assert run.torque_off == (fault.kind not in ("drop", "corrupt", "lose", "late", "unplug", "dead", "same_id"))
 
 
 def assert_not_driven(state) -> None:

@@ -22,7 +22,7 @@ from whiptool.impedance import Controller
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WAVES, WhipProfile, profile_from
-from whiptool.rig.emulator.servo import Motor
+from whiptool.rig.emulator.motor import Motor
 
 # Standard errors. A whip's tip is as thick as its handle, or half or twice as thick two of them off: mass goes with the
 # square of the thickness, bending with its fourth power. A little of each taper is its own.

@@ -77,7 +77,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.limits.arm_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
-    from whiptool.rig.emulator.servo import HARDWARE, Motor
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.stops import Interlock
 
     tip = (options.port == "twin" and options.camera == "tip") or options.port == ROBOT  # no motors of ours
@@ -158,7 +158,7 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
     """The port: a twin at the tip, a twin of the whole rig, or the rig."""
     from whiptool.adaptation.ports import RigPort, RobotPort, TipPort
     from whiptool.adaptation.twins import draw_twin
-    from whiptool.rig.emulator.servo import HARDWARE, Motor
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.session import TwinRig
 
     goal = options.build_target(model)

@@ -130,8 +130,8 @@ _LEARN = (
 def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     """The rig that the options describe; everything is checked before anything moves."""
     from whiptool.models.files import load_model
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.emulator.physics import TwinTruth
-    from whiptool.rig.emulator.servo import HARDWARE, Motor
     from whiptool.rig.loop_options import default_caps
     from whiptool.rig.session import TwinRig
 

@@ -19,6 +19,7 @@ from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.rig.dynamixel.bus import DynamixelBus
+    from whiptool.rig.emulator.faults import Fault
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
@@ -166,15 +167,38 @@ class EmulatorOptions(ModelOptions):
     """Control period in lock-step [s]."""
     link: str | None = None
     """Make a symbolic link with this name to the device."""
+    reboot_time: float | None = None
+    """Time for which a servo does not answer after a reboot [s]; default: 0.4, and 0 in lock-step."""
+    faults: tuple[str, ...] = ()
+    """Faults, each KIND:NAME=NUMBER:.. such as drop:at=2:count=10 or sag:at=2:volts=8:lasting=0.5 or same_id:servo=1.
+    Kinds of the line: drop, corrupt, late, split, duplicate, lose, unplug. Of servos: dead, hot, stuck, alert, sag,
+    reboot, same_id. Names: at [s], count (packets), servo (from 0), seed, volts, lasting [s]."""
+
+    def check(self) -> None:
+        super().check()
+        _faults(self)
+
+
+def _faults(o: EmulatorOptions) -> list[Fault]:
+    from whiptool.rig.emulator.faults import Fault
+
+    return [Fault.parse(text) for text in o.faults]
 
 
 def _serve(o: EmulatorOptions) -> int:
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.emulator.physics import TwinOptions
     from whiptool.rig.emulator.server import serve_alone
-    from whiptool.rig.emulator.servo import HARDWARE, Motor
 
-    motor = HARDWARE if o.friction else Motor()
-    serve_alone(TwinOptions(o.build_model(), motor, lockstep=o.lockstep, period=o.period, baud=o.baud), o.link)
+    options = TwinOptions(
+        o.build_model(),
+        HARDWARE if o.friction else Motor(),
+        lockstep=o.lockstep,
+        period=o.period,
+        baud=o.baud,
+        reboot_time=o.reboot_time,
+    )
+    serve_alone(options, o.link, _faults(o))
     return 0
 
 

@@ -15,8 +15,8 @@ from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE
 from whiptool.rig.dynamixel.joints import Guards
+from whiptool.rig.emulator.motor import Motor
 from whiptool.rig.emulator.physics import Physics, TwinOptions
-from whiptool.rig.emulator.servo import Motor
 from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import FASTEST

@@ -17,13 +17,15 @@ def test_the_control_table_is_the_manuals():
         "model_number": (0, 2, 1020), "id": (7, 1, 1), "baud_rate": (8, 1, 1), "return_delay_time": (9, 1, 250),
         "operating_mode": (11, 1, 3), "homing_offset": (20, 4, 0), "temperature_limit": (31, 1, 80),
         "max_voltage_limit": (32, 2, 160), "min_voltage_limit": (34, 2, 95), "pwm_limit": (36, 2, 885),
-        "current_limit": (38, 2, 1193), "velocity_limit": (44, 4, 350), "shutdown": (63, 1, 52),
+        "current_limit": (38, 2, 1193), "velocity_limit": (44, 4, 200), "startup_configuration": (60, 1, 0),
+        "shutdown": (63, 1, 52),
         "torque_enable": (64, 1, 0), "status_return_level": (68, 1, 2), "hardware_error_status": (70, 1, 0),
         "bus_watchdog": (98, 1, 0), "goal_pwm": (100, 2, 885), "goal_current": (102, 2, 1193),
         "goal_velocity": (104, 4, 0),
         "goal_position": (116, 4, 0), "realtime_tick": (120, 2, 0), "present_current": (126, 2, 0),
         "present_velocity": (128, 4, 0), "present_position": (132, 4, 0), "present_input_voltage": (144, 2, 0),
-        "present_temperature": (146, 1, 0), "indirect_address_1": (168, 2, 224), "indirect_address_28": (222, 2, 251),
+        "present_temperature": (146, 1, 0), "backup_ready": (147, 1, 0),
+        "indirect_address_1": (168, 2, 224), "indirect_address_28": (222, 2, 251),
         "indirect_data_28": (251, 1, 0), "indirect_address_29": (578, 2, 634), "indirect_data_56": (661, 1, 0),
     }  # fmt: skip
     for name, (address, size, default) in manual.items():

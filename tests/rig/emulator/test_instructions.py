@@ -32,8 +32,8 @@ def test_sdk_read_and_write_of_every_size(line):
     assert handler.read1ByteTxRx(port, 1, 65) == (1, *OK)
     assert handler.write2ByteTxRx(port, 1, 38, 700) == OK
     assert handler.read2ByteTxRx(port, 1, 38) == (700, *OK)
-    assert handler.write4ByteTxRx(port, 1, 116, 0x12345678) == OK
-    assert handler.read4ByteTxRx(port, 1, 116) == (0x12345678, *OK)
+    assert handler.write4ByteTxRx(port, 1, 108, 0x1234) == OK
+    assert handler.read4ByteTxRx(port, 1, 108) == (0x1234, *OK)
     assert handler.write1ByteTxRx(port, 1, 0, 1) == (0, 7)
     assert handler.write2ByteTxRx(port, 1, 38, 2000) == (0, 4)
     assert handler.writeTxRx(port, 1, 116, 2, [0, 0]) == (0, 5)
@@ -92,9 +92,10 @@ def test_sdk_reboot_factory_reset_clear(line):
 
 def test_sdk_gets_what_needs_stuffing(line):
     port, handler = line
-    # the reply has FF FF FD in it; the servo escapes it, the SDK takes the escape out
-    assert handler.write4ByteTxRx(port, 1, 20, 0x00FDFFFF & 0xFFFFF)[1] == 0
-    assert handler.read4ByteTxRx(port, 1, 20) == (0xDFFFF, *OK)
+    # the reply has FF FF FD in it; the servo escapes it, the SDK takes the escape out, which it does not put in
+    assert handler.write1ByteTxRx(port, 1, 11, 4) == OK
+    assert handler.writeTxRx(port, 1, 116, 5, [0xFF, 0xFF, 0xFD, 0xFD, 0xFF]) == OK
+    assert handler.read4ByteTxRx(port, 1, 116) == (0xFFFDFFFF, *OK)
     assert handler.write4ByteTxRx(port, 1, 116, 0xFFFFFFFF) == OK
     assert handler.write2ByteTxRx(port, 1, 102, 0xFFFF) == OK  # -1
     assert handler.read4ByteTxRx(port, 1, 116) == (0xFFFFFFFF, *OK)
@@ -175,4 +176,4 @@ def test_no_instruction_breaks_a_servo(parameters, instruction, id):
     for s in servos:
         s.age(0.001)
         s.feel(0.1, 0.2, 0.3, 1.0)
-        s.goal()
+        s.drive()

@@ -13,7 +13,7 @@ import tty
 import numpy as np
 import pytest
 from ports import PatientPort, RawLine, sdk
-from servos import GOLDEN, h
+from servos import GOLDEN, h, put
 
 from whiptool.rig.dynamixel.control_table import register
 from whiptool.rig.emulator import Emulator, Fault, TwinOptions
@@ -149,7 +149,7 @@ def test_an_arm_that_its_motors_hold_falls_when_they_let_go(clock):
     physics = Server(SWINGING, clock=clock).physics
     for servo in physics.servos:
         servo.set("torque_enable", 1)
-    physics.servos[0].set("goal_position", 3000)
+    put(physics.servos[0], "goal_position", 3000)
     physics.advance_to(0.01)
     assert physics.currents[0] != 0
     physics.data.qvel[:] = physics.data.qacc[:] = 0  # as if it had been held for long
@@ -227,7 +227,7 @@ def test_noise_that_nobody_reads_the_replies_to_leaves_it_answering(server, clie
         data = rng.integers(0, 256, int(rng.integers(1, 200)), dtype=np.uint8).tobytes()
         if rng.integers(2):
             instruction = int(rng.integers(256))  # not one that changes how a servo talks
-            data = PING if instruction in (3, 4, 6, 0x83, 0x93) else encode(Packet(254, instruction, data[:40]))
+            data = PING if instruction in (3, 4, 6, 8, 0x83, 0x93) else encode(Packet(254, instruction, data[:40]))
         client.write(data)
         server._round()
     client.read()

@@ -64,9 +64,9 @@ def test_watchdog_stops_the_motor_and_locks_the_goals():
     for name, value in (("operating_mode", 0), ("goal_current", 100), ("bus_watchdog", 3), ("torque_enable", 1)):
         assert put(s, name, value) == 0
     s.age(0.06)
-    assert s.goal() == pytest.approx(0.269)
+    assert s.drive()[0] == pytest.approx(0.269)
     s.age(0.001)
-    assert s.goal() == 0
+    assert s.drive()[0] == 0
     assert s.get("bus_watchdog") == -1
     assert put(s, "goal_current", 5) == 4  # data range error, as in the manual's example
     assert put(s, "bus_watchdog", 0) == 0
@@ -81,7 +81,7 @@ def test_watchdog_is_quiet_while_the_bus_talks():
     for _ in range(20):
         s.age(0.03)
         chain.handle(Packet(77, 1))  # for a servo that is not there
-    assert s.goal() > 0
+    assert s.drive()[0] > 0
 
 
 def test_overheating_shuts_down_until_reboot():

@@ -1,7 +1,8 @@
-"""The control table of the XM430-W350 as data.
+"""The control table of the XM430-W350 with firmware 45 as data.
 
 Source: the manufacturer's manual, https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/ (tables "Control Table of
-EEPROM Area" and "Control Table of RAM Area"), https://emanual.robotis.com/docs/en/dxl/protocol2/ (Protocol 2.0).
+EEPROM Area" and "Control Table of RAM Area"), https://emanual.robotis.com/docs/en/dxl/protocol2/ (Protocol 2.0). Older
+versions of the manual have an Acceleration Limit(40), which the tables of this firmware no longer have.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from whiptool.errors import InputError
 MODEL_NUMBER = 1020
 FIRMWARE = 45  # the oldest that answers a fast sync read
 RAM = 64  # first address of the RAM area; what lies below is EEPROM
-CURRENT_MODE, POSITION_MODE = 0, 3
+CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
 WATCHDOG_UNIT = 0.02  # [s], of Bus Watchdog(98)
 WATCHDOG_TRIPPED = -1
 
@@ -89,7 +90,6 @@ def _indirect() -> list[Register]:
     return registers
 
 
-_BIG = 2**31 - 1
 _TABLE = [
     #         name                   addr  size  rw   default  low      high
     Register("model_number", 0, 2, default=MODEL_NUMBER),
@@ -98,7 +98,7 @@ _TABLE = [
     Register("id", 7, 1, True, 1, 0, 252),
     Register("baud_rate", 8, 1, True, 1, 0, 7),
     Register("return_delay_time", 9, 1, True, 250, 0, 254),
-    Register("drive_mode", 10, 1, True, 0, 0, 5),
+    Register("drive_mode", 10, 1, True, 0, 0, 13),
     Register("operating_mode", 11, 1, True, POSITION_MODE, 0, 16),
     Register("secondary_id", 12, 1, True, 255, 0, 255),
     Register("protocol_version", 13, 1, True, 2, 1, 2),
@@ -109,10 +109,10 @@ _TABLE = [
     Register("min_voltage_limit", 34, 2, True, 95, 95, 160),
     Register("pwm_limit", 36, 2, True, 885, 0, 885),
     Register("current_limit", 38, 2, True, 1_193, 0, 1_193),
-    Register("acceleration_limit", 40, 4, True, 32_767, 0, 32_767),
-    Register("velocity_limit", 44, 4, True, 350, 0, 1_023),
+    Register("velocity_limit", 44, 4, True, 200, 0, 1_023),
     Register("max_position_limit", 48, 4, True, 4_095, 0, 4_095),
     Register("min_position_limit", 52, 4, True, 0, 0, 4_095),
+    Register("startup_configuration", 60, 1, True, 0, 0, 3),
     Register("shutdown", 63, 1, True, 52, 0, 255),
     Register("torque_enable", 64, 1, True, 0, 0, 1),
     Register("led", 65, 1, True, 0, 0, 1),
@@ -132,7 +132,7 @@ _TABLE = [
     Register("goal_velocity", 104, 4, True, 0, -1_023, 1_023, True),
     Register("profile_acceleration", 108, 4, True, 0, 0, 32_767),
     Register("profile_velocity", 112, 4, True, 0, 0, 32_767),
-    Register("goal_position", 116, 4, True, 0, -_BIG - 1, _BIG, True),
+    Register("goal_position", 116, 4, True, 0, -1_048_575, 1_048_575, True),
     Register("realtime_tick", 120, 2),
     Register("moving", 122, 1),
     Register("moving_status", 123, 1),
@@ -144,6 +144,7 @@ _TABLE = [
     Register("position_trajectory", 140, 4, signed=True),
     Register("present_input_voltage", 144, 2),
     Register("present_temperature", 146, 1),
+    Register("backup_ready", 147, 1),
     *_indirect(),
 ]
 XM430_W350: dict[str, Register] = {register.name: register for register in _TABLE}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.numbers import number, whole
 
 Kind = Literal[
     "drop",  # a reply never comes
@@ -21,6 +22,9 @@ Kind = Literal[
     "hot",  # a servo gets too hot
     "stuck",  # an encoder stops
     "alert",  # a servo reports a hardware error that does not shut it down
+    "sag",  # the supply of all servos sags
+    "reboot",  # a servo reboots by itself
+    "same_id",  # a servo has the id of the one before it, so that both answer at once
 ]
 OF_THE_LINE = ("drop", "corrupt", "late", "split", "duplicate", "lose")
 
@@ -35,9 +39,11 @@ class Fault:
         count: Number of packets that a fault of the bus affects.
         servo: Index of the servo that a fault affects, from 0.
         seed: Seed of the fault's random choices: which bit flips, where a reply is split.
+        volts: Voltage to which the supply sags [V].
+        lasting: Time after which the supply is as before [s]; default: it stays low.
 
     Raises:
-        InputError: The kind is unknown.
+        InputError: The kind is unknown, or a value is out of range.
     """
 
     kind: Kind
@@ -45,10 +51,48 @@ class Fault:
     count: int = 1
     servo: int = 0
     seed: int = 0
+    volts: float = 8.0
+    lasting: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise InputError("fault", self.kind, ", ".join(get_args(Kind)))
+        number("at", self.at, low=0)
+        number("volts", self.volts, low=0, strict=True)
+        if self.lasting is not None:
+            number("lasting", self.lasting, low=0, strict=True)
+        for name in ("count", "servo", "seed"):
+            object.__setattr__(self, name, whole(name, getattr(self, name), low=int(name == "count")))
+
+    @classmethod
+    def parse(cls, text: str) -> Fault:
+        """Return the fault that a text such as `sag:at=2:volts=8:lasting=0.5` describes: its kind, then other values by
+        name.
+
+        Raises:
+            InputError: The text describes no fault; the message names what it may hold.
+        """
+        kind, *rest = text.split(":")
+        types = {"at": float, "count": int, "servo": int, "seed": int, "volts": float, "lasting": float}
+        values: dict[str, Any] = {}
+        for item in rest:
+            name, _, value = item.partition("=")
+            try:
+                values[name] = types[name](value)
+            except (KeyError, ValueError):
+                allowed = f"KIND:NAME=NUMBER:.. with any of {', '.join(types)} as names"
+                raise InputError("fault", text, allowed) from None
+        return cls(cast(Kind, kind), **values)
+
+    def check_servo(self, servos: int) -> None:
+        """Refuse a fault of a servo that is not there.
+
+        Raises:
+            InputError: There are only `servos` servos, or, for a fault of two, only one.
+        """
+        whole("servo of the fault", self.servo, low=0, high=servos - 1)
+        if self.kind == "same_id" and servos < 2:
+            raise InputError("fault", self.kind, "a fault of one servo, as there is one")
 
 
 def random_faults(rng: np.random.Generator, *, duration: float, servos: int, most: int = 3) -> list[Fault]:
@@ -61,6 +105,7 @@ def random_faults(rng: np.random.Generator, *, duration: float, servos: int, mos
             count=int(rng.choice([1, 2, 10, 1000])),
             servo=int(rng.integers(servos)),
             seed=int(rng.integers(2**31)),
+            volts=float(rng.uniform(6.0, 11.0)),
         )
         for _ in range(int(rng.integers(0, most + 1)))
     ]

@@ -6,15 +6,19 @@ Source: https://emanual.robotis.com/docs/en/dxl/protocol2/, "Instruction Details
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import zip_longest
 
 from whiptool.rig.dynamixel.control_table import XM430_W350
-from whiptool.rig.emulator.packets import BROADCAST, Packet, fast_length, fast_status, status
-from whiptool.rig.emulator.servo import ACCESS_ERROR, LENGTH_ERROR, RESULT_FAIL, Servo
+from whiptool.rig.emulator.memory import ACCESS_ERROR, LENGTH_ERROR, RESULT_FAIL
+from whiptool.rig.emulator.packets import BROADCAST, Packet, fast_length, fast_status, overlaid, status
+from whiptool.rig.emulator.servo import Servo
 
-PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 1, 2, 3, 4, 5, 6, 8, 0x10
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR, BACKUP = 1, 2, 3, 4, 5, 6, 8, 0x10, 0x20
 SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A
 INSTRUCTION_ERROR, CRC_ERROR = 2, 3
 CLEAR_TURNS = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
+STORE, RESTORE = bytes([0x01, 0x43, 0x54, 0x52, 0x4C]), bytes([0x02, 0x43, 0x54, 0x52, 0x4C])
+LAST_ID = 252
 GOAL_CURRENT = XM430_W350["goal_current"].address
 
 
@@ -38,9 +42,13 @@ class ServoChain:
         if any(servo.torque_on for servo in self.servos):
             self._beat()
 
-    def find(self, id: int) -> Servo | None:
-        """Return the servo with that id, unless it is dead or deaf; else None."""
-        return next((s for s in self.servos if s.get("id") == id and not (s.dead or s.deaf)), None)
+    def find(self, id: int) -> list[Servo]:
+        """Return the servos with that id that hear; more than one only if an id was given twice."""
+        return [s for s in self.servos if s.memory[7] == id and s.hears]
+
+    def _shadows(self, id: int) -> list[Servo]:
+        """Servos that obey this id as their Secondary ID(12), without a reply and without EEPROM."""
+        return [s for s in self.servos if s.memory[12] == id != s.memory[7] and id <= LAST_ID and s.hears]
 
     def handle(self, packet: Packet) -> list[bytes]:
         """Return the replies to an instruction, in the order of transmission; empty if no reply is due."""
@@ -49,17 +57,21 @@ class ServoChain:
         if packet.instruction in (*_READS, SYNC_WRITE, BULK_WRITE):
             return self._many(packet) if packet.id == BROADCAST else []
         if packet.id == BROADCAST:
-            alive = sorted((s for s in self.servos if not (s.dead or s.deaf)), key=lambda s: s.get("id"))
-            replies = [self._one(servo, packet, broadcast=True) for servo in alive]
+            hearing = sorted((s for s in self.servos if s.hears), key=lambda s: s.get("id"))
+            replies = [self._one(servo, packet, broadcast=True) for servo in hearing]
         else:
-            servo = self.find(packet.id)
-            replies = [self._one(servo, packet)] if servo else []
+            replies = [overlaid([self._one(servo, packet) for servo in self.find(packet.id)])]
+            if packet.instruction not in (PING, READ, FACTORY_RESET, BACKUP):
+                for servo in self._shadows(packet.id):
+                    self._one(servo, packet, shadow=True)
         if packet.instruction == ACTION or beats(packet):
             self._on_goal()
         return [reply for reply in replies if reply]
 
-    def _one(self, servo: Servo, packet: Packet, *, broadcast: bool = False) -> bytes:
-        """Reply of one servo to an instruction to one; empty where it is silent."""
+    def _one(self, servo: Servo, packet: Packet, *, broadcast: bool = False, shadow: bool = False) -> bytes:
+        """Reply of one servo to an instruction to one; empty where it is silent. `shadow`: the instruction was to its
+        Secondary ID.
+        """
         id, data, instruction = servo.get("id"), packet.parameters, packet.instruction
         level = servo.get("status_return_level")  # before it is changed
         address = data[0] | data[1] << 8 if len(data) >= 2 else -1
@@ -74,9 +86,9 @@ class ServoChain:
             else:
                 error, answer = servo.read(address, data[2] | data[3] << 8)
         elif instruction == WRITE:
-            error = LENGTH_ERROR if len(data) < 3 else servo.write(address, data[2:])
+            error = LENGTH_ERROR if len(data) < 3 else servo.write(address, data[2:], eeprom=not shadow)
         elif instruction == REG_WRITE:
-            error = LENGTH_ERROR if len(data) < 3 else servo.check(address, data[2:])[0]
+            error = LENGTH_ERROR if len(data) < 3 else servo.check(address, data[2:], eeprom=not shadow)[0]
             if not error:
                 servo.registered = address, data[2:]
                 servo.set("registered_instruction", 1)
@@ -96,15 +108,13 @@ class ServoChain:
         elif instruction == REBOOT:
             servo.boot()
         elif instruction == CLEAR:
-            if data != CLEAR_TURNS or servo.get("moving"):
-                error = RESULT_FAIL
-            else:
-                turn = 4096 * servo.units.fineness
-                servo.set("homing_offset", servo.get("homing_offset") - servo.get("present_position") // turn * turn)
-                servo.feel(servo.q, servo.v, servo.current, servo.get("realtime_tick") / 1000)
+            error = 0 if data == CLEAR_TURNS and servo.clear_turns() else RESULT_FAIL
+        elif instruction == BACKUP:
+            does = {STORE: servo.backup, RESTORE: servo.restore}.get(data)
+            error = 0 if does is not None and does() else RESULT_FAIL
         else:
             error = INSTRUCTION_ERROR
-        if broadcast or level < least:
+        if broadcast or shadow or level < least:
             return b""
         return status(id, servo.alert | error, answer)
 
@@ -119,15 +129,21 @@ class ServoChain:
             return self._bulk_write(data)
         parse, fast = _READS[packet.instruction]
         wanted = parse(data)
-        if fast:
-            return self._fast(wanted)
-        return [status(id, error, answer) for id, error, answer in self._parts(wanted) if answer is not None]
+        answer = self._fast if fast else self._in_turn
+        most = max((len(self.find(id)) for id, _, _ in wanted), default=0)
+        several = [answer(wanted, k) for k in range(max(most, 1))]  # of servos with one id, the k-th
+        return [overlaid(pieces) for pieces in zip_longest(*several, fillvalue=b"")] if most > 1 else several[0]
 
-    def _parts(self, wanted: list[tuple[int, int, int]]) -> list[tuple[int, int, bytes | None]]:
-        """(id, error, data) of each servo asked; data None: it does not answer."""
+    def _in_turn(self, wanted: list[tuple[int, int, int]], k: int) -> list[bytes]:
+        parts = self._parts(wanted, k)
+        return [status(id, error, answer) for id, error, answer in parts if answer is not None]
+
+    def _parts(self, wanted: list[tuple[int, int, int]], k: int) -> list[tuple[int, int, bytes | None]]:
+        """(id, error, data) of each servo asked, the k-th with its id; data None: it does not answer."""
         parts: list[tuple[int, int, bytes | None]] = []
         for id, address, length in wanted:
-            servo = self.find(id)
+            servos = self.find(id)
+            servo = servos[k % len(servos)] if servos else None
             if servo is None or servo.get("status_return_level") < 1:
                 parts.append((id, 0, None))
             else:
@@ -135,9 +151,9 @@ class ServoChain:
                 parts.append((id, servo.alert | error, answer))
         return parts
 
-    def _fast(self, wanted: list[tuple[int, int, int]]) -> list[bytes]:
+    def _fast(self, wanted: list[tuple[int, int, int]], k: int) -> list[bytes]:
         """Each servo adds its part when the one before has sent its own: a dead one ends the reply there."""
-        parts = self._parts(wanted)
+        parts = self._parts(wanted, k)
         whole = [
             (id, error, answer if answer else bytes(length))
             for (id, error, answer), (_, _, length) in zip(parts, wanted, strict=True)
@@ -148,15 +164,20 @@ class ServoChain:
         alive = next((i for i, (_, _, answer) in enumerate(parts) if answer is None), len(parts))
         return pieces[:alive]
 
+    def _put(self, id: int, address: int, data: bytes) -> None:
+        """Write to the servos with an id, and to those with it as their Secondary ID."""
+        for servo in self.find(id):
+            servo.write(address, data)
+        for servo in self._shadows(id):
+            servo.write(address, data, eeprom=False)
+
     def _sync_write(self, data: bytes) -> list[bytes]:
         if len(data) < 4:
             return []
         address, length = _words(data[:4])
         rest = data[4:]
         for i in range(0, len(rest) - length, length + 1):
-            servo = self.find(rest[i])
-            if servo is not None:
-                servo.write(address, rest[i + 1 : i + 1 + length])
+            self._put(rest[i], address, rest[i + 1 : i + 1 + length])
         if address <= GOAL_CURRENT < address + length:
             self._on_goal()
         return []
@@ -166,9 +187,8 @@ class ServoChain:
         while len(data) >= 5:
             id, (address, length) = data[0], _words(data[1:5])
             value, data = data[5 : 5 + length], data[5 + length :]
-            servo = self.find(id)
-            if servo is not None and len(value) == length:
-                servo.write(address, value)
+            if len(value) == length:
+                self._put(id, address, value)
             beat = beat or address <= GOAL_CURRENT < address + length
         if beat:
             self._on_goal()

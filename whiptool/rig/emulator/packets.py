@@ -6,8 +6,10 @@ no code with the manufacturer's SDK, so that each checks the other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -88,6 +90,17 @@ def fast_status(parts: list[tuple[int, int, bytes]]) -> list[bytes]:
         pieces.append(piece + end)
         piece = b""
     return pieces
+
+
+def overlaid(replies: Sequence[bytes]) -> bytes:
+    """Return what is read where several servos reply at once: a 0 wins, bit by bit, as on a TTL line. Equal replies
+    stay whole. An idealization: real servos do not begin at the very same instant.
+    """
+    if len(replies) < 2:
+        return replies[0] if replies else b""
+    longest = max(map(len, replies))
+    padded = [reply.ljust(longest, b"\xff") for reply in replies]
+    return bytes(reduce(and_, column) for column in zip(*padded, strict=True))
 
 
 class Parser:

@@ -16,7 +16,9 @@ from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.presets import preset
 from whiptool.rig.dynamixel.control_table import BAUD_RATES, Units
-from whiptool.rig.emulator.servo import Motor, Protection, Servo
+from whiptool.rig.emulator.controllers import OFF, PERIOD, Drive
+from whiptool.rig.emulator.motor import Motor, Protection
+from whiptool.rig.emulator.servo import Servo
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.reference import ReferenceRollout
 
@@ -41,6 +43,8 @@ class TwinOptions:
         return_delay: Value of Return Delay Time(9) [2 us]; the factory setting is 250.
         timestep, integrator: MuJoCo's time step [s] and integrator; default: as in `ReferenceRollout`.
         protection: Thresholds at which a servo shuts itself down.
+        reboot_time: Time for which a servo does not answer after a reboot [s]; default: `REBOOT` in real time, and 0 in
+            lock step, where time does not pass by waiting.
     """
 
     model: Model = field(default_factory=lambda: preset("lemon2024"))
@@ -57,9 +61,12 @@ class TwinOptions:
     timestep: float | None = None
     integrator: str | None = None
     protection: Protection = field(default_factory=Protection)
+    reboot_time: float | None = None
 
     def __post_init__(self) -> None:
         number("period", self.period, low=1e-5, high=1.0)
+        if self.reboot_time is not None:
+            number("reboot_time", self.reboot_time, low=0)
         for name in ("command_delay", "sample_delay"):
             number(name, getattr(self, name), low=0, high=0.5)
         if self.baud not in BAUD_RATES.values():
@@ -72,6 +79,7 @@ class TwinOptions:
     def make_servos(self) -> list[Servo]:
         """Return the servos in their state after power-on."""
         rate = next(value for value, bps in BAUD_RATES.items() if bps == self.baud)
+        usual = 0.0 if self.lockstep else REBOOT
         return [
             Servo(
                 id,
@@ -80,6 +88,7 @@ class TwinOptions:
                 baud=rate,
                 return_delay=self.return_delay,
                 protection=self.protection,
+                reboot_time=usual if self.reboot_time is None else self.reboot_time,
             )
             for id in self.ids
         ]
@@ -106,6 +115,7 @@ class TwinTruth:
 
 
 RECORD_PERIOD = 1e-3  # [s]
+REBOOT = 0.4  # [s], as users measured it on an XC330 (ROBOTIS-GIT/emanual, issue 1698); the manual gives no time
 STILL = (1e-4, 1e-3)  # speed [rad/s] and acceleration [rad/s2] of every joint; an encoder counts 1.5e-3 rad
 
 
@@ -128,6 +138,7 @@ class Physics:
         self._mj.opt.timestep = self.timestep
         self._mj.dof_armature[: self.model.arm.n] = options.motor.inertia
         self._record_steps = max(1, round(RECORD_PERIOD / self.timestep))
+        self._control_steps = max(1, round(PERIOD / self.timestep))
         self._kept = None if record else 0
         self.reset(options.start)
 
@@ -143,8 +154,8 @@ class Physics:
         self.data.qpos[:] = start_posture(self.model, q_i[None])[0]
         mujoco.mj_forward(self._mj, self.data)
         self.steps, self.last_driven = 0, 0.0  # and when a motor was last asked for current [s]
-        self._goals: deque[tuple[float, list[float]]] = deque()
-        self._acting = [0.0] * a
+        self._goals: deque[tuple[float, list[Drive]]] = deque()
+        self._acting = [OFF] * a
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self._rows: deque[tuple] = deque(maxlen=self._kept)
         self.currents, self.torques = [0.0] * a, [0.0] * a
@@ -192,17 +203,23 @@ class Physics:
         has_forces = self._rollout.has_forces
         fixed_mode = all(servo.memory[11] == 0 for servo in servos)
         goals, aged = self._wanted(), self.steps
+        acting: list[Drive] = []
+        driven = False
         while self.steps < end:
             v = data.qvel[:a].tolist()
-            if not fixed_mode:  # these modes act on the state: their goal changes with it
-                q = data.qpos[:a].tolist()
-                for i, servo in enumerate(servos):
-                    servo.q, servo.v = (servo.q, servo.v) if servo.stuck else (q[i], v[i])
+            if not fixed_mode and self.steps % self._control_steps == 0:  # these modes act on the state
+                for servo, q_i, v_i in zip(servos, data.qpos[:a].tolist(), v, strict=True):
+                    servo.q, servo.v = (servo.q, servo.v) if servo.stuck else (q_i, v_i)
+                    servo.control()
                 goals = self._wanted()
-            acting = self._delay(goals) if self.options.command_delay else goals
+            wanted = self._delay(goals) if self.options.command_delay else goals
+            if wanted is not acting:
+                acting = wanted
+                driven = any(current or low == high != 0.0 for current, low, high in acting)
             for i, motor in enumerate(motors):
+                goal, low, high = acting[i]
                 # with torque off the bridge is open: no current, whatever the speed
-                current = motor.current(acting[i], v[i]) if servos[i].torque_on else 0.0
+                current = motor.current(goal, v[i], low, high) if servos[i].torque_on else 0.0
                 self.currents[i] = current
                 self.torques[i] = motor.torque(current, v[i])
             data.ctrl[:] = self.torques
@@ -220,13 +237,13 @@ class Physics:
                     servo.current = self.currents[i]
                     servo.age(dt)
                 goals = self._wanted()  # a watchdog or a shutdown may have ended them
-            if any(acting):
+            if driven:
                 self.last_driven = self.t
 
-    def _wanted(self) -> list[float]:
-        return [servo.goal() for servo in self.servos]
+    def _wanted(self) -> list[Drive]:
+        return [servo.drive() for servo in self.servos]
 
-    def _delay(self, goals: list[float]) -> list[float]:
+    def _delay(self, goals: list[Drive]) -> list[Drive]:
         """The goals of `command_delay` ago."""
         queue = self._goals
         if not queue or queue[-1][1] != goals:

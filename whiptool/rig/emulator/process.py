@@ -101,7 +101,13 @@ class Emulator:
             return self._control.recv()
 
     def inject(self, *faults: Fault) -> None:
-        """Schedule faults in the emulator."""
+        """Schedule faults in the emulator.
+
+        Raises:
+            InputError: A fault is of a servo that is not there; none is scheduled.
+        """
+        for fault in faults:
+            fault.check_servo(len(self.options.ids))
         for fault in faults:
             self._ask("add", fault)
 

@@ -14,6 +14,7 @@ import tty
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -148,9 +149,24 @@ class Server:
             servo.heat = 70.0
         elif fault.kind == "stuck":
             servo.stuck = True
+        elif fault.kind == "sag":
+            self._sag(fault)
+        elif fault.kind == "reboot":
+            servo.boot()
+        elif fault.kind == "same_id":
+            servo.set("id", self.servos[fault.servo - 1].get("id"))
         elif fault.kind == "alert":
             servo.set("shutdown", 0)
             servo.set("hardware_error_status", 1 << 3)
+
+    def _sag(self, fault: Fault) -> None:
+        """The supply sags, for as long as the fault lasts."""
+        for servo in self.servos:
+            servo.volts = fault.volts
+            servo.show()
+        if fault.lasting is not None:
+            usual = self.options.motor.voltage
+            self.faults.add(replace(fault, at=fault.at + fault.lasting, volts=usual, lasting=None))
 
     # -- bytes ---------------------------------------------------------------------------------------------------
 
@@ -328,13 +344,17 @@ def serve_child(fd: int) -> None:
     server.serve()
 
 
-def serve_alone(options: TwinOptions, link: str | None) -> None:
-    """Serve in the foreground until interrupted; `link` is the path of a symbolic link to create to the device.
+def serve_alone(options: TwinOptions, link: str | None, faults: Sequence[Fault] = ()) -> None:
+    """Serve in the foreground until interrupted, with faults at their times since the start; `link` is the path of a
+    symbolic link to create to the device.
 
     Raises:
-        InputError: The link cannot be created, or its name is taken.
+        InputError: The link cannot be created, its name is taken, or a fault is of a servo that is not there.
     """
     server = Server(options)
+    for fault in faults:
+        fault.check_servo(len(server.servos))
+        server.faults.add(fault)
     if link:
         _link(Path(link), server.port)
     try:

@@ -1,20 +1,20 @@
-"""One emulated servo: motor, registers, access rules and self-protection.
+"""One emulated servo: what its registers do, its state, and its self-protection.
 
 Source: https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/, descriptions of the control table's items.
 """
 
 from __future__ import annotations
 
-import math
 import struct
-from dataclasses import dataclass
 
-from whiptool.errors import InputError
-from whiptool.limits.arm_limits import XM430
-from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.control_table import (
+    CURRENT_BASED_MODE,
     CURRENT_MODE,
+    EXTENDED_MODE,
+    POSITION_MODE,
+    PWM_MODE,
     TICKS,
+    VELOCITY_MODE,
     VOLTAGE_UNIT,
     WATCHDOG_TRIPPED,
     WATCHDOG_UNIT,
@@ -22,107 +22,34 @@ from whiptool.rig.dynamixel.control_table import (
     Register,
     Units,
 )
+from whiptool.rig.emulator.controllers import FULL_PWM, OFF, REVERSE, TORQUE_ON_BY_GOAL, Controllers, Drive
+from whiptool.rig.emulator.memory import Memory
+from whiptool.rig.emulator.motor import Motor, Protection
 
-RATED_VOLTAGE = 12.0  # [V], of the limits of the XM430-W350
-
-
-@dataclass(frozen=True)
-class Motor:
-    """Parameters of a motor, all at the output shaft; the default values are those of the XM430-W350 at 12 V.
-
-    The manual gives stall torque, stall current and no-load speed. They fix the winding's resistance `V / i_stall`,
-    the back EMF `V / w_0`, and, since an ideal gear would give as many N m/A as V s/rad, the gear's efficiency 0.72.
-
-    Args:
-        voltage: Supply voltage [V].
-        resistance: Resistance of the winding [ohm].
-        back_emf: Back EMF per speed [V s/rad], equal to the torque constant [N m/A] with an ideal gear.
-        efficiency: Efficiency of the gear.
-        viscous_friction: Viscous friction [N m s/rad].
-        dry_friction: Dry friction torque at speeds far above `friction_velocity` [N m].
-        friction_velocity: Speed below which dry friction is smoothed [rad/s]; the torque is `-dry_friction v / sqrt(v^2
-            + friction_velocity^2)`.
-        inertia: Inertia of rotor and gear [kg m^2].
-
-    Raises:
-        InputError: A value is not finite, or out of range.
-    """
-
-    voltage: float = RATED_VOLTAGE
-    resistance: float = RATED_VOLTAGE / XM430.stall_current
-    back_emf: float = RATED_VOLTAGE / XM430.no_load_speed
-    efficiency: float = XM430.stall_torque / XM430.stall_current / (RATED_VOLTAGE / XM430.no_load_speed)
-    viscous_friction: float = 0.0
-    dry_friction: float = 0.0
-    friction_velocity: float = 0.05
-    inertia: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("voltage", "resistance", "back_emf", "efficiency", "friction_velocity"):
-            object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=True))
-        for name in ("viscous_friction", "dry_friction", "inertia"):
-            object.__setattr__(self, name, number(name, getattr(self, name), low=0))
-        if self.efficiency > 1:
-            raise InputError("efficiency", self.efficiency, "a number > 0 and <= 1")
-
-    @property
-    def torque_constant(self) -> float:
-        """Torque at the output per current [N m/A]."""
-        return self.efficiency * self.back_emf
-
-    def current(self, goal: float, speed: float) -> float:
-        """Return the current [A] for a goal [A] at a speed of the output [rad/s], limited by the supply voltage."""
-        emf = self.back_emf * speed
-        return min(max(goal, (-self.voltage - emf) / self.resistance), (self.voltage - emf) / self.resistance)
-
-    def torque(self, current: float, speed: float) -> float:
-        """Return the torque at the output [N m] for a current [A] at a speed [rad/s], less friction."""
-        friction = self.viscous_friction * speed
-        if self.dry_friction:
-            friction += self.dry_friction * speed / math.sqrt(speed * speed + self.friction_velocity**2)
-        return self.torque_constant * current - friction
-
-
-# What a worn-in servo is like: friction of a tenth of the stall torque and less, a rotor of about 0.01 kg m^2 (the
-# inertia that models of arms with this servo use). Estimates, not the maker's figures: identify your own.
-HARDWARE = Motor(viscous_friction=0.03, dry_friction=0.08, inertia=0.008)
-
-
-SIZE = max(r.address + r.size for r in XM430_W350.values())
-_OWNER: list[Register | None] = [None] * SIZE  # which register holds each byte
-for _r in XM430_W350.values():
-    _OWNER[_r.address : _r.address + _r.size] = [_r] * _r.size
-_INDIRECT = {224 + i: 168 + 2 * i for i in range(28)} | {634 + i: 578 + 2 * i for i in range(28)}
-_WHERE = {r.name: (r.address, r.address + r.size, r.signed) for r in XM430_W350.values()}
-_FEEDBACK = struct.Struct("<hii")  # Present Current, Velocity and Position are neighbours
-_MOST_SHOWN = (2**15 - 1, 2**31 - 1, 2**31 - 1)
-_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
-_MODES = (0, 1, 3, 4, 5, 16)
-RESULT_FAIL, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = 1, 4, 5, 6, 7
+# Realtime Tick, Moving and its status, Present PWM, Current, Velocity and Position, the trajectories of velocity and
+# position, Present Input Voltage and Temperature are neighbours
+_FEEDBACK = struct.Struct("<HBBhhiiiiHB")
+_SHORT, _LONG = 2**15 - 1, 2**31 - 1
+_TURN = 4096  # [counts]
+_MOST_HOMING = 1_024  # [counts], largest Homing Offset that has an effect in position mode
+# Whether a servo is at its goal, or no longer follows its trajectory [counts]; the manual does not give these values
+IN_POSITION, NOT_FOLLOWING = 20, 100
 OVERLOAD, OVERHEATING, INPUT_VOLTAGE = 1 << 5, 1 << 2, 1 << 0
+_POSITION_MODES = (POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE)
+_GOAL_OF = dict.fromkeys(_POSITION_MODES, "goal_position") | {
+    CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm",
+}  # fmt: skip
+_GOAL_UNDER = {"current_limit": "goal_current", "pwm_limit": "goal_pwm", "velocity_limit": "goal_velocity"}
+_GAINS = tuple(name for name in XM430_W350 if name.endswith("_gain"))
+# What a backup keeps besides EEPROM, and a boot restores if Startup Configuration(60) says so
+_KEPT_RAM = (*_GAINS, "profile_acceleration", "profile_velocity", *(f"indirect_address_{i}" for i in range(1, 57)))
+TORQUE_AT_STARTUP, RESTORE_AT_STARTUP = 1, 2  # bits of Startup Configuration(60)
 
 
-@dataclass(frozen=True)
-class Protection:
-    """Thresholds at which a servo shuts itself down; they are estimates, as the manual states only the errors.
-
-    Args:
-        overload_current: Current above which a servo is overloaded [A].
-        overload_time: Duration of an overload after which it shuts down [s].
-        ambient: Temperature of a servo at rest [deg C].
-        heating: Steady temperature rise per power dissipated in the winding [K/W].
-        warming_time: Time constant of the temperature [s].
-    """
-
-    overload_current: float = 1.9
-    overload_time: float = 2.0
-    ambient: float = 30.0
-    heating: float = 4.0
-    warming_time: float = 200.0
-
-
-class Servo:
+class Servo(Memory):
     """An emulated servo: its registers and its state.
+
+    It is switched on at q = 0, where the count of turns begins, and then put where the arm starts.
 
     Args:
         id: Id on the bus.
@@ -130,6 +57,8 @@ class Servo:
         units: Units of the counts.
         baud: Value of Baud Rate(8).
         return_delay: Value of Return Delay Time(9) [2 us].
+        protection: Thresholds at which the servo shuts itself down.
+        reboot_time: Time for which it does not answer after a reboot [s].
     """
 
     def __init__(
@@ -141,41 +70,50 @@ class Servo:
         baud: int = 3,
         return_delay: int = 0,
         protection: Protection | None = None,
+        reboot_time: float = 0.0,
     ) -> None:
-        self.motor, self.units, self.protection = motor, units or Units(), protection or Protection()
-        self._kept = {"id": id, "baud_rate": baud, "return_delay_time": return_delay}
+        super().__init__(units or Units())
+        self.motor, self.protection, self.reboot_time = motor, protection or Protection(), reboot_time
         self._per_count, self._per_speed, self._per_tick = self.units.current, self.units.velocity, self.units.position
-        self._volts = round(motor.voltage / VOLTAGE_UNIT)
-        self.memory = bytearray(SIZE)
+        self.volts = motor.voltage  # [V] of the supply
         self.registered: tuple[int, bytes] | None = None
         self.stuck = self.dead = self.deaf = False
         self.heat = 0.0  # [K] above what the model says: an injected fault
         self.temperature = self.protection.ambient
-        self._silent = self._overloaded = 0.0  # [s]
+        self._silent = self._overloaded = self.booting = 0.0  # [s]
         self.q = self.v = self.current = 0.0  # at the output
-        for r in XM430_W350.values():
-            self.set(r.name, r.default * (self.units.current_scale if r.name == "current_limit" else 1))
-        for name, value in self._kept.items():
+        self._turns = 0
+        self._t = self._born = 0.0  # [s], of the last measurement and of the last boot
+        self._backup: dict[str, int] = {}
+        self.controllers = Controllers(self, fineness=self.units.fineness, ampere=self._per_count)
+        self._switch_on(id=id, baud_rate=baud, return_delay_time=return_delay)
+
+    def _switch_on(self, **kept: int) -> None:
+        for name, value in kept.items():
             self.set(name, value)
         self.boot()
+        self.booting = 0.0
 
-    def get(self, name: str) -> int:
-        """Return the value of a register."""
-        start, end, signed = _WHERE[name]
-        return int.from_bytes(self.memory[start:end], "little", signed=signed)
-
-    def set(self, name: str, value: int) -> None:
-        """Set a register, bypassing the access rules for clients."""
-        start, end, signed = _WHERE[name]
-        self.memory[start:end] = value.to_bytes(end - start, "little", signed=signed or value < 0)
+    # -- boots ---------------------------------------------------------------------------------------------------
 
     def boot(self) -> None:
-        """Power on: set RAM to its initial values; EEPROM is kept."""
+        """Power on: set RAM to its initial values or to the backup; EEPROM is kept. It does not answer for a while."""
+        startup = self.get("startup_configuration")
         for r in XM430_W350.values():
             if not r.eeprom:
-                self.set(r.name, r.default)
+                self.set(r.name, self.default(r))
         self._reset_goals()
-        self.registered, self._silent, self._overloaded = None, 0.0, 0.0
+        if startup & RESTORE_AT_STARTUP:
+            for name in _KEPT_RAM:
+                self.set(name, self._backup.get(name, self.get(name)))
+        self.set("backup_ready", bool(self._backup))
+        self.registered, self._silent, self._overloaded, self._born = None, 0.0, 0.0, self._t
+        self.current, self.booting = 0.0, self.reboot_time
+        self.within_one_turn()
+        self.set("goal_position", self._ticks())
+        self.controllers.rest(self._ticks() / self.units.fineness)
+        self.set("torque_enable", startup & TORQUE_AT_STARTUP)
+        self.show()
 
     def factory_reset(self, option: int) -> bool:
         """Reset registers to their defaults: all for the option 0xFF, all but the id for 1, all but id and baud rate
@@ -186,19 +124,37 @@ class Servo:
         keep = {0xFF: (), 1: ("id",), 2: ("id", "baud_rate")}[option]
         kept = {name: self.get(name) for name in keep}
         for r in XM430_W350.values():
-            self.set(r.name, r.default * (self.units.current_scale if r.name == "current_limit" else 1))
-        for name, value in kept.items():
-            self.set(name, value)
+            self.set(r.name, self.default(r))
+        self._switch_on(**kept)
+        return True
+
+    def backup(self) -> bool:
+        """Keep EEPROM, gains, profile and indirect addresses; return False, and do nothing, with torque on."""
+        if self.torque_on:
+            return False
+        names = [r.name for r in XM430_W350.values() if r.eeprom and r.writable]
+        self._backup = {name: self.get(name) for name in (*names, *_KEPT_RAM)}
+        self.set("backup_ready", 1)
+        return True
+
+    def restore(self) -> bool:
+        """Restore EEPROM from the backup and reboot; return False, and do nothing, with torque on or no backup."""
+        if self.torque_on or not self._backup:
+            return False
+        for name, value in self._backup.items():
+            if XM430_W350[name].eeprom:
+                self.set(name, value)
         self.boot()
         return True
 
     def _reset_goals(self) -> None:
-        """A change of mode sets Goal Current and Goal PWM to their *limits*."""
+        """A change of mode resets gains and profile, and sets Goal Current and Goal PWM to their *limits*."""
         self.set("goal_pwm", self.get("pwm_limit"))
         self.set("goal_current", self.get("current_limit"))
-        self.set("goal_velocity", 0)
-        self.set("profile_acceleration", 0)
-        self.set("profile_velocity", 0)
+        for name in ("goal_velocity", "profile_acceleration", "profile_velocity", *_GAINS):
+            self.set(name, XM430_W350[name].default)
+
+    # -- state ---------------------------------------------------------------------------------------------------
 
     @property
     def torque_on(self) -> bool:
@@ -206,9 +162,9 @@ class Servo:
         return bool(self.memory[64]) and not self.dead
 
     @property
-    def shut_down(self) -> bool:
-        """Whether a hardware error keeps torque off until a reboot."""
-        return bool(self.memory[70] & self.memory[63])
+    def hears(self) -> bool:
+        """Whether it hears what is said on the line: it has power, the line's baud rate, and has booted."""
+        return not (self.dead or self.deaf or self.booting)
 
     @property
     def alert(self) -> int:
@@ -221,120 +177,134 @@ class Servo:
         """Reset the bus watchdog, because an instruction for some servo was received."""
         self._silent = 0.0
 
-    def read(self, address: int, length: int) -> tuple[int, bytes]:
-        """Return error number and bytes of a read; gaps between registers read as zero."""
-        end = address + length
-        if length < 1 or end > SIZE or not any(_OWNER[address:end]):
-            return ACCESS_ERROR, b""
-        if address in _INDIRECT or (end - 1) in _INDIRECT:
-            return 0, bytes([self.memory[self._resolve(a)] for a in range(address, end)])
-        return 0, bytes(self.memory[address:end])
-
-    def _resolve(self, address: int) -> int:
-        """Where an indirect data byte leads; any other address is itself."""
-        pointer = _INDIRECT.get(address)
-        return address if pointer is None else self.memory[pointer] | self.memory[pointer + 1] << 8
-
-    def check(self, address: int, data: bytes) -> tuple[int, list[tuple[Register, int]]]:
-        """Return the error number of a write, and the registers that it would set, without setting them."""
-        if not data or address + len(data) > SIZE:
-            return ACCESS_ERROR, []
-        bytes_at = {self._resolve(address + i): byte for i, byte in enumerate(data)}
-        writes: list[tuple[Register, int]] = []
-        for a in sorted(bytes_at):
-            r = _OWNER[a]
-            if r is None or not r.writable or (r.eeprom and self.memory[64]):
-                return ACCESS_ERROR, []
-            if any(r.address + i not in bytes_at for i in range(r.size)):
-                return LENGTH_ERROR, []
-            if a == r.address:
-                value = r.decode(bytes(bytes_at[a + i] for i in range(r.size)))
-                error = self._refuse(r, value)
-                if error:
-                    return error, []
-                writes.append((r, value))
-        return 0, writes
-
-    def _refuse(self, r: Register, value: int) -> int:
-        scale = self.units.current_scale if r.name in ("goal_current", "current_limit") else 1
-        low, high = r.low * scale, r.high * scale
-        if r.name in ("goal_velocity", "goal_position"):
-            low, high = -(2**31), 2**31 - 1
-        if not low <= value <= high or (r.name == "operating_mode" and value not in _MODES):
-            return RANGE_ERROR
-        if r.name in _GOALS and self.get("bus_watchdog") == WATCHDOG_TRIPPED:
-            return RANGE_ERROR
-        if r.name == "goal_current" and abs(value) > self.get("current_limit"):
-            return LIMIT_ERROR
-        if r.name == "goal_pwm" and abs(value) > self.get("pwm_limit"):
-            return LIMIT_ERROR
-        if r.name == "torque_enable" and value and self.shut_down:
-            return RESULT_FAIL
-        return 0
-
-    def write(self, address: int, data: bytes) -> int:
+    def write(self, address: int, data: bytes, *, eeprom: bool = True) -> int:
         """Perform a write completely or leave all registers unchanged, and return its error number."""
-        error, writes = self.check(address, data)
+        error, writes = self.check(address, data, eeprom=eeprom)
         for r, value in writes:
-            before = self.get(r.name)
+            was = self.get(r.name)
             self.set(r.name, value)
-            if r.name == "operating_mode" and value != before:
-                self._reset_goals()
-            elif r.name == "torque_enable" and value and not before:
-                self.set("goal_position", self.get("present_position"))
-            elif r.name == "current_limit":
-                goal = self.get("goal_current")
-                self.set("goal_current", max(-value, min(goal, value)))
+            self._take_effect(r, value, changed=value != was)
+        goal = _GOAL_OF[self.memory[11]]
+        if any(r.name == goal for r, _ in writes):  # after all registers, so that the profile is of their new values
+            self._begin()
         return error
+
+    def _take_effect(self, r: Register, value: int, *, changed: bool) -> None:
+        name = r.name
+        if name == "operating_mode" and changed:
+            self._reset_goals()
+            if value in (POSITION_MODE, EXTENDED_MODE):
+                self.within_one_turn()
+        elif name == "torque_enable" and value and changed:
+            self._start()
+            self.set("goal_position", self._ticks())
+            if self.memory[11] == VELOCITY_MODE:
+                self.controllers.go()
+        elif name in _GOAL_UNDER:
+            most = value * (self.units.fineness if name == "velocity_limit" else 1)
+            self.set(_GOAL_UNDER[name], max(-most, min(self.get(_GOAL_UNDER[name]), most)))
+        elif name in ("homing_offset", "drive_mode"):
+            self.show()
+
+    def _start(self) -> None:
+        """Torque is switched on."""
+        if self.memory[11] == POSITION_MODE:
+            self.within_one_turn()
+        self.controllers.rest(self._ticks() / self.units.fineness)
+
+    def _begin(self) -> None:
+        """The goal of the mode was written: begin its profile; Drive Mode(10) may have it switch torque on."""
+        if not self.memory[64] and self.memory[10] & TORQUE_ON_BY_GOAL and not self.shut_down:
+            self._start()
+            self.set("torque_enable", 1)
+        if self.memory[64] and self.memory[11] not in (CURRENT_MODE, PWM_MODE):
+            self.controllers.go()
+            self.show()
+
+    def clear_turns(self) -> bool:
+        """Bring Present Position within one turn; return False, and do nothing, while it moves."""
+        if self.memory[122]:
+            return False
+        self.within_one_turn()
+        return True
+
+    def within_one_turn(self) -> None:
+        """Forget the turns: Present Position without Homing Offset is within 0 and 4095 counts from now on."""
+        turn = _TURN * self.units.fineness
+        self._turns = -((self._ticks() - self._turns * turn - self._homing()) // turn)
+        self.show()
 
     # -- what happens to it --------------------------------------------------------------------------------------
 
-    def goal(self) -> float:
-        """Current that the firmware commands [A], by operating mode; 0 with torque off.
+    @property
+    def _sign(self) -> int:
+        return -1 if self.memory[10] & REVERSE else 1
 
-        Current mode is exact. Position, velocity and PWM modes are proportional laws with fixed gains, not the
-        firmware's controllers.
-        """
+    def drive(self) -> Drive:
+        """Return the current that is wanted [A], and the lowest and highest voltage [V], at the output."""
         if not self.torque_on:
-            return 0.0
-        mode, units = self.memory[11], self.units
-        sign = -1.0 if self.memory[10] & 1 else 1.0  # Drive Mode(10): reverse
-        if mode == CURRENT_MODE:
-            return sign * self.get("goal_current") * self._per_count
-        limit = self.get("current_limit") * units.current
-        if mode == 16:
-            volts = sign * self.get("goal_pwm") / 885 * self.motor.voltage
-            return (volts - self.motor.back_emf * self.v) / self.motor.resistance
-        if mode == 1:
-            return max(-limit, min(3.0 * (sign * self.get("goal_velocity") * units.velocity - self.v), limit))
-        if mode == 5:
-            limit = min(limit, abs(self.get("goal_current")) * units.current)
-        error = (self.get("goal_position") - self._ticks()) * units.position * sign
-        return max(-limit, min(10.0 * error - 1.0 * self.v, limit))
+            return OFF
+        current, low, high = self.controllers.drive(self.volts)
+        return (current, low, high) if self._sign > 0 else (-current, -high, -low)
+
+    def control(self) -> None:
+        """Go on by one period of the controllers, with torque on."""
+        if self.torque_on:
+            sign = self._sign
+            self.controllers.step(
+                self._ticks() / self.units.fineness, sign * self.v / self._per_speed / self.units.fineness
+            )
+
+    def _homing(self) -> int:
+        homing = self.get("homing_offset")
+        ignored = self.memory[11] == POSITION_MODE and abs(homing) > _MOST_HOMING * self.units.fineness
+        return 0 if ignored else homing
 
     def _ticks(self) -> int:
-        sign = -1 if self.memory[10] & 1 else 1
-        return round(sign * self.q / self._per_tick) + 2048 * self.units.fineness + self.get("homing_offset")
+        f = self.units.fineness
+        actual = round(self._sign * self.q / self._per_tick) + (_TURN // 2 + self._turns * _TURN) * f
+        return actual + self._homing()
 
     def feel(self, q: float, v: float, current: float, t: float) -> None:
         """Update the measured position q [rad], speed v [rad/s] and current [A] at time t [s]."""
         if not self.stuck:
             self.q, self.v = q, v
-        sign = -1 if self.memory[10] & 1 else 1
-        self.current = current
-        speed = 0 if self.stuck else round(v / self._per_speed)
-        shown = sign * round(current / self._per_count), sign * speed, self._ticks()
+        self.current, self._t = current, t
+        self.show()
+
+    def show(self) -> None:
+        """Write what is measured into the registers."""
+        sign, fine = self._sign, self.units.fineness
+        speed = 0 if self.stuck else sign * round(self.v / self._per_speed)
+        ticks, mode = self._ticks(), self.memory[11]
+        positions, on = mode in _POSITION_MODES, self.torque_on
+        p, v, pwm = ticks, 0, 0
+        if on:
+            volts = self.current * self.motor.resistance + self.motor.back_emf * self.v
+            pwm = sign * round(volts / self.volts * FULL_PWM)
+            if mode not in (CURRENT_MODE, PWM_MODE):
+                profile_p, profile_v = self.controllers.trajectory()
+                p, v = round(profile_p * fine) if positions else ticks, round(profile_v * fine)
+        ongoing = on and positions and self.controllers.ongoing
+        moving = ongoing or abs(speed) > self.get("moving_threshold") * fine
+        status = self._moving_status(ticks, p, ongoing) if on and positions else 0
         # a loop that diverges goes beyond what a register can show, before anybody ends it
-        held = [max(-most, min(x, most)) for x, most in zip(shown, _MOST_SHOWN, strict=True)]
-        _FEEDBACK.pack_into(self.memory, 126, *held)
-        self.set("present_input_voltage", self._volts)
-        self.memory[146] = min(255, round(self.temperature + self.heat))
-        self.set("realtime_tick", int(t * 1000 + 1e-6) % TICKS)
-        self.memory[122] = abs(v) > self.get("moving_threshold") * self._per_speed * self.units.fineness
+        shorts = [max(-_SHORT, min(x, _SHORT)) for x in (pwm, sign * round(self.current / self._per_count))]
+        longs = [max(-_LONG, min(x, _LONG)) for x in (speed, ticks, v, p)]
+        tick = int((self._t - self._born) * 1000 + 1e-6) % TICKS
+        volts, warm = round(self.volts / VOLTAGE_UNIT), min(255, round(self.temperature + self.heat))
+        _FEEDBACK.pack_into(self.memory, 120, tick, moving, status, *shorts, *longs, volts, warm)
+
+    def _moving_status(self, ticks: int, trajectory: int, ongoing: bool) -> int:
+        fine = self.units.fineness
+        arrived = abs(self.get("goal_position") - ticks) <= IN_POSITION * fine
+        lost = abs(trajectory - ticks) > NOT_FOLLOWING * fine
+        return arrived | ongoing << 1 | lost << 3 | self.controllers.profile.kind << 4
 
     def age(self, dt: float) -> None:
-        """Advance watchdog, temperature and overload by dt [s]."""
+        """Advance watchdog, temperature, overload and boot by dt [s]."""
         p = self.protection
+        self.booting = max(0.0, self.booting - dt)
         power = self.current**2 * self.motor.resistance
         self.temperature += (p.ambient + p.heating * power - self.temperature) * min(dt / p.warming_time, 1.0)
         self._overloaded = self._overloaded + dt if abs(self.current) > p.overload_current else 0.0
@@ -343,7 +313,7 @@ class Servo:
             error |= OVERLOAD
         if self.temperature + self.heat > self.get("temperature_limit"):
             error |= OVERHEATING
-        if not self.get("min_voltage_limit") <= self._volts <= self.get("max_voltage_limit"):
+        if not self.get("min_voltage_limit") <= round(self.volts / VOLTAGE_UNIT) <= self.get("max_voltage_limit"):
             error |= INPUT_VOLTAGE
         if error:
             self.memory[70] |= error
@@ -353,13 +323,26 @@ class Servo:
         if watchdog > 0 and self.memory[64]:
             self._silent += dt
             if self._silent > watchdog * WATCHDOG_UNIT + 1e-9:
-                # The manual: "the DYNAMIXEL will stop", its goals read-only until 0 is written to the watchdog. It
-                # does not say that Torque Enable is cleared, so it is not; in current mode stopping means zero current.
-                self.set("bus_watchdog", WATCHDOG_TRIPPED)
-                self.set("goal_current", 0)
-                self.set("goal_pwm", 0)
-                self.set("goal_velocity", 0)
-                self.set("goal_position", self.get("present_position"))
+                self._stop()
+
+    def _stop(self) -> None:
+        """The watchdog stops the servo and clears its goals and profile.
+
+        The manual: "the DYNAMIXEL will stop", its goals read-only until 0 is written to the watchdog. It does not say
+        that Torque Enable is cleared, so it is not: in current mode stopping means zero current, in position and
+        velocity modes holding where it is. Goal PWM, and Goal Current in current-based position mode, are limits there
+        and stay.
+        """
+        self.set("bus_watchdog", WATCHDOG_TRIPPED)
+        mode = self.memory[11]
+        if mode == PWM_MODE:
+            self.set("goal_pwm", 0)
+        if mode != CURRENT_BASED_MODE:
+            self.set("goal_current", 0)
+        for name in ("goal_velocity", "profile_acceleration", "profile_velocity"):
+            self.set(name, 0)
+        self.set("goal_position", self._ticks())
+        self.controllers.rest(self._ticks() / self.units.fineness)
 
     def __repr__(self) -> str:
         return f"Servo(id={self.get('id')}, torque_on={self.torque_on})"
