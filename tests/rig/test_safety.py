@@ -245,7 +245,7 @@ AT = 0.1  # [s]
         (Fault("dead", at=AT, servo=1), "missed", 4),
         (Fault("hot", at=AT, servo=1), "hardware", 3),
         (Fault("alert", at=AT, servo=0), "hardware", 3),
-        (Fault("sag", at=AT, volts=9.0), "hardware", 3),
+        (Fault("sag", at=AT, volts=9.0), "voltage", 3),
         (Fault("reboot", at=AT, servo=1), "torque", 3),
         (Fault("same_id", at=AT, servo=1), "missed", 4),
         (Fault("stuck", at=AT, servo=1), "frozen", 150),  # as soon as the reference has moved by 0.1 rad

@@ -103,13 +103,14 @@ def test_what_needs_hardware_is_refused_where_there_is_none(command, folder_of, 
 @pytest.mark.slow
 def test_what_serves_ends_when_it_is_stopped(tmp_path):
     """The emulator of servos, whose place is told when it is there."""
-    command = next(c for c in ALL if SERVES in c.line)
-    words, link = [sys.executable, *shlex.split(command.line)[1:]], Path(command.words[-1])
-    with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        told, there = server.stdout.readline(), link.resolve()
-        assert server.stdout.readline() == f"and on {link}\n"
-        server.terminate()
-        server.communicate(timeout=HANG)
-    assert told.split()[-1] == str(there)
-    assert not link.is_symlink()
+    for command in {c.line: c for c in ALL if SERVES in c.line}.values():
+        words = [sys.executable, *shlex.split(command.line)[1:]]
+        link = Path(words[words.index("--link") + 1])
+        with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:
+            assert server.stdout is not None
+            told, there = server.stdout.readline(), link.resolve()
+            assert server.stdout.readline() == f"and on {link}\n"
+            server.terminate()
+            server.communicate(timeout=HANG)
+        assert told.split()[-1] == str(there)
+        assert not link.is_symlink()
