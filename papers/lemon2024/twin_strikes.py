@@ -99,8 +99,8 @@ class TwinUnit(Unit):
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Strike; what camera and servos saw of it, and the visual miss distance [m]."""
-        from whiptool.rig.emulator.physics import TwinTruth
         from whiptool.rig.emulator.motor import HARDWARE
+        from whiptool.rig.emulator.physics import TwinTruth
         from whiptool.rig.loop_options import LoopOptions
         from whiptool.rig.session import TwinRig
         from whiptool.rig.stops import StrikeStopped
