@@ -496,7 +496,7 @@ def bare(tracks, tmp_path_factory):
         ("{good} --model nothing", "model: got 'nothing'"),
         ("{good} --controller none", "--controller"),
         ("{good} --profile --free k", "profile.length"),
-        ("{good} --prior {bare}/prior.toml", "a free parameter"),
+        ("{good} --prior {bare}/prior.toml", "one of the free parameters"),
         ("{good} --prior {bare}/none.toml", "none.toml"),
         ("{good} --tip {bare}/tip.toml", "radios"),
         ("{good} --colour", "--colour"),

@@ -157,7 +157,7 @@ def test_a_clamped_profile_bends_at_the_clamp_by_half_a_link():
 def test_what_a_passive_swing_cannot_have_is_refused(tracks, tmp_path, capsys):
     _, recordings = tracks
     for own in (("delay",), ("start", "delay")):
-        with pytest.raises(InputError, match="no delay"):
+        with pytest.raises(InputError, match="names other than delay"):
             Predictor(recordings, Plant(WHIP), drive="passive", shared=["whip.k"], own=own)
     sprung = dataclasses.replace(WHIP, whip=dataclasses.replace(WHIP.whip, k=(0.2,) * 4))
     with pytest.raises(InputError, match="clamp"):

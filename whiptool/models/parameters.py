@@ -88,7 +88,7 @@ class ArmParameters(JointedArm):
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,)."""
         if name not in list(self.QUANTITIES):
-            raise InputError("quantity of a link", name, ", ".join(self.QUANTITIES))
+            raise InputError("name", name, ", ".join(self.QUANTITIES))
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     def numbers(self) -> dict[str, np.ndarray]:

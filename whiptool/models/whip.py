@@ -163,7 +163,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         """Quantity `name` as an array (N,); the hinge's entry is 0 if a single number was given for a joint's
         quantity."""
         if name not in list(self._LOW):
-            raise InputError("quantity of a whip", name, ", ".join(self._LOW))
+            raise InputError("name", name, ", ".join(self._LOW))
         value = getattr(self, name)
         array = np.full(self.N, value) if isinstance(value, float) else np.array(value)
         if isinstance(value, float) and name in self._JOINT:
