@@ -163,21 +163,29 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
     stored = folder.config
     for part, value in config.items():
-        if part != "options" and stored.get(part) != value:  # `parse_resumable` compares these one by one
+        if part == "options":  # `parse_resumable` compares these one by one
+            continue
+        described = part in ("model", "controller") and part in stored
+        if not (reads_as(part, stored[part], value) if described else stored.get(part) == value):
             fix = f"the {part} differs from when the run began{begun_by(stored)}; begin a new run"
             raise InputError("--resume", str(folder.path), f"a run of the same {part}", fix)
 
 
+_LABELS = ("names", "stick")  # keys of an arm that change no simulation
+
+
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
-    """Return whether a run's stored model or controller equals the present one; keys that older versions did not write
-    may be missing.
+    """Return whether a run's stored model or controller equals the present one; keys that older versions did not write,
+    and names of joints outside whiptool, may be missing.
     """
     from whiptool.impedance.controller import controller_from_table, controller_to_table
     from whiptool.models.files import model_from_table, model_to_table
 
     try:
         if part == "model":
-            return model_to_table(model_from_table(stored)) == now
+            labels = [name for name in _LABELS if name not in stored.get("arm", {})]
+            arm = {name: value for name, value in now["arm"].items() if name not in labels}
+            return model_to_table(model_from_table(stored)) == {**now, "arm": arm}
         return controller_to_table(controller_from_table(stored)) == now
     except InputError:
         return False

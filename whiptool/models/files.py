@@ -159,6 +159,8 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
     table.pop("notes", None)
     if table.get("names") == table["joints"]:
         del table["names"]
+    if table.get("stick") == [0.0, 0.0]:
+        del table["stick"]
     for name in ("base", "never_touch", "weightless"):
         if not table.get(name, True):
             del table[name]

@@ -135,4 +135,4 @@ def with_stick(arm: SpatialArm, *, length: float, mass: float, radius: float = R
     if any(link.capsules for link in arm.links):
         stick = Capsule(tuple(at.tolist()), (x, y, z), radius)
         last = dataclasses.replace(last, capsules=(*last.capsules, stick))
-    return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z))
+    return dataclasses.replace(arm, links=(*arm.links[:-1], last), hand_position=(x, y, z), stick=(length, mass))

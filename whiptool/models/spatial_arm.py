@@ -363,6 +363,8 @@ class SpatialArm(JointedArm):
             position-controlled, and its torques are not available.
         names: Names of the joints outside whiptool, such as in the robot's controller, for exported strikes; empty: the
             same.
+        stick: Length [m] and mass [kg] of the stick that the last link includes, of which a robot's flange is told;
+            zeros without a stick.
         notes: Assumptions made when the arm was read from a file, in sentences.
 
     Raises:
@@ -377,6 +379,7 @@ class SpatialArm(JointedArm):
     never_touch: tuple[tuple[str, str], ...] = ()
     weightless: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    stick: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     dimension: ClassVar = 3
@@ -402,6 +405,7 @@ class SpatialArm(JointedArm):
         if len(names) != len(links) or not all(isinstance(name, str) for name in names):
             raise InputError("names", self.names, f"{len(links)} names, one for each joint, or none")
         object.__setattr__(self, "names", names)
+        object.__setattr__(self, "stick", (metres("stick length", self.stick[0], strict=False), self.stick[1]))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property

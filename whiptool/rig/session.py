@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,6 @@ from whiptool.impedance.controller import Controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, Strike
 from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
-from whiptool.recording.camera import Camera, camera_preset
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
 from whiptool.rig.cyclelog import Phase
@@ -29,9 +28,9 @@ from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
 from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rig.struck import Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
+from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Rollout, Strikes, joined
-from whiptool.vision.exposure import expose, measurement_sigma
 from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
@@ -150,12 +149,11 @@ class TwinRig(Rig):
         **shared: Any,
     ) -> None:
         super().__init__(model, controller, **shared)
-        self.truth, self._at_once, self._camera = truth or TwinTruth(model), at_once, camera
+        self.truth, self._at_once = truth or TwinTruth(model), at_once
         if at_once:
             self.options = dataclasses.replace(self.options, settle=0.0, go_back=False)
-        self._rng = np.random.default_rng(self.truth.seed)
-        points = camera in ("points", "none")
-        self.settings: Camera = camera_preset("d435-infrared" if points else camera)
+        rng, late = np.random.default_rng(self.truth.seed), self.truth.clock_offset
+        self._film = VirtualFilm(camera, self.truth.model, rng, self.target, late)
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         """Strike, record the joints, and only then film: the picture takes longest, and a signal may end it."""
@@ -180,39 +178,8 @@ class TwinRig(Rig):
         path = complete_trajectory(truth.model, self.controller, strike, States(t - began[0], q, v, tau))
         struck = Struck(run, self._recorded(run, folder), path)
         if run.fault is None or run.fault.kind != "signal":
-            struck = self._seen(struck, signals, lambda: self._recorded(run, folder, self._film(path)))
+            struck = self._seen(struck, signals, lambda: self._recorded(run, folder, self._film.of(path, strike)))
         return carried_out(struck)
-
-    def _film(self, path: Trajectory) -> StrikeRecording | None:
-        """The tip as the camera sees it, by the camera's clock."""
-        if self._camera == "none":
-            return None
-        late = self.truth.clock_offset
-        if self._camera == "points":
-            s = self.settings
-            starts = np.arange(int(path.t[-1] * s.fps) + 1) / s.fps
-            seen = expose(s, path.t, path.tip, starts)
-            sigma = measurement_sigma(s, seen.speed)
-            points = seen.points + sigma[:, None] * self._rng.standard_normal(seen.points.shape)
-            return StrikeRecording(
-                t=starts + late,
-                points=points[:, None],
-                markers=("tip",),
-                sigma=sigma[:, None],
-                t_points=seen.t_points[:, None] + late,
-                exposure=float(np.mean(seen.duration)),
-                camera="points",
-            )
-        from whiptool.vision.render import VirtualCamera
-        from whiptool.vision.tracking import track
-
-        target = None if self.target is None else np.array(self.target)
-        camera = VirtualCamera(self.settings, self.truth.model, path, self._rng, target)
-        try:
-            found = track(camera).to_recording()
-        finally:
-            camera.close()
-        return dataclasses.replace(found, t=found.t + late, t_points=found.t_points + late)
 
 
 @dataclass(frozen=True)
@@ -230,15 +197,14 @@ class ServoLine:
     baud: int = 1_000_000
 
 
-class HardwareRig(Rig):
-    """Dynamixel servos on a serial port, and a camera.
+class FilmedRig(Rig):
+    """Base of rigs that a person confirms before they move, and that a camera may film.
 
     A camera that gives no frames is refused. If a camera is lost before the strike begins, the strike is stopped; if it
     is lost during the strike, the recorded joints are kept and the session ends.
 
     Args:
         model, controller: See `Rig`.
-        line: Serial port of the servos.
         camera: A `whiptool.vision.source.FrameSource` with times of the monotonic clock; None: no camera.
         confirm: Called before every strike; if it returns False, the session ends. None: no confirmation, unless the
             arm was stopped.
@@ -249,27 +215,40 @@ class HardwareRig(Rig):
         self,
         model: Model,
         controller: Controller,
-        line: ServoLine,
         *,
         camera: Any = None,
         confirm: Callable[[Strike], bool] | None = None,
         **shared: Any,
     ) -> None:
         super().__init__(model, controller, **shared)
-        self.line, self.port, self.camera, self.confirm = line, line.port, camera, confirm
+        self.camera, self.confirm = camera, confirm
 
     def _ask(self, strike: Strike) -> None:
         if self.confirm is not None and not self.confirm(strike):
             raise NotConfirmed(strike.vector.tolist())
+
+    def _connected(self) -> AbstractContextManager[Any]:
+        """Return the connection to the arm, which moves nothing."""
+        raise NotImplementedError
+
+    def _run(
+        self,
+        arm: Any,
+        strike: Strike,
+        log: Path | None,
+        believed: Model | None,
+        signals: StopSignals,
+        on_cycle: Callable[[int, Phase], None],
+    ) -> Run:
+        """Make the strike with a connected arm; `log` is the file for its cycles."""
+        raise NotImplementedError
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         """Strike and film, record the joints, and only then look at the frames, which a signal may end."""
         from whiptool.rig.filming import Filming
 
         with ExitStack() as stack:
-            ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
-            bus = stack.enter_context(DynamixelBus(self.port, list(ids), baud=self.line.baud))
-            bus.check(self.options.rate)
+            arm = stack.enter_context(self._connected())
             filming = None if self.camera is None else stack.enter_context(Filming(self.camera))
             if filming is not None:
                 filming.wait()
@@ -278,9 +257,7 @@ class HardwareRig(Rig):
                 if filming is not None:
                     filming.during(phase is Phase.STRIKE)
 
-            log = None if folder is None else folder / CYCLES
-            loop = self._loop(bus, WallClock())
-            run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
+            run = self._run(arm, strike, None if folder is None else folder / CYCLES, believed, signals, on_cycle)
             frames = [] if filming is None else filming.end()
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -292,6 +269,37 @@ class HardwareRig(Rig):
             self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
             raise StrikeStopped(f"camera: {filming.lost}; the joints were recorded", struck, run.torque)
         return struck
+
+
+class HardwareRig(FilmedRig):
+    """Dynamixel servos on a serial port, and a camera.
+
+    Args:
+        model, controller: See `Rig`.
+        line: Serial port of the servos.
+        shared: `camera`, `confirm`, `target`, `options`, `interlock`, as `FilmedRig` takes them.
+    """
+
+    def __init__(self, model: Model, controller: Controller, line: ServoLine, **shared: Any) -> None:
+        super().__init__(model, controller, **shared)
+        self.line, self.port = line, line.port
+
+    def _connected(self) -> AbstractContextManager[DynamixelBus]:
+        ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
+        return DynamixelBus(self.port, list(ids), baud=self.line.baud)
+
+    def _run(
+        self,
+        arm: DynamixelBus,
+        strike: Strike,
+        log: Path | None,
+        believed: Model | None,
+        signals: StopSignals,
+        on_cycle: Callable[[int, Phase], None],
+    ) -> Run:
+        arm.check(self.options.rate)
+        loop = self._loop(arm, WallClock())
+        return loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
 
 
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:
@@ -344,14 +352,14 @@ class RigRollout(Rollout):
                 struck, self.refused[number] = None, refused.fix or str(refused)
             self.struck.append(struck)
             found.append(self._approach(struck, point))
-        return joined(found, self.model.arm.n, 2)
+        return joined(found, self.model.arm.n, self.model.dimension)
 
     def _approach(self, struck: Struck | None, target: np.ndarray) -> Approach:
         """The closest approach of one strike, with the camera's standard error."""
         judged = None if struck is None else struck.judged(Target(tuple(target)))
         if struck is None or judged is None:
             why = "refused" if struck is None else "unseen"
-            nothing = nothing_seen(self.model.arm.n)
+            nothing = nothing_seen(self.model.arm.n, len(target))
             return dataclasses.replace(nothing, error=np.array([np.nan]), lost=np.array([why]))
         near, nearest = struck.approach(target), judged.nearest
         known = {"distance": np.array([judged.miss]), "error": np.array([judged.error]), "lost": np.array([""])}

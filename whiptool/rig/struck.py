@@ -36,14 +36,15 @@ class Run:
     Args:
         cycles: Log of all control cycles.
         fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
-        torque_off: Whether every servo confirmed that its torque is off.
+        torque_off: Whether every servo confirmed that its torque is off; None: the arm has a controller of its own,
+            which holds it.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
         torque: State of the motors as text: torque is off, or the power has to be cut.
     """
 
     cycles: Cycles
     fault: SafetyError | None
-    torque_off: bool
+    torque_off: bool | None
     missed: int
     overruns: int
     torque: str
@@ -65,7 +66,7 @@ class Struck:
     _judged: dict[Target, Judgement | None] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def approach(self, target: np.ndarray) -> Approach:
-        """Return the closest approach of the filmed tip to a target (2,) [m], as a batch of one strike.
+        """Return the closest approach of the filmed tip to a target (d,) [m], as a batch of one strike.
 
         It is marked as diverged if the tip was not seen.
         """
@@ -73,7 +74,7 @@ class Struck:
         if self.recording is not None and self.run.fault is None and "tip" in self.recording.markers:
             seen = approach_seen(self.recording, target)
         if seen is None:
-            return nothing_seen(self.run.cycles.q.shape[1])
+            return nothing_seen(self.run.cycles.q.shape[1], len(target))
         cycles = self.run.cycles.during(Phase.STRIKE)
         return Approach(
             distance=np.array([seen.distance]),
@@ -86,10 +87,10 @@ class Struck:
         )
 
     def tip_seen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return times (F,) [s] and positions (F, 2) [m] of the tip in the frames that show it; F may be 0."""
+        """Return times (F,) [s] and positions (F, d) [m] of the tip in the frames that show it; F may be 0."""
         if self.recording is None or "tip" not in self.recording.markers:
             return np.zeros(0), np.zeros((0, 2))
-        return tip_seen(self.recording, 2)
+        return tip_seen(self.recording, self.recording.points.shape[2])
 
     def judged(self, target: Target) -> Judgement | None:
         """Return the miss distance estimated from the camera's frames, with its standard error; None if the frames do
@@ -118,11 +119,14 @@ class Struck:
         return frames_of(self.recording, target)
 
 
-def nothing_seen(a: int) -> Approach:
-    """Return the `Approach`, as a batch of one, of a strike that was refused, ended in a fault or was not filmed; `a`
-    is the number of the arm's joints.
+def nothing_seen(a: int, d: int) -> Approach:
+    """Return the `Approach`, as a batch of one, of a strike that was refused, ended in a fault or was not filmed.
+
+    Args:
+        a: Number of the arm's joints.
+        d: Dimension of the target, 2 or 3.
     """
-    nan, peaks = np.full((1, 2), np.nan), np.full((1, a), np.nan)
+    nan, peaks = np.full((1, d), np.nan), np.full((1, a), np.nan)
     return Approach(np.array([np.inf]), np.zeros(1), nan, nan, peaks, peaks, np.ones(1, bool))
 
 
@@ -161,7 +165,7 @@ def build_recording(
 ) -> StrikeRecording:
     """Return the recording of a strike: joints from the servos, markers from a camera.
 
-    Time 0 is the first cycle of the strike, by the loop's clock.
+    Time 0 is the first cycle of the strike by the loop's clock, or `strike_begins` of the log's description [s].
 
     Args:
         cycles: Cycles of the run, all phases.
@@ -180,7 +184,8 @@ def build_recording(
     seen = np.isfinite(during.q).all(axis=1)
     if seen.sum() < 2:
         raise InputError("run", f"{len(cycles)} cycles", "a run that reached its strike")
-    t = during.stamp[seen] - during.stamp[seen][0] + during.t[seen][0] - during.t[0]
+    begins = cycles.about.get("strike_begins", during.t[0])
+    t = during.stamp[seen] - during.stamp[seen][0] + during.t[seen][0] - begins
     q = during.q[seen]
     joints: dict[str, Any] = {
         "strike": Strike.from_vector(cycles.about["strike"]) if "strike" in cycles.about else None,
@@ -194,9 +199,11 @@ def build_recording(
     if track is not None:
         return dataclasses.replace(track, **joints)
     a = model.arm.n
-    whole = np.zeros((len(q), model.n))
+    whole = np.zeros((len(q), model.coordinates))
     whole[:, :a] = q
-    points = joint_points(model, whole)[:, 1 : a + 1]  # behind the shoulder: (S, a, 2)
+    points = joint_points(model, whole)[:, : a + 1]  # from the first joint to the hand, (S, a + 1, d)
     markers = (*model.arm.joints[1:], "handle")
-    reach = np.cumsum(model.arm.per_link("length"))
-    return StrikeRecording(t=t, points=points, markers=markers, sigma=reach * ENCODER, camera="encoders", **joints)
+    reach = np.linalg.norm(np.diff(points[0], axis=0), axis=1).cumsum()
+    return StrikeRecording(
+        t=t, points=points[:, 1:], markers=markers, sigma=reach * ENCODER, camera="encoders", **joints
+    )

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
+from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.rig.stops import SafetyError
 
@@ -147,3 +148,19 @@ class Robot(ABC):
             raise SafetyError(
                 "start", f"{trajectory.joints[j]} is {off[j]:.3f} rad from the trajectory's first sample; nothing moved"
             )
+
+
+def payload_of(model: Model) -> Payload:
+    """Return what a model's arm carries beyond its flange: the stick, and the whip as a point at the stick's end.
+
+    The flange's z points along the stick, and its x is that of the hand.
+
+    Args:
+        model: Model of an arm in space; its stick is the one of `SpatialArm.stick`.
+    """
+    length, stick = model.arm.in_space().stick
+    whip = model.whip.mass
+    mass = stick + whip
+    center = (stick * length / 2 + whip * length) / mass
+    inertia = stick * length**2 / 12 + stick * (length / 2 - center) ** 2 + whip * (length - center) ** 2
+    return Payload(mass, (0.0, 0.0, center), (inertia, inertia, 0.0, 0.0, 0.0, 0.0))

@@ -1,0 +1,210 @@
+"""Strikes with a robot arm that has a controller of its own: to the start, at rest, the strike, and its recording."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.laws import PositionControl
+from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.clearance import Clearance
+from whiptool.limits.limits import Limits
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.models.parameters import Model
+from whiptool.models.strike import Strike
+from whiptool.models.trajectory import Trajectory
+from whiptool.rig.cyclelog import CycleLog, Cycles, Phase
+from whiptool.rig.robots.robot import Robot, Sample, payload_of
+from whiptool.rig.safety import State
+from whiptool.rig.session import FilmedRig
+from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
+from whiptool.rig.struck import Run, Struck
+from whiptool.rig.virtual_film import VirtualFilm
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.rollout.servo_replay import replay_trajectory
+
+HELD = "the robot's own controller holds the arm"
+_RATE, _WINDOW = 500.0, 15  # [1/s] of the measured motion as the simulated whip follows it; samples that smooth it
+
+
+class RobotRig(FilmedRig):
+    """A robot arm that follows joint positions by its own controller.
+
+    From where the arm stands it moves slowly to the strike's start, rests, strikes, and stays at the strike's end. A
+    whip that is simulated hangs on the measured motion of the joints, and virtual cameras film it.
+
+    Args:
+        model: The nominal model of whip and arm.
+        robot: Driver of the robot.
+        port: Name of the robot in records.
+        limits: Limits that strikes have to keep.
+        film: Virtual cameras of a simulated whip, with its true model; None: the whip is real.
+        shared: `camera`, `confirm`, `target`, `options`, `interlock`, as `FilmedRig` takes them; of the options
+            `settle` and `t_stay` apply.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        robot: Robot,
+        *,
+        port: str = "robot",
+        limits: Sequence[Limits] = (),
+        film: VirtualFilm | None = None,
+        **shared: Any,
+    ) -> None:
+        super().__init__(model, Controller(PositionControl()), **shared)
+        if robot.n != model.arm.n:
+            raise InputError("robot", f"{robot.n} joints", f"{model.arm.n}, as the arm of {model.name} has")
+        self.robot, self.port, self.limits, self._film = robot, port, AllLimits(limits), film
+
+    def _connected(self) -> Robot:
+        return self.robot
+
+    def trajectory(self, strike: Strike, posture: np.ndarray) -> JointTrajectory:
+        """Return the movement from a posture (n,) [rad] to the strike's start, the rest, the strike and the stay."""
+        arm, o = self.model.arm, self.options
+        return JointTrajectory.of_strike(
+            strike,
+            arm.names,
+            start=posture.tolist(),
+            limits=arm.joint_limits,
+            rate=self.robot.rate,
+            rest=o.settle,
+            t_stay=o.t_stay,
+        )
+
+    def check(self, strike: Strike, trajectory: JointTrajectory, believed: Model | None = None) -> None:
+        """Refuse a strike that the robot must not make.
+
+        Args:
+            strike: The strike.
+            trajectory: Its trajectory from the present posture.
+            believed: The posterior mean of whip and arm, with which the strike is simulated; default: the rig's model.
+
+        Raises:
+            StrikeRefused: A command is beyond the limits of the joints or of the robot's controller, the arm comes too
+                close to itself or the floor, or the simulated strike breaks a limit; the message says which.
+        """
+        arm = self.model.arm
+        said = trajectory.beyond(arm.joint_limits) or trajectory.beyond(self.robot.limits)
+        for each in self.limits.members:
+            if said is None and isinstance(each, Clearance):
+                said = each.beyond_on_way(trajectory.t, trajectory.q)
+        if said is None and self.limits:
+            rollout = CompiledRollout(believed or self.model, self.controller)
+            path = rollout.trajectory(strike, t_stay=self.options.t_stay)
+            said = "the simulation diverged" if path.diverged else self.limits.explain(path, arm.joints, strike)
+        if said is not None:
+            raise StrikeRefused("strike", strike.vector.tolist(), "a strike within the limits of the robot", said)
+
+    def _run(
+        self,
+        arm: Robot,
+        strike: Strike,
+        log: Path | None,
+        believed: Model | None,
+        signals: StopSignals,
+        on_cycle: Callable[[int, Phase], None],
+    ) -> Run:
+        trajectory = self.trajectory(strike, arm.posture())
+        self.check(strike, trajectory, believed)
+        arm.set_payload(payload_of(self.model))
+        begins = trajectory.strike_begins
+        about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
+        watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, signals.listen(), on_cycle)
+        fault: SafetyError | None = None
+        self.interlock.torque = HELD
+        try:
+            arm.follow(trajectory, watch.record, watch.stop)
+        except SafetyError as error:
+            fault = error
+        except BaseException as error:
+            self.interlock.trip(f"exception: {type(error).__name__}: {error}", torque=HELD)
+            raise
+        finally:
+            watch.log.close()
+        fault = watch.error or fault
+        if fault is None and signals.received:  # it came after the last cycle
+            fault = SafetyError("signal", f"{signals.received} came")
+        if fault is not None:
+            self.interlock.trip(str(fault), lasting=fault.kind != "signal", torque=HELD)
+        signals.answered = fault is not None
+        return Run(watch.log.cycles(), fault, torque_off=None, missed=0, overruns=0, torque=HELD)
+
+    def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
+        struck = super()._strike(strike, folder, believed, signals)
+        film = self._film
+        if film is None:
+            return struck
+        path = whip_on(film.model, struck.run.cycles, self.model.arm.names)
+        struck = dataclasses.replace(struck, truth=path)
+        return self._seen(struck, signals, lambda: self._recorded(struck.run, folder, film.of(path, strike)))
+
+
+class _Watch:
+    """What a driver calls in every cycle: the record of its samples, and the question whether to stop.
+
+    Attributes:
+        log: Log of the cycles.
+        error: A fault that is not the robot's, such as a lost camera; it stops the robot.
+    """
+
+    def __init__(
+        self, log: CycleLog, trajectory: JointTrajectory, signals: StopSignals, on_cycle: Callable[[int, Phase], None]
+    ) -> None:
+        self.log = log
+        self.error: SafetyError | None = None
+        self._signals, self._on_cycle, self._count = signals, on_cycle, 0
+        self._begins, self._step = trajectory.strike_begins, float(trajectory.t[1])
+        resting = np.flatnonzero(~trajectory.v.any(axis=1))
+        rests = resting[(resting > 0) & (trajectory.t[resting] < self._begins)]
+        self._rests = float(trajectory.t[rests[0]]) if len(rests) else self._begins
+
+    def record(self, sample: Sample) -> None:
+        """Log a sample."""
+        phase = self._phase(sample.t + self._step / 2)
+        row = {"t": sample.t, "stamp": sample.t, "late": 0.0, "phase": phase, "state": State.RUNNING, "flags": 0}
+        self.log.append({**row, "q": sample.q, "v": sample.v, "tau": sample.tau, "q_d": sample.q_d})
+        try:
+            self._on_cycle(self._count, phase)
+        except SafetyError as error:
+            self.error = self.error or error
+        self._count += 1
+
+    def _phase(self, t: float) -> Phase:
+        if t >= self._begins:
+            return Phase.STRIKE
+        return Phase.SETTLE if t >= self._rests else Phase.APPROACH
+
+    def stop(self) -> str | None:
+        """Return why the robot has to stop; None: it goes on."""
+        if self.error is not None:
+            return str(self.error)
+        return f"{self._signals.received} came" if self._signals.received else None
+
+
+def whip_on(model: Model, cycles: Cycles, joints: Sequence[str]) -> Trajectory:
+    """Return the motion of a simulated whip on the measured motion of an arm, with time 0 at the strike's start.
+
+    MuJoCo's position servos follow the measured positions, which a polynomial of fourth order over 28 ms smooths.
+
+    Args:
+        model: True model of arm and whip.
+        cycles: Cycles of the run, from its beginning at rest.
+        joints: Names of the arm's joints.
+    """
+    seen = np.isfinite(cycles.q).all(axis=1)
+    stamps = cycles.stamp[seen]
+    t = np.arange(int((stamps[-1] - stamps[0]) * _RATE) + 1) / _RATE
+    q = np.stack([np.interp(t + stamps[0], stamps, x) for x in cycles.q[seen].T], axis=1)
+    q, v, a = (np.asarray(savgol_filter(q, _WINDOW, 4, deriv=k, delta=1 / _RATE, axis=0)) for k in range(3))
+    moved = JointTrajectory(tuple(joints), t, q, v, a)
+    return replay_trajectory(model, moved).since(cycles.about["strike_begins"] - stamps[0])
