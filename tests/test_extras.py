@@ -116,6 +116,7 @@ from whiptool.adaptation.twins import FAMILIES
 from whiptool.commands.optimize import OptimizeOptions, main
 from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.goals.criteria import find_criterion
+from whiptool.rig.robots.addresses import robot_at
 
 assert wt.load_model("Short_Whip").whip.length == wt.preset("lemon2024").with_whip(length=0.5).whip.length
 assert "short-whip" in wt.presets()
@@ -126,6 +127,7 @@ assert law.kind == "hardening"
 assert "law.c" in default_prior(wt.preset("lemon2024"), wt.Controller(law)).names
 assert OptimizeOptions(arm="hanging", model="ur5e").build_model().arm != wt.preset("ur5e").arm
 assert wt.limits_preset("strong").stall_torque == 9.0
+assert robot_at("lagging://lab", wt.preset("ur5e")).rate == 500
 assert wt.draw_twin("soft", 3, wt.preset("lemon2024"), wt.Controller(wt.OIAC())).family == "soft"
 words = "--minimise Brief --limits strong --max-trials 3 --no-video --json --out run --method random".split()
 assert main(words) == 0

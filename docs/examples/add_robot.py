@@ -1,74 +1,59 @@
-"""A lab's own robot as a port: it strikes and films, and whiptool learns the whip and plans the next strike."""
-
-from dataclasses import replace
-from pathlib import Path
+"""A driver for a robot of your own, here a simulated one: its joints follow commanded positions behind a lag."""
 
 import numpy as np
 
 import whiptool as wt
-from whiptool.adaptation.adapter import Options
-from whiptool.adaptation.loop import Adaptation
-from whiptool.adaptation.prior import default_prior
-from whiptool.adaptation.steps import Seen, seen_of
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.limits.all_limits import default_limits
+from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.rig.robots.robot import Payload, Record, Robot, Sample, Stop
+from whiptool.rig.robots.robot_rig import RobotRig
+from whiptool.rig.stops import SafetyError
+from whiptool.rig.virtual_film import VirtualFilm
 
-T_STAY = 0.3  # [s] that the controller stays on and the camera films after the movement
-FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera
-FASTEST = 40.0  # [rad/s] that this robot's joints bear
-
-
-class LabRobot:
-    """Stands for your robot, whip and camera: MuJoCo swings a whip that is longer and heavier than the model says."""
-
-    def __init__(self, model: wt.Model, controller: wt.Controller) -> None:
-        longer = replace(model, whip=replace(model.whip, l=0.081, m=0.0144))
-        self._inside, self._rng = wt.ReferenceRollout(longer, controller), np.random.default_rng(0)
-
-    def swing(self, strike: wt.Strike) -> tuple[np.ndarray, ...]:
-        """Frame times (T,) [s] from the command's start, the tip in them (T, 2) [m], encoder times (S,) and angles (S,
-        2) [rad]. Here your code moves the arm to `strike.q_i`, waits until all hangs still, and sends the command."""
-        path = self._inside.trajectory(strike, t_stay=T_STAY)
-        frames = np.arange(int(path.t[-1] * FPS) + 1) / FPS
-        tip = np.stack([np.interp(frames, path.t, path.tip[:, i]) for i in range(2)], axis=1)
-        return frames, tip + NOISE * self._rng.standard_normal(tip.shape), path.t, path.q[:, :2]
+LAG = 0.01  # [s], time constant of the joints
 
 
-class LabPort:
-    """What whiptool asks for: one method."""
+class LaggingRobot(Robot):
+    """Stands for your robot: replace the body of each method by calls of its own interface."""
 
-    def __init__(self, robot: LabRobot, target: tuple[float, ...]) -> None:
-        self.robot, self.target = robot, target
+    rate = 500.0  # commanded positions per second
 
-    def strike(self, strike: wt.Strike, number: int, folder: Path | None, believed: wt.Model | None = None) -> Seen:
-        """Strike and film; what the robot must not do is refused, and the next plan is another one."""
-        fastest = 1.875 * np.abs(np.subtract(strike.q_f, strike.q_i)).max() / strike.D  # of a minimum-jerk path
-        if fastest > FASTEST:
-            return Seen(None, None, refused=f"a joint would turn at {fastest:.0f} rad/s")
-        frames, tip, encoders, angles = self.robot.swing(strike)
-        recording = StrikeRecording(
-            t=frames,
-            points=tip[:, None],  # (frames, markers, 2); NaN where the marker was lost
-            markers=("tip",),
-            sigma=np.array(NOISE),  # as well as your tracker knows its own error
-            joints_t=encoders,
-            joints_q=angles,  # where the arm really stood when the strike began
-            target=self.target,
-            t_stay=T_STAY,
-            source="lab robot",
-        )
-        return seen_of(recording, self.target)
+    def __init__(self, host: str, model: wt.Model) -> None:
+        self.host, self.n, self.limits = host, model.arm.n, model.arm.joint_limits
+        self._q = np.array([-1.5, -1.2, -0.2, -0.5, 2.0, 0.4])
+
+    def connect(self) -> None:
+        """Nothing to connect to."""
+
+    def disconnect(self) -> None:
+        """A real robot is stopped here, too."""
+
+    def posture(self) -> np.ndarray:
+        return self._q.copy()
+
+    def set_payload(self, payload: Payload) -> None:
+        print(f"{self.host}: the flange carries {payload.mass:.3f} kg at {payload.center[2]:.3f} m")
+
+    def follow(self, trajectory: JointTrajectory, record: Record, stop: Stop) -> None:
+        self.check_start(trajectory)
+        for t, q_d in zip(trajectory.t, trajectory.q, strict=True):
+            if (reason := stop()) is not None:
+                raise SafetyError("signal", reason)  # a real robot is brought to rest before this
+            v = (q_d - self._q) / LAG
+            record(Sample(float(t), self._q, v, q_d))
+            self._q = self._q + v / self.rate
+
+    def recover(self) -> None:
+        """This robot has no faults."""
 
 
 if __name__ == "__main__":
-    model = wt.preset("lemon2024")  # your model of arm and whip
-    # gravity compensation goes on reckoning with these masses, whatever is learned of the whip
-    controller = wt.Controller(wt.oiac_preset("table4")).reckoning_with(model)
-    target = wt.Target((1.2, 0.1))
-    port = LabPort(LabRobot(model, controller), target.position)
-    prior = default_prior(model, controller, whip="uniform")
-    steps = Adaptation(prior, port, target, Options(max_strikes=3, t_stay=T_STAY)).run()
-    for step in steps:
-        said = "a look at the hanging whip" if step.judged is None else f"{step.judged}, a hit: {step.hit}"
-        print(f"strike {step.number}: {said}")
-    assert steps[0].number == 0
-    assert steps[-1].hit
+    model = wt.preset("ur5e")
+    strike = wt.Strike((-1.63, -1.07, -0.22, -0.49, 2.16, 0.42), (-2.17, -2.07, -0.33, -1.73, -0.35, 2.09), 1.5)
+    film = VirtualFilm("points", model, np.random.default_rng(0))  # of a simulated whip on the robot's motion
+    limits = default_limits(model, prescribed=True)
+    rig = RobotRig(model, LaggingRobot("lab", model), limits=limits, film=film)
+    struck = rig.strike(strike)
+    q_d = np.array([strike.reference(t)[0] for t in struck.recording.joints_t])
+    print(f"joints lag up to {np.abs(struck.recording.joints_q - q_d).max():.3f} rad behind the command")
+    assert struck.run.fault is None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from add_controller import HardeningImpedance
 from add_optimizer import cross_entropy
+from add_robot import LaggingRobot
 
 import whiptool as wt
 from whiptool.adaptation.twins import FAMILIES, Family
@@ -14,7 +15,7 @@ from whiptool.goals.criteria import Criterion, StrikesAtGoal
 from whiptool.models.mount import mounted
 from whiptool.recording.readers import Format
 
-__all__ = ["Brief", "HardeningImpedance", "cross_entropy", "hanging", "short_whip", "soft", "strong", "trc"]
+__all__ = ["Brief", "HardeningImpedance", "LaggingRobot", "cross_entropy", "hanging", "short_whip", "soft", "strong", "trc"]
 
 
 class Brief(Criterion):

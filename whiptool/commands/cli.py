@@ -321,7 +321,8 @@ COMMANDS = {
     "map": "find the strike for any goal of a region, without a search",
     "simulate": "play one strike, or export the model",
     "view": "show a run: viewer, video, interactive page, report",
-    "rig": "strike with a real arm, or with its simulated twin",
+    "rig": "strike with servos, or with their simulated twin",
+    "robot": "strike with a Franka, a UR or another robot of yours",
     "doctor": "check the installation and this machine",
 }
 _MAINS = {  # module and function of commands that share a module

@@ -30,7 +30,7 @@ from whiptool.words import counted
 if TYPE_CHECKING:
     from whiptool.goals.target import Target
     from whiptool.models.parameters import Model
-    from whiptool.models.strike import StrikeBounds
+    from whiptool.models.strike import Strike, StrikeBounds
     from whiptool.objective import Objective, Outcome
     from whiptool.optimizers import Result
     from whiptool.rig.session import Rig
@@ -172,8 +172,7 @@ def _strike(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.hand_space import numbers_of
     from whiptool.models.strike import JointSpace
-    from whiptool.rig.session import CYCLES, RECORDING
-    from whiptool.rig.stops import Interlock, StrikeInterrupted, StrikeStopped
+    from whiptool.rig.stops import Interlock
 
     model, controller = options.build_model(), options.build_controller()
     space, target = JointSpace(model.arm), options.build_target()
@@ -186,25 +185,43 @@ def _strike(options: RigStrikeOptions) -> int:
     rig = _make_rig(options, model, controller, interlock)
     with run_folders.new_folder(options, "rig", run_folders.configuration(options, "rig strike")) as folder:
         ask_to_release(interlock, folder.path)
-        stopped: StrikeStopped | StrikeInterrupted | None = None
-        try:
-            struck = rig.strike(strike, folder=folder.path)
-        except (StrikeStopped, StrikeInterrupted) as error:
-            struck, stopped = error.struck, error
-        summary = _summary(struck, target) | {"report": None}
-        try:
-            if isinstance(stopped, StrikeInterrupted):
-                summary["fault"] = stopped.reason
-                raise stopped
-            folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
-            _report(folder.path, struck, model, target, options)
-        except KeyboardInterrupt as interruption:
-            folder.write_result(summary)
-            if options.json:
-                options.tell(summary, "")
-            raise stopped or interruption from None  # a fault is raised, also if its report was not waited for
-        summary["report"] = str(folder.path / REPORT)
+        return strike_and_tell(options, rig, strike, model, target, folder)
+
+
+def strike_and_tell(options: Any, rig: Rig, strike: Strike, model: Model, target: Target, folder: RunFolder) -> int:
+    """Make a strike, write everything into the run folder, print the result, and return the exit status.
+
+    Args:
+        options: Options of the command, for the format of the result and the facts of the report.
+        rig: The rig, which is not armed or connected yet.
+        strike, model, target: The strike, and what it is judged by.
+        folder: Run folder.
+
+    Raises:
+        StrikeStopped, StrikeInterrupted: After the partial result was written.
+    """
+    from whiptool.rig.session import CYCLES, RECORDING
+    from whiptool.rig.stops import StrikeInterrupted, StrikeStopped
+
+    stopped: StrikeStopped | StrikeInterrupted | None = None
+    try:
+        struck = rig.strike(strike, folder=folder.path)
+    except (StrikeStopped, StrikeInterrupted) as error:
+        struck, stopped = error.struck, error
+    summary = _summary(struck, target) | {"report": None}
+    try:
+        if isinstance(stopped, StrikeInterrupted):
+            summary["fault"] = stopped.reason
+            raise stopped
+        folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
+        _report(folder.path, struck, model, target, options, rig.port)
+    except KeyboardInterrupt as interruption:
         folder.write_result(summary)
+        if options.json:
+            options.tell(summary, "")
+        raise stopped or interruption from None  # a fault is raised, also if its report was not waited for
+    summary["report"] = str(folder.path / REPORT)
+    folder.write_result(summary)
     kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
     seen = f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}"
     options.tell(summary, "\n".join([*_lines(struck, summary, target), seen]))
@@ -213,7 +230,7 @@ def _strike(options: RigStrikeOptions) -> int:
     return 0
 
 
-def _report(folder: Path, struck: Struck, model: Model, target: Target, options: RigStrikeOptions) -> None:
+def _report(folder: Path, struck: Struck, model: Model, target: Target, options: Any, port: str) -> None:
     """Write the report and its pictures."""
     from whiptool.rig.strike_report import draw, save_pictures, sections
     from whiptool.runs import code_version
@@ -224,10 +241,10 @@ def _report(folder: Path, struck: Struck, model: Model, target: Target, options:
     save_pictures(folder, pictures)
     facts = {
         "strike": " ".join(f"{x:.4g}" for x in options.strike),
-        "rig": f"{options.port}, camera {options.camera}",
+        "rig": f"{port}, camera {options.camera}",
         "arm and whip": model.name,
         "controller": options.controller_label(),
-        "cycles per second": f"{options.rate:g}",
+        "cycles per second": f"{struck.run.cycles.about['rate']:g}",
         "version": code_version(),
     }
     html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target, pictures))

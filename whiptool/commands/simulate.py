@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 import tyro
@@ -13,7 +13,14 @@ import tyro
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SpaceOptions
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import Condition, Conditions, OutputOptions, check_place, unless
+from whiptool.commands.options.option_group import (
+    Condition,
+    Conditions,
+    OptionGroup,
+    OutputOptions,
+    check_place,
+    unless,
+)
 from whiptool.commands.options.strike_options import LimitOptions, SimulatorOptions, TrajectoryOptions
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import StrikeRun, tell_strike
@@ -25,6 +32,7 @@ from whiptool.whole_files import write_whole
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
 
+T = TypeVar("T", bound=OptionGroup)
 # commands whose runs hold a strike, and that go on
 PLAYED, RESUMED = ("optimize", "simulate", "map strike"), ("optimize", "train")
 
@@ -102,17 +110,28 @@ _EXAMPLE = (
 )
 
 
-def strike_of(run_folder: Path) -> SimulateOptions:
+def played_again(run_folder: Path) -> SimulateOptions:
     """Return the options that play the best strike of a run again, or strikes of a policy.
 
     Raises:
         InputError: The folder is not a run of optimize, simulate or train, or has no strike.
     """
+    return _of_policy(folder_of(run_folder)) if is_policy(run_folder) else strike_of(run_folder, SimulateOptions)
+
+
+def strike_of(run_folder: Path, kind: type[T]) -> T:
+    """Return the options of another command that has the best strike of a run.
+
+    Args:
+        run_folder: Run folder of a command that finds or plays a strike.
+        kind: Class of the options, with a field `strike`; it takes over the options of the run that it has.
+
+    Raises:
+        InputError: The folder is not such a run, or has no strike.
+    """
     from whiptool.given_files import read_json
     from whiptool.runs import RESULT, read_config
 
-    if is_policy(run_folder):
-        return _of_policy(folder_of(run_folder))
     config = read_config(run_folder)
     command, kept = config.get("command"), config.get("options")
     if command not in (*PLAYED, "train") or not isinstance(kept, dict):
@@ -126,14 +145,14 @@ def strike_of(run_folder: Path) -> SimulateOptions:
     if command == "map strike":
         of = Path(kept["run"])  # a map, or the name of one of the package
         kept = {**(read_config(of)["options"] if of.exists() else {"model": of.name}), **kept}
-    return _shared({**kept, "strike": list(strike.values())}, run_folder)
+    return _shared({**kept, "strike": list(strike.values())}, run_folder, kind)
 
 
-def _shared(kept: dict[str, Any], run_folder: Path) -> SimulateOptions:
-    """Return the options of another command's run as far as they are options of `simulate`, too."""
-    mine = {f.name for f in fields(SimulateOptions)} - SimulateOptions.named("of_this_call")
+def _shared(kept: dict[str, Any], run_folder: Path, kind: type[T]) -> T:
+    """Return the options of another command's run as far as they are options of `kind`, too."""
+    mine = {f.name for f in fields(kind)} - kind.named("of_this_call")
     table = {name: value for name, value in kept.items() if name in mine}
-    return run_folders.stored_options(SimulateOptions, table, run_folder)
+    return run_folders.stored_options(kind, table, run_folder)
 
 
 def _of_policy(run_folder: Path) -> SimulateOptions:
@@ -149,7 +168,7 @@ def _of_policy(run_folder: Path) -> SimulateOptions:
         kept["arrival_angle"] = angles[0]
     if cone is not None and (len(angles) == 1 or "direction" in kept):
         kept["cone"] = cone
-    return _shared(kept, run_folder)
+    return _shared(kept, run_folder, SimulateOptions)
 
 
 def _check_same(options: SimulateOptions, model) -> None:
@@ -163,7 +182,7 @@ def _check_same(options: SimulateOptions, model) -> None:
     from whiptool.runs import CONFIG, read_config
 
     assert options.run is not None
-    begun, config = strike_of(options.run), read_config(folder_of(options.run))
+    begun, config = played_again(options.run), read_config(folder_of(options.run))
     now = {"model": model_to_table(model), "controller": controller_to_table(options.build_controller())}
     for part, group in (("model", ModelOptions), ("controller", SpaceOptions)):
         as_begun = all(getattr(options, f.name) == getattr(begun, f.name) for f in fields(group))
@@ -325,4 +344,4 @@ def _work(options: SimulateOptions) -> int:
     return 0 if options.trajectory is None else _follow(options, model)
 
 
-main = cli.command(SimulateOptions, "simulate", _EXAMPLE, _work, of_run=strike_of)  # 1 where the simulation diverged
+main = cli.command(SimulateOptions, "simulate", _EXAMPLE, _work, of_run=played_again)  # 1 where the simulation diverged

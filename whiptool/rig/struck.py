@@ -204,6 +204,12 @@ def build_recording(
     points = joint_points(model, whole)[:, : a + 1]  # from the first joint to the hand, (S, a + 1, d)
     markers = (*model.arm.joints[1:], "handle")
     reach = np.linalg.norm(np.diff(points[0], axis=0), axis=1).cumsum()
+    far = reach > 0  # a joint at the place of the first one is known exactly
     return StrikeRecording(
-        t=t, points=points[:, 1:], markers=markers, sigma=reach * ENCODER, camera="encoders", **joints
+        t=t,
+        points=points[:, 1:][:, far],
+        markers=tuple(np.array(markers)[far].tolist()),
+        sigma=reach[far] * ENCODER,
+        camera="encoders",
+        **joints,
     )

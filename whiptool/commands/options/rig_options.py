@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
@@ -31,8 +32,10 @@ if TYPE_CHECKING:
     from whiptool.adaptation.materials import Stock
     from whiptool.goals.target import Target
     from whiptool.impedance import Controller
+    from whiptool.limits.limits import Limits
     from whiptool.models.parameters import Model
     from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.robots.robot_rig import RobotRig
     from whiptool.rig.stops import Interlock
 
 
@@ -139,15 +142,55 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
     )
 
 
+VIRTUAL_CAMERAS = ("none", "points", "twin", "d435-color", "d435-infrared")
+
+
+def robot_rig(options: Any, model: Model, limits: Sequence[Limits], interlock: Interlock) -> RobotRig:
+    """Return the rig of a robot with a controller of its own; it is not connected yet.
+
+    Args:
+        options: Options with `robot`, `camera`, `true_model`, `rest`, `t_stay`, `seed`, `yes` and a target.
+        model: Model of the robot's arm with the whip.
+        limits: Limits that strikes have to keep.
+        interlock: Interlock of the robot.
+
+    Raises:
+        InputError: There is no such robot, or its arm has another number of joints than the model.
+    """
+    import numpy as np
+
+    from whiptool.models.files import load_model
+    from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.robots.addresses import robot_at
+    from whiptool.rig.robots.robot_rig import RobotRig
+    from whiptool.rig.virtual_film import VirtualFilm
+
+    film, target = None, options.build_target(model).position
+    if options.camera != "none":
+        true = model if options.true_model is None else load_model(options.true_model)
+        camera = "d435-infrared" if options.camera == "twin" else options.camera
+        film = VirtualFilm(camera, true, np.random.default_rng(options.seed), target)
+    return RobotRig(
+        model,
+        robot_at(options.robot, model),
+        port=options.robot,
+        limits=limits,
+        film=film,
+        target=target,
+        options=LoopOptions(t_stay=options.t_stay, settle=options.rest),
+        confirm=None if options.yes else _confirm,
+        interlock=interlock,
+    )
+
+
 def mark_of_port(port: str) -> Path:
-    """Return the file that records a fault of the servos on a serial device for later calls."""
+    """Return the file that records a fault for later calls, of the servos on a serial device or of a robot's
+    address.
+    """
     from platformdirs import user_state_path
 
-    return (
-        user_state_path("whiptool")
-        / "stopped"
-        / (Path(port).resolve().as_posix().strip("/").replace("/", "-") + ".json")
-    )
+    name = port.replace("://", "-") if "://" in port else Path(port).resolve().as_posix()
+    return user_state_path("whiptool") / "stopped" / (name.strip("/").replace("/", "-") + ".json")
 
 
 def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
@@ -168,7 +211,7 @@ def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
     question = (
         f"The arm was stopped: {interlock.stop}. Is the cause found and gone, and everybody away? Type yes to go on: "
     )
-    if _says_yes(question):
+    if says_yes(question):
         interlock.release()
     interlock.check()
 
@@ -184,11 +227,11 @@ def _camera(name: str):
 
 
 def _confirm(strike) -> bool:
-    return _says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? Type yes to go on: ")
+    return says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? Type yes to go on: ")
 
 
-def _says_yes(question: str) -> bool:
-    """Whether a person types yes, in capitals or not; everything else, and no answer at all, is no."""
+def says_yes(question: str) -> bool:
+    """Return whether a person types yes, in capitals or not; everything else, and no answer at all, is no."""
     print(question, end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer.endswith("\n"):

@@ -1,0 +1,182 @@
+"""Strikes with a robot arm of its own controller: its motion is recorded, and no stop is passed over."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from repository import ROOT
+
+import whiptool as wt
+from whiptool.errors import InputError
+from whiptool.limits.all_limits import default_limits
+from whiptool.models.presets import rope
+from whiptool.models.spatial_arm import RigidBody, welded
+from whiptool.rig.cyclelog import Cycles, Phase
+from whiptool.rig.robots.addresses import robot_at
+from whiptool.rig.robots.robot import Sample, payload_of
+from whiptool.rig.robots.robot_rig import RobotRig, whip_on
+from whiptool.rig.session import CYCLES
+from whiptool.rig.stops import Locked, SafetyError, StrikeInterrupted, StrikeRefused, StrikeStopped
+
+sys.path.insert(0, str(ROOT / "docs" / "examples"))
+from add_robot import LAG, LaggingRobot
+
+MODEL = wt.preset("ur5e")
+STRIKE = wt.Strike((-1.63, -1.07, -0.22, -0.49, 2.16, 0.42), (-2.17, -2.07, -0.33, -1.73, -0.35, 2.09), 1.5)
+
+
+@pytest.fixture(autouse=True)
+def usual_signals():
+    """As in a terminal: who starts tests in the background may have them ignore signals."""
+    before = {n: signal.signal(n, signal.default_int_handler) for n in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+class Interrupted(LaggingRobot):
+    """A robot to which something happens at the sample `at`; counts the commands that it gets."""
+
+    def __init__(self, at: int, happens) -> None:
+        super().__init__("lab", MODEL)
+        self.at, self.happens, self.moves, self.connections = at, happens, 0, 0
+
+    def connect(self) -> None:
+        self.connections += 1
+
+    def follow(self, trajectory, record, stop) -> None:
+        def noticed(sample: Sample) -> None:
+            record(sample)
+            self.moves += 1
+            if self.moves == self.at:
+                self.happens()
+
+        super().follow(trajectory, noticed, stop)
+
+
+def test_the_recording_is_the_measured_motion_by_the_strikes_clock(tmp_path: Path) -> None:
+    """A first-order lag on a minimum-jerk path: joints come late by its time constant, but for what is of second order."""
+    struck = RobotRig(MODEL, LaggingRobot("lab", MODEL)).strike(STRIKE, folder=tmp_path)
+    recording = struck.recording
+    assert recording is not None
+    assert recording.strike == STRIKE
+    inside = (recording.joints_t > 0.1) & (recording.joints_t < STRIKE.D)
+    late = np.array([STRIKE.reference(t - LAG)[0] for t in recording.joints_t[inside]])
+    np.testing.assert_allclose(recording.joints_q[inside], late, atol=2e-3)
+    cycles = Cycles.load(tmp_path / CYCLES)
+    assert set(cycles.phase) == {Phase.APPROACH, Phase.SETTLE, Phase.STRIKE}
+    assert np.ptp(cycles.during(Phase.SETTLE).t) == pytest.approx(2.0, abs=0.01)
+    assert not np.diff(cycles.during(Phase.SETTLE).q_d, axis=0).any()
+    np.testing.assert_allclose(cycles.q[-1], STRIKE.q_f, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_signal_at_any_instant_ends_all_motion(seed: int, tmp_path: Path) -> None:
+    at = int(np.random.default_rng(seed).integers(1, 1500))
+    robot = Interrupted(at, lambda: os.kill(os.getpid(), signal.SIGINT))
+    rig = RobotRig(MODEL, robot)
+    with pytest.raises(StrikeInterrupted, match="SIGINT"):
+        rig.strike(STRIKE, folder=tmp_path)
+    assert robot.moves == at
+    assert len(Cycles.load(tmp_path / CYCLES)) == at
+    with pytest.raises(Locked):
+        rig.strike(STRIKE)
+    assert (robot.moves, robot.connections) == (at, 1)
+
+
+def test_a_fault_of_the_robot_stops_the_session_until_a_person_releases_it() -> None:
+    def reflex() -> None:
+        raise SafetyError("reflex", "the robot stopped itself")
+
+    robot = Interrupted(700, reflex)
+    rig = RobotRig(MODEL, robot)
+    with pytest.raises(StrikeStopped, match=r"reflex: the robot stopped itself; the robot's own controller holds the arm"):
+        rig.strike(STRIKE)
+    with pytest.raises(Locked, match="reflex"):
+        rig.strike(STRIKE)
+    assert robot.moves == 700
+    rig.interlock.release()
+    robot.at = 0
+    assert rig.strike(STRIKE).run.fault is None
+
+
+def test_an_error_of_a_driver_locks_the_robot_and_is_not_hidden() -> None:
+    robot = Interrupted(3, lambda: [].pop())
+    rig = RobotRig(MODEL, robot)
+    with pytest.raises(IndexError):
+        rig.strike(STRIKE)
+    with pytest.raises(Locked, match="exception: IndexError"):
+        rig.strike(STRIKE)
+
+
+def test_a_camera_that_is_lost_stops_the_robot() -> None:
+    class Lost(RobotRig):
+        def _run(self, arm, strike, log, believed, signals, on_cycle):
+            def lost(k, phase):
+                if k == 40:
+                    raise SafetyError("camera", "it gave no frame")
+
+            return super()._run(arm, strike, log, believed, signals, lost)
+
+    robot = Interrupted(0, None)
+    with pytest.raises(StrikeStopped, match="camera: it gave no frame"):
+        Lost(MODEL, robot).strike(STRIKE)
+    assert robot.moves == 41
+
+
+def test_what_the_robot_must_not_do_is_refused_before_it_hears_of_it() -> None:
+    robot = Interrupted(0, None)
+    rig = RobotRig(MODEL, robot, limits=default_limits(MODEL, prescribed=True))
+    fast = wt.Strike(STRIKE.q_i, STRIKE.q_f, 0.5)
+    with pytest.raises(StrikeRefused, match=r"the velocity of .* its limit is 3.14"):
+        rig.strike(fast)
+    low = wt.Strike((0.0, -1.9, 1.4, -1.2, 0.0, 0.0), (0.0, -1.8, 1.3, -1.2, 0.0, 0.0), 1.0)
+    with pytest.raises(StrikeRefused, match="below the floor"):
+        rig.strike(low)
+    assert robot.moves == 0
+    with pytest.raises(InputError, match="'6 joints'; allowed: 7"):
+        RobotRig(wt.preset("panda"), robot)
+
+
+def test_a_trajectory_from_elsewhere_is_refused() -> None:
+    robot = LaggingRobot("lab", MODEL)
+    trajectory = RobotRig(MODEL, robot).trajectory(STRIKE, robot.posture())
+    robot._q = robot.posture() + [0.02, 0, 0, 0, 0, 0]
+    with pytest.raises(SafetyError, match=r"start: .* is 0.020 rad from .* nothing moved"):
+        robot.follow(trajectory, lambda sample: None, lambda: None)
+
+
+def test_the_payload_is_stick_and_whip() -> None:
+    """Rod and point, put together by the theorem of parallel axes."""
+    length, mass = MODEL.arm.stick
+    assert (length, mass) == (0.65, 0.09)
+    rod = RigidBody(mass, np.array([0, 0, length / 2]), np.diag([1, 1, 0]) * mass * length**2 / 12)
+    both = welded([rod, RigidBody(MODEL.whip.mass, np.array([0, 0, length]), np.zeros((3, 3)))])
+    payload = payload_of(MODEL)
+    assert payload.mass == pytest.approx(both.mass)
+    np.testing.assert_allclose(payload.center, both.com)
+    np.testing.assert_allclose(payload.inertia, both.moments, atol=1e-15)
+
+
+def test_the_simulated_whip_hangs_on_the_measured_joints() -> None:
+    model = dataclasses.replace(MODEL, whip=rope(5))
+    struck = RobotRig(model, LaggingRobot("lab", model)).strike(STRIKE)
+    path = whip_on(model, struck.run.cycles, model.arm.names)
+    recording = struck.recording
+    assert recording is not None
+    moved = np.array([np.interp(path.t, recording.joints_t, q) for q in recording.joints_q.T]).T
+    np.testing.assert_allclose(path.q[:, :6], moved, atol=0.01)
+    assert np.linalg.norm(path.tip_velocity, axis=1).max() > 10
+
+
+def test_robots_are_found_by_their_address() -> None:
+    with pytest.raises(InputError, match=r"robot: got '192.168.0.10'; allowed: franka://HOST, ur://HOST"):
+        robot_at("192.168.0.10", MODEL)
+    with pytest.raises(InputError, match="got 'kuka'; allowed: franka, ur"):
+        robot_at("kuka://lab", MODEL)
