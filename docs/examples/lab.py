@@ -15,7 +15,17 @@ from whiptool.goals.criteria import Criterion, StrikesAtGoal
 from whiptool.models.mount import mounted
 from whiptool.recording.readers import Format
 
-__all__ = ["Brief", "HardeningImpedance", "LaggingRobot", "cross_entropy", "hanging", "short_whip", "soft", "strong", "trc"]
+__all__ = [
+    "Brief",
+    "HardeningImpedance",
+    "LaggingRobot",
+    "cross_entropy",
+    "hanging",
+    "short_whip",
+    "soft",
+    "strong",
+    "trc",
+]
 
 
 class Brief(Criterion):

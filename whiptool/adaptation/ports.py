@@ -26,7 +26,8 @@ from whiptool.recording.readers import read_recording
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.emulator.physics import TwinTruth
-from whiptool.rig.session import Rig
+from whiptool.rig.emulator.servo import HARDWARE, Motor
+from whiptool.rig.session import RECORDING, Rig
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
 
@@ -148,7 +149,10 @@ class AwaitsRecording(WhiptoolError):
 
     def __init__(self, strike: Strike, number: int, trajectory: Path, recording: Path) -> None:
         self.strike, self.number, self.trajectory, self.recording = strike, number, trajectory, recording
-        super().__init__(f"run {trajectory}, and put what was recorded into {recording}")
+        if trajectory.name == RECORDING:
+            super().__init__(f"the robot made the strike, see {trajectory}; put what your cameras saw into {recording}")
+        else:
+            super().__init__(f"run {trajectory}, and put what was recorded into {recording}")
 
 
 class RobotPort:
@@ -160,14 +164,23 @@ class RobotPort:
         rate: Samples a second of the trajectory [1/s].
         rest: Time at rest before the strike, in which the whip stops swinging [s].
         t_stay: Time after the movement's end for which the tip is still observed [s].
+        rig: The robot, which makes the strikes itself and records its joints; None: the user's own program does.
     """
 
     must_teach = True  # a recording of which nothing can be learned is refused: the lab can mend its file
 
     def __init__(
-        self, model: Model, target: Target, *, rate: float = RATE, rest: float = REST, t_stay: float = T_STAY
+        self,
+        model: Model,
+        target: Target,
+        *,
+        rate: float = RATE,
+        rest: float = REST,
+        t_stay: float = T_STAY,
+        rig: Rig | None = None,
     ) -> None:
         self.model, self.target, self.rate, self.rest, self.t_stay = model, target, rate, rest, t_stay
+        self.rig = rig
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Return the recording of a strike from the folder; see `Port.strike`.
@@ -178,9 +191,17 @@ class RobotPort:
         """
         assert folder is not None
         file = folder / RECORDED
-        if not file.exists():
+        if file.exists():
+            return seen_of(self.read(file, strike), self.target.position)
+        if self.rig is None:
             raise AwaitsRecording(strike, number, self._told(strike, folder), file)
-        return seen_of(self.read(file, strike), self.target.position)
+        moved = folder / RECORDING
+        if not moved.exists():
+            try:
+                self.rig.strike(strike, folder=folder, believed=believed)
+            except StrikeRefused as error:
+                return Seen(None, None, refused=error.fix or str(error))
+        raise AwaitsRecording(strike, number, moved, file)
 
     def read(self, file: Path, strike: Strike) -> StrikeRecording:
         """Return the recording of a strike from a file, with the strike as its command, which the sidecar file need not
@@ -189,7 +210,11 @@ class RobotPort:
         Raises:
             InputError: The file cannot be read.
         """
-        return self._of(replace(read_recording(file), **self._about), strike)
+        found, moved = replace(read_recording(file), **self._about), file.with_name(RECORDING)
+        if found.joints_q is None and moved.exists():  # the robot's own log
+            log = StrikeRecording.load(moved)
+            found = replace(found, joints_t=log.joints_t, joints_q=log.joints_q)
+        return self._of(found, strike)
 
     def read_cameras(self, files: Sequence[Path], strike: Strike, cameras: Path | None = None) -> StrikeRecording:
         """Return the recording of a strike in space, triangulated from two or more cameras; films are tracked, with

@@ -21,11 +21,14 @@ from whiptool.commands.options.option_group import (
     OptionGroup,
 )
 from whiptool.commands.options.rig_options import (
+    ADDRESS,
     ROBOT,
     AdaptOptions,
     ask_to_release,
     hardware_rig,
     loop_options,
+    robot_rig,
+    virtual_film,
 )
 from whiptool.errors import InputError
 from whiptool.progress import note
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     from whiptool.models import Model
     from whiptool.models.strike import Strike
     from whiptool.recording.strike_recording import StrikeRecording
+    from whiptool.rig.robots.robot_rig import RobotRig
     from whiptool.rig.stops import Interlock
 
 REPORT = "report.html"
@@ -80,7 +84,7 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.stops import Interlock
 
-    tip = (options.port == "twin" and options.camera == "tip") or options.port == ROBOT  # no motors of ours
+    tip = (options.port == "twin" and options.camera == "tip") or options.own_controller  # no motors of ours
     stock = options.build_stock()
     model = options.build_model() if stock is None else stock.owned(options.build_model())
     target = options.build_target(model)
@@ -136,7 +140,7 @@ def _check_known(recordings, controller) -> None:
 def _controller(options: AdaptOptions, model):
     """The controller; a rig's holds the torque for a cycle, and compensates the weights that it is given."""
     controller = options.build_controller()
-    if options.camera == "tip" or options.port == ROBOT:
+    if options.camera == "tip" or options.own_controller:
         return controller
     return replace(controller, control_period=1 / options.rate).reckoning_with(model)
 
@@ -165,6 +169,8 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
     target = goal.position
     if options.port == ROBOT:
         return RobotPort(model, goal, t_stay=options.t_stay)
+    if ADDRESS in options.port:
+        return _port_of_robot(options, model, stock, interlock)
     if options.port != "twin":
         rig = hardware_rig(options, model, controller, loop_options(options), interlock)
         return RigPort(lambda number: rig, target)
@@ -190,6 +196,35 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
     return RigPort(make, target)
 
 
+def _port_of_robot(options: AdaptOptions, model: Model, stock, interlock: Interlock):
+    """The port of a robot with a driver: its whip is simulated, or filmed by the user's cameras."""
+    from whiptool.adaptation.ports import RigPort, RobotPort
+    from whiptool.adaptation.twins import draw_twin
+    from whiptool.impedance import Controller, PositionControl
+    from whiptool.limits.all_limits import default_limits
+    from whiptool.rig.loop_options import LoopOptions
+
+    goal = options.build_target(model)
+    shared = {
+        "yes": options.yes,
+        "limits": default_limits(model, prescribed=True),
+        "target": goal.position,
+        "options": LoopOptions(t_stay=options.t_stay, settle=options.settle),
+        "interlock": interlock,
+    }
+    if options.camera == "none":
+        rig = robot_rig(options.port, model, **shared)
+        return RobotPort(model, goal, t_stay=options.t_stay, rig=rig)
+    twin = draw_twin(options.family, options.seed, model, Controller(PositionControl()), stock)
+
+    def make(number: int) -> RobotRig:
+        seed = [options.seed, number]
+        film = virtual_film(options.camera, twin.model, seed, goal.position, twin.clock_offset)
+        return robot_rig(options.port, model, film=film, **shared)
+
+    return RigPort(make, goal.position)
+
+
 @dataclass(frozen=True, kw_only=True)
 class NextOptions(OptionGroup):
     """Options of `whiptool adapt next`, which reads a recording and prints the next strike."""
@@ -212,8 +247,8 @@ class NextOptions(OptionGroup):
 
 def _next(options: NextOptions) -> int:
     begun = run_folders.options_of_run(AdaptOptions, options.run, command="adapt")
-    if begun.port != ROBOT:
-        raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT}")
+    if begun.port != ROBOT and begun.camera != "none":
+        raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT} or --camera none")
     if options.cameras is not None and len(options.recordings) < 2:
         raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
     return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
@@ -302,6 +337,8 @@ def _page(adaptation: Adaptation, steps: list[Step], options: AdaptOptions) -> s
         + (f", {options.material}" if options.material else ""),
         "struck with": f"twin, family {options.family}, seed {options.seed}"
         if options.port == "twin"
+        else f"{options.port}, whip of family {options.family}, seed {options.seed}"
+        if ADDRESS in options.port and options.camera != "none"
         else options.port,
         "camera": options.camera,
         "target": f"({place}) m, hit radius {adaptation.target.hit_radius:g} m",

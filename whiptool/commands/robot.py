@@ -26,7 +26,7 @@ from whiptool.commands.options.option_group import (
     Ranges,
     SeedOptions,
 )
-from whiptool.commands.options.rig_options import VIRTUAL_CAMERAS, ask_to_release, mark_of_port, robot_rig, says_yes
+from whiptool.commands.options.rig_options import VIRTUAL_CAMERAS, ask_to_release, robot_rig, says_yes, virtual_film
 from whiptool.commands.options.strike_options import LimitOptions
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.simulate import strike_of
@@ -53,10 +53,9 @@ class AddressOptions(JsonOptions):
     """Do not ask before the robot moves."""
 
     def needs(self) -> tuple[str, ...]:
-        from whiptool.rig.robots.addresses import NEEDS, split_address
+        from whiptool.rig.robots.addresses import needs_of
 
-        name, _ = split_address(self.robot)
-        return (NEEDS[name],) if name in NEEDS else ()
+        return needs_of(self.robot)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +120,10 @@ def played_by_robot(run_folder: Path) -> RobotOptions:
 
 
 def _strike(options: RobotOptions) -> int:
+    from whiptool.models.files import load_model
     from whiptool.models.hand_space import numbers_of
     from whiptool.models.strike import JointSpace
+    from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.stops import Interlock
 
     model = options.build_model()
@@ -132,10 +133,18 @@ def _strike(options: RobotOptions) -> int:
         raise InputError("--strike", options.strike, numbers_of(space))
     target.check_reach(model)
     interlock = Interlock()
-    interlock.watch(mark_of_port(options.robot))
     tell_when_interrupted(lambda: interlock.torque)
-    limits = options.build_limits(model, options.build_controller())
-    arm = robot_rig(options, model, limits, interlock)
+    true = model if options.true_model is None else load_model(options.true_model)
+    arm = robot_rig(
+        options.robot,
+        model,
+        yes=options.yes,
+        limits=options.build_limits(model, options.build_controller()),
+        film=virtual_film(options.camera, true, [options.seed], target.position),
+        target=target.position,
+        options=LoopOptions(t_stay=options.t_stay, settle=options.rest),
+        interlock=interlock,
+    )
     config = run_folders.configuration(options, "robot strike", model, options.build_controller())
     with run_folders.new_folder(options, "robot", config) as folder:
         ask_to_release(interlock, folder.path)

@@ -57,6 +57,9 @@ def sections(
     if "strike" in pictures:
         result.append(Picture(pictures["strike"], _tip_caption(struck)))
     found = [Section("Result", result)]
+    if "joints" in pictures:
+        caption = "Joint angles of the robot during the strike, and the torques if it reports them."
+        found.append(Section("Joints", [Picture(pictures["joints"], caption)]))
     if "servos" in pictures:
         caption = (
             f"Joint angles and currents during the strike. Shaded: the currents that the {limits.name} can carry at "
@@ -76,7 +79,8 @@ def save_pictures(folder: str | Path, pictures: dict[str, Figure]) -> list[Path]
 
 
 def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = XM430) -> dict[str, Figure]:
-    """Return the figures `strike`, `servos` and `cycles` by name, as far as the run has data for them.
+    """Return the figures `strike`, `servos` or, of a robot without them, `joints`, and `cycles` by name, as far as the
+    run has data for them.
 
     A run that ended before its strike only has `cycles`. The arguments are those of `sections`.
     """
@@ -89,8 +93,15 @@ def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = 
             path, distance = pictures["strike"].subplots(1, 2, width_ratios=(1.25, 1.0))
             plot_tip(path, struck, model, target)
             plot_distance_seen(distance, struck, target)
-        if len(during) > 1:
-            a = model.arm.n
+        a, servos = model.arm.n, bool(np.isfinite(during.current).any())
+        if len(during) > 1 and not servos:
+            plots = (plot_angle, plot_torque) if np.isfinite(during.tau).any() else (plot_angle,)
+            pictures["joints"] = Figure((5.5 * len(plots), 1.2 + 2.4 * a), layout="constrained")
+            axes = pictures["joints"].subplots(a, len(plots), squeeze=False)
+            for i, name in enumerate(model.arm.names):
+                for ax, plot in zip(axes[i], plots, strict=True):
+                    plot(ax, during, i, name)
+        if len(during) > 1 and servos:
             pictures["servos"] = Figure((13.0, 1.2 + 2.8 * a), layout="constrained")
             grid = pictures["servos"].add_gridspec(a, 3)
             for i, name in enumerate(model.arm.joints):
@@ -111,12 +122,12 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
     """
     recording = struck.recording
     assert recording is not None
-    where = np.array(target.position)
+    where = _from_the_side(np.array(target.position))
     ax.add_patch(Circle(tuple(where), target.hit_radius, facecolor=COLORS["orange"], alpha=0.35, edgecolor="none"))
     ax.add_patch(Circle(tuple(where), target.hit_radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6))
     ax.plot([], [], "o", color="#F8E1B0", markeredgecolor=COLORS["orange"], markersize=9, label=_radius(target))
     if struck.truth is not None:
-        ax.plot(*struck.truth.tip.T, color="0.45", linewidth=1.2, label="true path of the tip (twin)")
+        ax.plot(*_from_the_side(struck.truth.tip).T, color="0.45", linewidth=1.2, label="true path of the tip (twin)")
     judged = struck.judged(target)
     nearest = None if judged is None else judged.nearest
     instants, names = [0.0], ["at the start"]
@@ -124,13 +135,21 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
         instants, names = [0.0, nearest.time], ["at the start", f"at {nearest.time:.3f} s"]
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
-        ax.plot(*points.T, "o", **_SEEN, label=f"tip in {counted(len(t), 'frame')}")
+        ax.plot(*_from_the_side(points).T, "o", **_SEEN, label=f"tip in {counted(len(t), 'frame')}")
     for instant, name, shade in zip(instants, names, ("0.6", COLORS["black"]), strict=False):
-        arm = _arm_points(struck, model, instant)
+        arm = _from_the_side(_arm_points(struck, model, instant))
         ax.plot(*arm.T, "o-", color=shade, linewidth=3, markerfacecolor="white", label=f"arm {name}")
     if nearest is not None:
-        ax.plot(*nearest.place, "o", color=COLORS["vermilion"], markersize=7, zorder=5, label="closest approach")
-    ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]", title="path of the tip")
+        ax.plot(
+            *_from_the_side(np.array(nearest.place)),
+            "o",
+            color=COLORS["vermilion"],
+            markersize=7,
+            zorder=5,
+            label="closest approach",
+        )
+    up = "y, up [m]" if model.dimension == 2 else "z, up [m]"
+    ax.set(aspect="equal", xlabel="x, forward [m]", ylabel=up, title="path of the tip, from the side")
     ax.margins(0.06)
     legend_above(ax, ncols=3)
     return ax
@@ -148,7 +167,7 @@ def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
     title = "the tip was not seen"
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
-        ax.plot(t, np.hypot(*(points - where).T), "o", **_SEEN, label="as seen")
+        ax.plot(t, np.linalg.norm(points - where, axis=1), "o", **_SEEN, label="as seen")
     judged, unseen = struck.judged(target), struck.unseen(target)
     if unseen is not None:
         ax.axvspan(*unseen, color="0.9", zorder=0, label="not seen")
@@ -172,6 +191,15 @@ def plot_angle(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
     ax.plot(t, np.rad2deg(during.q_d[:, joint]), **_WANTED, label="desired")
     ax.set(xlabel="time since the strike began [s]", ylabel="angle [deg]", title=f"{name}: error up to {error:.1f} deg")
     legend_above(ax, ncols=2)
+    return ax
+
+
+def plot_torque(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
+    """Draw a joint's measured torque [N m] over the strike."""
+    tau = during.tau[:, joint]
+    ax.plot(during.t - during.t[0], tau, **_MEASURED)
+    title = f"{name}: up to {_largest(tau):.1f} N m"
+    ax.set(xlabel="time since the strike began [s]", ylabel="torque [N m]", title=title)
     return ax
 
 
@@ -293,15 +321,20 @@ def _cycle_table(cycles: Cycles) -> Table:
 
 
 def _arm_points(struck: Struck, model: Model, instant: float) -> np.ndarray:
-    """Shoulder to hand as the encoders have it at an instant [s]: (a + 1, 2) [m]."""
+    """First joint to hand as the encoders have them at an instant [s]: (a + 1, d) [m]."""
     recording, a = struck.recording, model.arm.n
     assert recording is not None
     assert recording.joints_t is not None
     assert recording.joints_q is not None
-    q = np.zeros((1, model.n))
+    q = np.zeros((1, model.coordinates))
     for i in range(a):
         q[0, i] = np.interp(instant, recording.joints_t, recording.joints_q[:, i])
     return joint_points(model, q)[0, : a + 1]
+
+
+def _from_the_side(places: np.ndarray) -> np.ndarray:
+    """Positions (..., d) as seen from the side: forward and up, (..., 2)."""
+    return places[..., [0, -1]]
 
 
 def _usage(during: Cycles, joint: int, limits: MotorLimits) -> float:

@@ -61,7 +61,7 @@ class Interrupted(LaggingRobot):
 
 
 def test_the_recording_is_the_measured_motion_by_the_strikes_clock(tmp_path: Path) -> None:
-    """A first-order lag on a minimum-jerk path: joints come late by its time constant, but for what is of second order."""
+    """A first-order lag on a minimum-jerk path: joints are late by its time constant, to first order."""
     struck = RobotRig(MODEL, LaggingRobot("lab", MODEL)).strike(STRIKE, folder=tmp_path)
     recording = struck.recording
     assert recording is not None
@@ -70,10 +70,21 @@ def test_the_recording_is_the_measured_motion_by_the_strikes_clock(tmp_path: Pat
     late = np.array([STRIKE.reference(t - LAG)[0] for t in recording.joints_t[inside]])
     np.testing.assert_allclose(recording.joints_q[inside], late, atol=2e-3)
     cycles = Cycles.load(tmp_path / CYCLES)
+    robot = LaggingRobot("lab", MODEL)
+    assert cycles.about["strike_begins"] == RobotRig(MODEL, robot).trajectory(STRIKE, robot.posture()).strike_begins
     assert set(cycles.phase) == {Phase.APPROACH, Phase.SETTLE, Phase.STRIKE}
     assert np.ptp(cycles.during(Phase.SETTLE).t) == pytest.approx(2.0, abs=0.01)
     assert not np.diff(cycles.during(Phase.SETTLE).q_d, axis=0).any()
     np.testing.assert_allclose(cycles.q[-1], STRIKE.q_f, atol=1e-6)
+
+
+def test_a_look_at_the_hanging_whip_is_recorded_from_where_the_arm_rests() -> None:
+    still = wt.Strike(STRIKE.q_i, STRIKE.q_i, 1.0)
+    recording = RobotRig(MODEL, LaggingRobot("lab", MODEL)).strike(still).recording
+    assert recording is not None
+    during = recording.joints_q[recording.joints_t >= 0]
+    np.testing.assert_allclose(during, np.broadcast_to(STRIKE.q_i, during.shape), atol=1e-6)
+    assert recording.joints_t[-1] == pytest.approx(1.3, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -96,7 +107,7 @@ def test_a_fault_of_the_robot_stops_the_session_until_a_person_releases_it() -> 
 
     robot = Interrupted(700, reflex)
     rig = RobotRig(MODEL, robot)
-    with pytest.raises(StrikeStopped, match=r"reflex: the robot stopped itself; the robot's own controller holds the arm"):
+    with pytest.raises(StrikeStopped, match=r"reflex: the robot stopped itself; the robot's own .* holds the arm"):
         rig.strike(STRIKE)
     with pytest.raises(Locked, match="reflex"):
         rig.strike(STRIKE)
@@ -147,7 +158,7 @@ def test_what_the_robot_must_not_do_is_refused_before_it_hears_of_it() -> None:
 def test_a_trajectory_from_elsewhere_is_refused() -> None:
     robot = LaggingRobot("lab", MODEL)
     trajectory = RobotRig(MODEL, robot).trajectory(STRIKE, robot.posture())
-    robot._q = robot.posture() + [0.02, 0, 0, 0, 0, 0]
+    robot._q = robot.posture() + np.array([0.02, 0, 0, 0, 0, 0])
     with pytest.raises(SafetyError, match=r"start: .* is 0.020 rad from .* nothing moved"):
         robot.follow(trajectory, lambda sample: None, lambda: None)
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from whiptool.adaptation.materials import Stock
     from whiptool.goals.target import Target
     from whiptool.impedance import Controller
-    from whiptool.limits.limits import Limits
     from whiptool.models.parameters import Model
     from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.robots.robot_rig import RobotRig
@@ -145,42 +144,44 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
 VIRTUAL_CAMERAS = ("none", "points", "twin", "d435-color", "d435-infrared")
 
 
-def robot_rig(options: Any, model: Model, limits: Sequence[Limits], interlock: Interlock) -> RobotRig:
+def robot_rig(address: str, model: Model, *, yes: bool, **shared: Any) -> RobotRig:
     """Return the rig of a robot with a controller of its own; it is not connected yet.
 
     Args:
-        options: Options with `robot`, `camera`, `true_model`, `rest`, `t_stay`, `seed`, `yes` and a target.
+        address: Address of the robot, such as `ur://192.168.0.10`.
         model: Model of the robot's arm with the whip.
-        limits: Limits that strikes have to keep.
-        interlock: Interlock of the robot.
+        yes: Whether nobody is asked before the robot moves.
+        shared: Further arguments of `RobotRig`; its interlock is locked by a fault of an earlier call.
 
     Raises:
         InputError: There is no such robot, or its arm has another number of joints than the model.
     """
-    import numpy as np
-
-    from whiptool.models.files import load_model
-    from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.robots.addresses import robot_at
     from whiptool.rig.robots.robot_rig import RobotRig
+
+    shared["interlock"].watch(mark_of_port(address))
+    confirm = None if yes else _confirm
+    return RobotRig(model, robot_at(address, model), port=address, confirm=confirm, **shared)
+
+
+def virtual_film(camera: str, true: Model, seed: Sequence[int], target: tuple[float, ...], late: float = 0.0):
+    """Return virtual cameras as an option `--camera` names them; None for `none`.
+
+    Args:
+        camera: A name in `VIRTUAL_CAMERAS`.
+        true: True model of arm and whip.
+        seed: Seed of the noise.
+        target: Position of the target [m].
+        late: Offset of the cameras' clock [s].
+    """
+    import numpy as np
+
     from whiptool.rig.virtual_film import VirtualFilm
 
-    film, target = None, options.build_target(model).position
-    if options.camera != "none":
-        true = model if options.true_model is None else load_model(options.true_model)
-        camera = "d435-infrared" if options.camera == "twin" else options.camera
-        film = VirtualFilm(camera, true, np.random.default_rng(options.seed), target)
-    return RobotRig(
-        model,
-        robot_at(options.robot, model),
-        port=options.robot,
-        limits=limits,
-        film=film,
-        target=target,
-        options=LoopOptions(t_stay=options.t_stay, settle=options.rest),
-        confirm=None if options.yes else _confirm,
-        interlock=interlock,
-    )
+    if camera == "none":
+        return None
+    name = "d435-infrared" if camera == "twin" else camera
+    return VirtualFilm(name, true, np.random.default_rng(list(seed)), target, late)
 
 
 def mark_of_port(port: str) -> Path:
@@ -248,6 +249,9 @@ FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
 ROBOT = "robot"  # a port
 
 
+ADDRESS = "://"  # in the port of a robot with a driver
+
+
 _OF_RIGS = unless("port", ROBOT, why=", where your own program commands and records")
 
 
@@ -256,7 +260,10 @@ _NOT_AT_REST = Condition(
 )
 
 
-_SERVOS = Condition("only without --camera tip, which has no servos", lambda o: o.port != "twin" or o.camera != "tip")
+_SERVOS = Condition("only with servos", lambda o: o.camera != "tip" and ADDRESS not in o.port)
+_SIMULATED = Condition(
+    "only with a simulated whip", lambda o: o.port == "twin" or (ADDRESS in o.port and o.camera != "none")
+)
 
 
 _OF_MATERIAL = Condition(
@@ -273,10 +280,11 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
     in_space: ClassVar[bool] = True
     only_with: ClassVar[Conditions] = {
-        **dict.fromkeys(("camera", "yes", "limits"), (_OF_RIGS,)),
-        **dict.fromkeys(("approach_speed", "settle"), (_OF_RIGS, _NOT_AT_REST)),
-        **dict.fromkeys(("rate", "friction", "latency"), (_OF_RIGS, _SERVOS)),
-        "family": (when("port", "twin"),),
+        **dict.fromkeys(("camera", "yes"), (_OF_RIGS,)),
+        "settle": (_OF_RIGS, _NOT_AT_REST),
+        "approach_speed": (_OF_RIGS, _NOT_AT_REST, _SERVOS),
+        **dict.fromkeys(("rate", "friction", "latency", "limits"), (_OF_RIGS, _SERVOS)),
+        "family": (_SIMULATED,),
         **dict.fromkeys(("direction", "arrival_angle"), (_IN_SPACE,)),
         "length": (when("material", why="; or give --model or --prior"),),
         "diameter": (_OF_MATERIAL,),
@@ -288,16 +296,19 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     }
 
     controller: LawName | None = None
-    """Control law (default: oiac, online impedance adaptation, while an arm in space and --port robot always take
-    position). A TOML file has a table [controller], as config.toml of a run has."""
+    """Control law (default: oiac, online impedance adaptation, while an arm in space and a robot always take position).
+    A TOML file has a table [controller], as config.toml of a run has."""
     port: str = "twin"
-    """Serial device of servos, twin (simulated rig) or robot (your own position-controlled robot). A device is, for
-    example, /dev/ttyUSB0; twin emulates the servos and their protocol. A robot takes each strike as a trajectory from
-    the run folder; put its recording there as recorded.csv and use --resume."""
-    camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense}|FILE.db3")] = "points"
-    """Camera, with the twin: points (positions of the tip with the errors of tracked images), tip (positions with 5 mm
-    noise at 60 Hz, without servos), twin or d435-infrared (both render infrared images) or d435-color (renders colour
-    images), and with a real arm: realsense or FILE.db3 (a RealSense recording)."""
+    """Serial device of servos, twin (simulated rig), the address of a robot (franka://HOST or ur://HOST), or robot (any
+    position-controlled robot, by files). A device is, for example, /dev/ttyUSB0; twin emulates the servos and their
+    protocol. With robot, each strike is a trajectory in the run folder; put its recording there as recorded.csv and use
+    --resume."""
+    camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense,none}|FILE.db3")] = "points"
+    """Camera, with the twin or a robot: points (positions of the tip with the errors of tracked images), twin or
+    d435-infrared (both render infrared images) or d435-color (renders colour images), with the twin: tip (positions
+    with 5 mm noise at 60 Hz, without servos), with a robot: none (your own cameras film a real whip, put what they saw
+    into the run folder as recorded.csv and use --resume), and with servos: realsense or FILE.db3 (a RealSense
+    recording)."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Deviation of the simulated whip from --model: small (kin), large (strange) or twice that (stranger). kin: a
     uniform whip near the model; strange: tapered, with a bead, a soft joint and more; stranger: the same deviations,
@@ -332,6 +343,11 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
     """Seed of the twin's whip and all other random numbers (default: 0)."""
 
     @property
+    def own_controller(self) -> bool:
+        """Whether the arm is a robot that follows joint positions by a controller of its own."""
+        return self.port == ROBOT or ADDRESS in self.port
+
+    @property
     def material_of_model(self) -> dict[str, float]:
         """Material parameters that the options give to the model's whip, by name; `diameter` is left out with
         --material.
@@ -343,14 +359,16 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         from whiptool.models.files import load_model
 
         super().check()
-        seen = self.port == ROBOT or (self.port, self.camera) == ("twin", "tip")  # neither servos nor images
-        if load_model(self.model).dimension == 3 and not seen:
+        servos = not self.own_controller and (self.port, self.camera) != ("twin", "tip")
+        if load_model(self.model).dimension == 3 and servos:
             raise InputError(
-                "--model", self.model, "a model in the plane, unless --port robot or --camera tip is given"
+                "--model", self.model, "a model in the plane, unless --port is a robot or --camera tip is given"
             )
         if self.port == "twin" and self.camera not in CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(CAMERAS) + " with --port twin")
-        if self.port not in ("twin", ROBOT) and self.camera != "realsense" and not self.camera.endswith(".db3"):
+        if ADDRESS in self.port and self.camera not in VIRTUAL_CAMERAS:
+            raise InputError("--camera", self.camera, ", ".join(VIRTUAL_CAMERAS) + " with a robot")
+        if servos and self.port != "twin" and self.camera != "realsense" and not self.camera.endswith(".db3"):
             raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
         if self.wiggle and not self.still:
             raise InputError(
@@ -370,6 +388,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         return stock_of_material(self.material, diameter=self.diameter, length=self.length)
 
     def needs(self) -> tuple[str, ...]:
+        if ADDRESS in self.port:
+            from whiptool.rig.robots.addresses import needs_of
+
+            return (*needs_of(self.port), *["cv2"] * (self.camera not in ("none", "points")))
         return () if self.camera == "tip" or self.port == ROBOT else super().needs()
 
     def build_target(self, model: Model | None = None) -> Target:
@@ -380,7 +402,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         """Return the controller that the options describe; for an arm in space or a robot, position control."""
         from whiptool.models.files import load_model
 
-        if self.port != ROBOT and load_model(self.model).dimension == 2:
+        if not self.own_controller and load_model(self.model).dimension == 2:
             return super().build_controller()
         from whiptool.impedance import Controller, PositionControl
 

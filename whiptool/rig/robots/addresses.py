@@ -42,6 +42,16 @@ def split_address(address: str) -> tuple[str, str]:
     return name, host
 
 
+def needs_of(address: str) -> tuple[str, ...]:
+    """Return the optional modules that the driver of an address imports.
+
+    Raises:
+        InputError: The address is not a name, `://` and a host.
+    """
+    name, _ = split_address(address)
+    return (NEEDS[name],) if name in NEEDS else ()
+
+
 def robot_at(address: str, model: Model) -> Robot:
     """Return the driver of a robot, which is not connected yet.
 

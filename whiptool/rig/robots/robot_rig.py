@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -117,9 +118,9 @@ class RobotRig(FilmedRig):
         trajectory = self.trajectory(strike, arm.posture())
         self.check(strike, trajectory, believed)
         arm.set_payload(payload_of(self.model))
-        begins = trajectory.strike_begins
+        begins = _beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
-        watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, signals.listen(), on_cycle)
+        watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), on_cycle)
         fault: SafetyError | None = None
         self.interlock.torque = HELD
         try:
@@ -149,6 +150,13 @@ class RobotRig(FilmedRig):
         return self._seen(struck, signals, lambda: self._recorded(struck.run, folder, film.of(path, strike)))
 
 
+def _beginning(strike: Strike, trajectory: JointTrajectory, t_stay: float) -> float:
+    """Time of a trajectory [s] at which its strike begins, also of a strike that does not move."""
+    step = float(trajectory.t[1])
+    after = sum(math.ceil(span / step - 1e-9) for span in (strike.D, t_stay))
+    return float(trajectory.t[-1 - after])
+
+
 class _Watch:
     """What a driver calls in every cycle: the record of its samples, and the question whether to stop.
 
@@ -158,12 +166,17 @@ class _Watch:
     """
 
     def __init__(
-        self, log: CycleLog, trajectory: JointTrajectory, signals: StopSignals, on_cycle: Callable[[int, Phase], None]
+        self,
+        log: CycleLog,
+        trajectory: JointTrajectory,
+        begins: float,
+        signals: StopSignals,
+        on_cycle: Callable[[int, Phase], None],
     ) -> None:
         self.log = log
         self.error: SafetyError | None = None
         self._signals, self._on_cycle, self._count = signals, on_cycle, 0
-        self._begins, self._step = trajectory.strike_begins, float(trajectory.t[1])
+        self._begins, self._step = begins, float(trajectory.t[1])
         resting = np.flatnonzero(~trajectory.v.any(axis=1))
         rests = resting[(resting > 0) & (trajectory.t[resting] < self._begins)]
         self._rests = float(trajectory.t[rests[0]]) if len(rests) else self._begins
