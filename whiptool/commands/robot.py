@@ -25,8 +25,16 @@ from whiptool.commands.options.option_group import (
     OutputOptions,
     Ranges,
     SeedOptions,
+    options_named,
 )
-from whiptool.commands.options.rig_options import VIRTUAL_CAMERAS, ask_to_release, robot_rig, says_yes, virtual_film
+from whiptool.commands.options.rig_options import (
+    ADDRESS,
+    VIRTUAL_CAMERAS,
+    ask_to_release,
+    robot_rig,
+    says_yes,
+    virtual_film,
+)
 from whiptool.commands.options.strike_options import LimitOptions
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.simulate import strike_of
@@ -46,16 +54,23 @@ class AddressOptions(JsonOptions):
     heading: ClassVar[str] = "robot"
     first: ClassVar[tuple[str, ...]] = ("robot",)
 
-    robot: str
+    robot: str = ""
     """Address of the robot: franka://HOST, ur://HOST, dynamixel:PORT (servos on a serial port, such as
     dynamixel:/dev/ttyUSB0) or twin (simulated servos)."""
     yes: bool = False
     """Do not ask before the robot moves."""
 
+    def check(self) -> None:
+        from whiptool.rig.robots.addresses import split_address
+
+        super().check()
+        with options_named(self):
+            split_address(self.robot)
+
     def needs(self) -> tuple[str, ...]:
         from whiptool.rig.robots.addresses import needs_of
 
-        return needs_of(self.robot)
+        return needs_of(self.robot) if ADDRESS in self.robot else ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeAlias
 
-from whiptool.errors import InputError
+from whiptool.errors import NOTHING, InputError
 from whiptool.extras import Registry
 from whiptool.models.parameters import Model
 from whiptool.rig.robots.robot import Robot
@@ -38,7 +38,7 @@ def split_address(address: str) -> tuple[str, str]:
     """
     name, separator, host = address.partition("://")
     if not (name and separator and host):
-        raise InputError("robot", address, RULE)
+        raise InputError("robot", address or NOTHING, RULE)
     return name, host
 
 
