@@ -300,7 +300,7 @@ def test_a_rope_in_space_is_aimed_at_within_the_limits_of_its_robot():
         ({"model": "ur5e", "target": (1.0, 0.2, 0.6)}, "--model: got 'ur5e'; allowed: a model in the plane, unless"),
         ({"port": "robot", "latency": 0.002}, "--latency.*only without --port robot"),
         ({"port": "robot", "camera": "twin"}, "--camera.*only without --port robot"),
-        ({"port": "robot", "family": "kin"}, "--family.*only with --port twin"),
+        ({"port": "robot", "family": "kin"}, "--family.*only with a simulated whip"),
     ],
 )
 def test_options_that_a_robot_does_not_have_are_refused(options, said):
