@@ -26,7 +26,6 @@ from whiptool.recording.readers import read_recording
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.emulator.motor import HARDWARE, Motor
 from whiptool.rig.emulator.physics import TwinTruth
-from whiptool.rig.emulator.servo import HARDWARE, Motor
 from whiptool.rig.session import RECORDING, Rig
 from whiptool.rig.stops import StrikeRefused
 from whiptool.rollout.compiled import CompiledRollout
