@@ -40,6 +40,7 @@ WRONG = {
     "secondary_id": 1,
     "shutdown": 0,
     "status_return_level": 1,
+    "startup_configuration": 1,
 }
 
 
@@ -67,6 +68,19 @@ def test_a_servo_that_is_set_up_otherwise_is_refused_with_the_cure(bus, twin, na
     assert f"{name} is {WRONG[name]}, strikes assume" in capsys.readouterr().out
     with twin.bus() as again:
         assert mismatches(again, 2) == []
+
+
+def test_registers_that_older_firmware_lacks_are_not_asked_for(bus, monkeypatch):
+    read, asked = bus.read, []
+
+    def old(id: int, name: str) -> int:
+        asked.append(name)
+        return 41 if name == "firmware_version" else read(id, name)
+
+    monkeypatch.setattr(bus, "read", old)
+    assert mismatches(bus, 1) == []
+    assert "startup_configuration" not in asked
+    assert "shutdown" in asked
 
 
 def test_the_voltage_limit_of_current_mode_is_set_anew(bus, twin):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from whiptool.errors import InputError
 
 MODEL_NUMBER = 1020
-FIRMWARE = 45  # the oldest that answers a fast sync read
+FIRMWARE = 45  # the oldest that answers a fast sync read, and has Startup Configuration(60) and backups
 RAM = 64  # first address of the RAM area; what lies below is EEPROM
 CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
 WATCHDOG_UNIT = 0.02  # [s], of Bus Watchdog(98)

@@ -16,6 +16,7 @@ from whiptool.limits.arm_limits import XM430
 from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.control_table import (
+    FIRMWARE,
     TICKS,
     VOLTAGE_UNIT,
     WATCHDOG_TRIPPED,
@@ -127,12 +128,14 @@ class Assumed:
         value: Value that `--for-strikes` sets, which is the manufacturer's default.
         meaning: Purpose of the register, for messages.
         holds: Function that returns whether a value is acceptable; None: only `value` is.
+        since: First firmware that has the register.
     """
 
     name: str
     value: int
     meaning: str
     holds: Callable[[int], bool] | None = None
+    since: int = 0
 
     def fits(self, found: int) -> bool:
         """Whether the value found in a servo is acceptable."""
@@ -151,6 +154,7 @@ ASSUMED = (
     _default("pwm_limit", "the motor gives its whole speed-torque line"),
     _default("secondary_id", "it obeys its own id alone", lambda id: id >= NO_SECONDARY_ID),
     _default("shutdown", "it protects itself from heat, shock and overload", lambda x: x & _SHUTDOWN == _SHUTDOWN),
+    Assumed("startup_configuration", 0, "its torque is off after a reboot", since=FIRMWARE),
 )
 
 
@@ -160,7 +164,8 @@ def mismatches(bus: DynamixelBus, id: int) -> list[tuple[Assumed, int]]:
     Raises:
         NoReply, Refused, Unplugged: The servo does not answer.
     """
-    found = [(assumed, bus.read(id, assumed.name)) for assumed in ASSUMED]
+    firmware = bus.read(id, "firmware_version")
+    found = [(assumed, bus.read(id, assumed.name)) for assumed in ASSUMED if firmware >= assumed.since]
     return [(assumed, value) for assumed, value in found if not assumed.fits(value)]
 
 

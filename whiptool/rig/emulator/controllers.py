@@ -47,7 +47,7 @@ class Controllers:
     # -- goals ---------------------------------------------------------------------------------------------------
 
     def rest(self, position: float) -> None:
-        """Begin anew at rest, at a position [counts]: torque was switched on, or the mode was changed."""
+        """Begin at rest, at a position [counts], without a profile and with an empty integral."""
         self.profile: Profile = resting(position)
         self.time = 0.0  # [s] since the profile's begin
         self._integral, self._error = 0.0, 0.0
@@ -132,8 +132,8 @@ class Controllers:
 
     @property
     def pwm_bound(self) -> int:
-        """Largest PWM of every mode [counts]: Goal PWM, and PWM Limit."""
-        return min(abs(self._registers.get("goal_pwm")), self._registers.get("pwm_limit"))
+        """Largest PWM of every mode [counts]: Goal PWM, which PWM Limit bounds when either is written."""
+        return abs(self._registers.get("goal_pwm"))
 
     def drive(self, volts: float) -> Drive:
         """Return what the bridge does at a supply of `volts` [V]; positive is the direction of rising counts.
@@ -141,14 +141,14 @@ class Controllers:
         Current mode is exact: the motor gets Goal Current as far as the voltage gives it.
         """
         mode, per_pwm = self._registers.memory[11], volts / FULL_PWM
-        most = self.pwm_bound * per_pwm
+        bound = self.pwm_bound
+        most = bound * per_pwm
         if mode == CURRENT_MODE:
             return self._registers.get("goal_current") * self._ampere, -most, most
         if mode == CURRENT_BASED_MODE:
             return self._pwm * AMPERE, -most, most
-        pwm = self._registers.get("goal_pwm") if mode == PWM_MODE else self._pwm
-        u = min(max(pwm * per_pwm, -most), most)
-        return 0.0, u, u
+        pwm = self._registers.get("goal_pwm") if mode == PWM_MODE else min(max(self._pwm, -bound), bound)
+        return 0.0, pwm * per_pwm, pwm * per_pwm
 
 
 AMPERE = 2.69e-3  # [A] of one count of a real servo's current

@@ -114,7 +114,7 @@ class ServoChain:
             error = 0 if does is not None and does() else RESULT_FAIL
         else:
             error = INSTRUCTION_ERROR
-        if broadcast or shadow or level < least:
+        if broadcast or level < least:
             return b""
         return status(id, servo.alert | error, answer)
 
