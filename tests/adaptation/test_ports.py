@@ -23,6 +23,7 @@ from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.impedance import Controller, constant_preset, oiac_preset
+from whiptool.limits.robot_trajectory import Execution
 from whiptool.models import preset
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.strike import Strike
@@ -149,7 +150,7 @@ STRIKE_ROBOT_PORT = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1
 
 
 def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_path):
-    port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), rest=0.5, t_stay=0.2)
+    port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(rest=0.5), t_stay=0.2)
     with pytest.raises(AwaitsRecording, match=r"run .*trajectory\.csv, .* into .*recorded\.csv") as waits:
         port.strike(STRIKE_ROBOT_PORT, 1, tmp_path)
     told = JointTrajectory.load_csv(waits.value.trajectory)
@@ -169,6 +170,21 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
     assert seen.recording.joints_q is not None
     np.testing.assert_array_equal(seen.recording.joints_q[0], [1.0, 2.0, 3.0, 4.0, 5.0, 9.0])
     assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE_ROBOT_PORT, 0.2)
+
+
+def test_a_trajectory_begins_where_the_robot_stands_by_the_robots_own_names_and_rate(tmp_path):
+    posture = (0.4, -1.5, 1.0, -1.2, 0.0, 0.3)
+    port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=posture, prefix="left_"), t_stay=0.2)
+    with pytest.raises(AwaitsRecording) as waits:
+        port.strike(STRIKE_ROBOT_PORT, 1, tmp_path)
+    told = JointTrajectory.load_csv(waits.value.trajectory)
+    np.testing.assert_array_equal(told.q[0], posture)
+    assert told.joints[:3] == ("left_shoulder_pan_joint", "left_shoulder_lift_joint", "left_elbow_joint")
+    assert told.t[1] == pytest.approx(1 / 500)
+    assert told.strike_begins > 3 + 2 * 1.669  # the rest, and two periods of the rope's slowest swing
+    below = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=(0.4, 1.5, 0.0, 0.0, 0.0, 0.0)))
+    with pytest.raises(InputError, match=r"^posture: got .*straight line of the joints.*below the floor"):
+        below.strike(STRIKE_ROBOT_PORT, 2, tmp_path)
 
 
 def test_a_recording_of_our_own_format_is_read_as_any_other(tmp_path):
@@ -223,6 +239,13 @@ def test_the_command_asks_for_a_strike_and_ends(tmp_path, capsys):
     assert adapt.main(["--resume", str(out), "--json"]) == adapt.AWAITS
     assert '"awaits": ' in capsys.readouterr().out
     assert (out / "strike-0000" / "trajectory.csv").read_bytes() == first
+    start = JointTrajectory.load_csv(out / "strike-0000" / "trajectory.csv").q[0]
+    posture = [f"{x + 0.1:.6f}" for x in start]
+    assert adapt.main(["next", "--run", str(out), "--posture", *posture]) == adapt.AWAITS
+    moved = JointTrajectory.load_csv(out / "strike-0000" / "trajectory.csv")
+    np.testing.assert_array_equal(moved.q[0], list(map(float, posture)))
+    assert adapt.main(["next", "--run", str(out), "--posture", "1", "2"]) == 2
+    assert "--posture: got" in capsys.readouterr().err
 
 
 def test_next_tells_a_recording_and_asks_for_the_next_strike(tmp_path, capsys, monkeypatch):

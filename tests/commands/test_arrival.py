@@ -123,5 +123,5 @@ def test_a_strike_beyond_the_arms_limits_is_not_written(capsys):
         "whiptool: --export-trajectory: got 'strike.csv'; allowed: only for a strike within limits; in this strike, at"
         in error
     )
-    assert "the velocity of shoulder_pan is" in error
+    assert "the velocity of shoulder_pan_joint is" in error
     assert not list(Path().iterdir())  # refused before anything is written

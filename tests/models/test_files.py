@@ -109,7 +109,7 @@ def test_limits_in_degrees_are_asked_about():
     assert model_from_table(table).arm.notes == ()
     table["arm"]["links"][1]["limits"]["position"] = [-360, 360]
     table["arm"]["links"][2]["limits"]["velocity"] = 180
-    said = "limits are farther than arms go: shoulder_lift (360 rad), elbow (180 rad/s); are they in degrees?"
+    said = "limits are farther than arms go: shoulder_lift_joint (360 rad), elbow_joint (180 rad/s); are they in"
     assert model_from_table(table).arm.notes[0].startswith(said)
     for i in (1, 2):
         table["arm"]["links"][i]["kind"] = "prismatic"

@@ -115,17 +115,54 @@ def test_csv_is_read_back_to_the_last_digit(tmp_path):
         np.testing.assert_array_equal(getattr(read, name), getattr(found, name))
 
 
+def of_controller(goal: dict, t: float) -> np.ndarray:
+    """Positions that ROS 2's joint_trajectory_controller commands at a time, by the formula of its trajectory.cpp."""
+    points = goal["points"]
+    at = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    i = min(int(np.searchsorted(at, t, side="right")) - 1, len(points) - 2)
+    p0, v0, a0 = (np.array(points[i][x]) for x in ("positions", "velocities", "accelerations"))
+    p1, v1, a1 = (np.array(points[i + 1][x]) for x in ("positions", "velocities", "accelerations"))
+    T, s = at[i + 1] - at[i], t - at[i]
+    c3 = (-20 * p0 + 20 * p1 - 3 * a0 * T**2 + a1 * T**2 - 12 * v0 * T - 8 * v1 * T) / (2 * T**3)
+    c4 = (30 * p0 - 30 * p1 + 3 * a0 * T**2 - 2 * a1 * T**2 + 16 * v0 * T + 14 * v1 * T) / (2 * T**4)
+    c5 = (-12 * p0 + 12 * p1 - a0 * T**2 + a1 * T**2 - 6 * v0 * T - 6 * v1 * T) / (2 * T**5)
+    return p0 + v0 * s + a0 / 2 * s**2 + c3 * s**3 + c4 * s**4 + c5 * s**5
+
+
+LONGEST_ARGUMENT = 128 * 1024  # bytes of an argument of a command in Linux (MAX_ARG_STRLEN)
+
+
+@pytest.mark.parametrize("space", ["joints", "pose"])
+def test_a_controller_makes_the_whole_movement_of_a_goal_that_fits_an_argument(space, tmp_path):
+    """A strike at 1000 Hz and one of the hand's pose at 500 Hz; between the few points by the controller's splines."""
+    if space == "joints":
+        found = trajectory(start=POSTURE, rate=1000, rest=3.0, sway=1.7)
+    else:
+        _, hand, vector = of_hand("ur5e", orientation=True)
+        arm, start = preset("ur5e").arm, (hand.kinematics.posture + 0.1).tolist()
+        found = JointTrajectory.of_strike(hand.path(vector), arm.names, start=start, rate=500)
+    found.save_goal(tmp_path / "goal.yaml")
+    text = (tmp_path / "goal.yaml").read_text()
+    assert len(text.encode()) < LONGEST_ARGUMENT / 8
+    goal = yaml.safe_load(text)["trajectory"]
+    commanded = np.array([of_controller(goal, t) for t in found.t])
+    assert np.abs(commanded - found.q).max() < 1.1e-6
+    step = found.t[1]
+    jerk, of_found = (np.diff(q, 3, axis=0) / step**3 for q in (commanded, found.q))
+    assert np.abs(jerk).max() < 1.2 * np.abs(of_found).max()
+
+
 def test_a_goal_has_the_fields_of_ros(tmp_path):
     found = trajectory(rest=0.5)
     found.save_goal(tmp_path / "strike.yaml")
     goal = yaml.safe_load((tmp_path / "strike.yaml").read_text())["trajectory"]
     assert goal["joint_names"] == list(JOINTS)
-    points = goal["points"]
-    assert len(points) == len(found.t)
+    points, few = goal["points"], found.for_splines()
+    assert len(points) == len(few.t) < 12
     seconds = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
-    np.testing.assert_allclose(seconds, found.t, atol=1e-9)
+    np.testing.assert_allclose(seconds, few.t, atol=1e-9)
     assert all(isinstance(p["time_from_start"]["nanosec"], int) for p in points)
-    for field, values in (("positions", found.q), ("velocities", found.v), ("accelerations", found.a)):
+    for field, values in (("positions", few.q), ("velocities", few.v), ("accelerations", few.a)):
         np.testing.assert_array_equal([p[field] for p in points], values)
 
 

@@ -53,6 +53,22 @@ def test_joints_move_along_a_straight_line_within_their_limits(limits, end):
     assert (jerks(a, rate) <= [min(x.jerk / 2, JERK) + 1e-6 for x in of_joints]).all()
 
 
+@pytest.mark.parametrize("end", [(1.5, -1.0), (0.05, 0.02)])
+def test_a_pendulum_hangs_still_after_a_movement_of_its_period(end):
+    """A pendulum under a hand that moves by q, x'' = -w^2 x - q'', integrated: a fast movement leaves it swinging."""
+    period, rate = 1.7, 1000.0
+    left = []
+    for sway in (0.0, period):
+        q, v, a = path_between((0.0, 0.0), end, (FREE, FREE), rate, sway=sway)
+        swing = np.exp(-2j * np.pi / period * np.arange(len(a)) / rate) @ a / rate  # its complex amplitude, times w
+        left.append(np.abs(swing).max() * period / (2 * np.pi))
+        assert not v[-1].any()
+    assert left[1] < 1e-3 * np.abs(end).max()
+    assert left[0] > 100 * left[1]
+    v = min(SPEED / np.abs(end).max(), 1 / period)
+    assert (len(q) - 1) / rate == pytest.approx(1 / v + period, rel=0.05)
+
+
 def test_velocities_and_accelerations_of_movements_are_derivatives():
     for q, v, a in (
         path_between((0.0, 1.0), (1.0, 0.7), (QUICK, SLOW), 2000.0),

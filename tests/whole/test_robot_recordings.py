@@ -22,6 +22,7 @@ from whiptool.identification.fit import fit
 from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller, PositionControl
 from whiptool.limits.arm_limits import ArmLimits
+from whiptool.limits.robot_trajectory import Execution
 from whiptool.models import Model, WhipParameters, preset, read_model, write_model
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.recording.readers import read_recording
@@ -147,7 +148,7 @@ def adaptation(folder) -> Adaptation:
     keeps = (ArmLimits.of(model.arm, prescribed=True),)
     effort = {"starts": 1, "first": LITTLE, "later": LITTLE}
     options = Options(max_strikes=1, bounds=BOUNDS, limits=keeps, t_stay=0.15, **effort)
-    return Adaptation(belief, RobotPort(model, GOAL, rest=0.1, t_stay=0.15), GOAL, options, folder)
+    return Adaptation(belief, RobotPort(model, GOAL, execution=Execution(rest=0.1), t_stay=0.15), GOAL, options, folder)
 
 
 @pytest.mark.slow

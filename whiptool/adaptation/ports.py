@@ -16,9 +16,10 @@ import numpy as np
 
 from whiptool.adaptation.steps import Seen, seen_of
 from whiptool.adaptation.twins import Twin
-from whiptool.errors import WhiptoolError, expect
+from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.goals.target import Target, as_target
-from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
+from whiptool.limits.all_limits import default_limits
+from whiptool.limits.robot_trajectory import Execution
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.models.trajectory import Approach
@@ -160,8 +161,7 @@ class RobotPort:
     Args:
         model: Model of the robot's arm with the whip.
         target: Target, for the miss distance.
-        rate: Samples a second of the trajectory [1/s].
-        rest: Time at rest before the strike, in which the whip stops swinging [s].
+        execution: How the robot makes strikes; by default it stands at each strike's start.
         t_stay: Time after the movement's end for which the tip is still observed [s].
         rig: The robot, which makes the strikes itself and records its joints; None: the user's own program does.
     """
@@ -173,20 +173,20 @@ class RobotPort:
         model: Model,
         target: Target,
         *,
-        rate: float = RATE,
-        rest: float = REST,
+        execution: Execution | None = None,
         t_stay: float = T_STAY,
         rig: Rig | None = None,
     ) -> None:
-        self.model, self.target, self.rate, self.rest, self.t_stay = model, target, rate, rest, t_stay
-        self.rig = rig
+        self.model, self.target, self.t_stay = model, target, t_stay
+        self.execution, self.rig = Execution() if execution is None else execution, rig
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Return the recording of a strike from the folder; see `Port.strike`.
 
         Raises:
             AwaitsRecording: The recording does not exist yet; the trajectory for the robot is in the folder.
-            InputError: The recording cannot be read.
+            InputError: The recording cannot be read, or the way from the robot's posture to the strike's start is not
+                within the default limits.
         """
         assert folder is not None
         file = folder / RECORDED
@@ -246,10 +246,11 @@ class RobotPort:
 
     def _told(self, strike: Strike, folder: Path) -> Path:
         """Write a strike's trajectory, and return its file."""
-        arm = self.model.arm
-        path = JointTrajectory.of_strike(
-            strike, arm.names, limits=arm.joint_limits, rate=self.rate, rest=self.rest, t_stay=self.t_stay
-        )
+        limits = default_limits(self.model, prescribed=True)
+        path, beyond = self.execution.of_strike(self.model, strike, self.t_stay, limits)
+        if beyond is not None:
+            rule = "a posture from which a straight line of the joints leads to the strike's start within the limits"
+            raise InputError("posture", self.execution.posture or "the strike's start", f"{rule}; {beyond}")
         path.save_goal(folder / f"{TRAJECTORY}.yaml")
         path.save_csv(folder / f"{TRAJECTORY}.csv")
         return folder / f"{TRAJECTORY}.csv"

@@ -17,9 +17,7 @@ from tyro.conf import Positional
 from whiptool.adaptation.ports import AwaitsRecording, RobotPort, truth_of
 from whiptool.commands import cli, run_folders
 from whiptool.commands.cli import tell_when_interrupted
-from whiptool.commands.options.option_group import (
-    OptionGroup,
-)
+from whiptool.commands.options.option_group import OptionGroup, renaming
 from whiptool.commands.options.rig_options import (
     ADDRESS,
     ROBOT,
@@ -168,7 +166,8 @@ def _port(options: AdaptOptions, model, controller, stock, interlock: Interlock)
     goal = options.build_target(model)
     target = goal.position
     if options.port == ROBOT:
-        return RobotPort(model, goal, t_stay=options.t_stay)
+        options.check_posture(model)
+        return RobotPort(model, goal, execution=options.build_execution(), t_stay=options.t_stay)
     if ADDRESS in options.port:
         return _port_of_robot(options, model, stock, interlock)
     if options.port != "twin":
@@ -236,6 +235,8 @@ class NextOptions(OptionGroup):
     """Run folder that `whiptool adapt --port robot` made."""
     cameras: Path | None = None
     """TOML file with the calibration of the cameras in space; default: the file that each sidecar file names."""
+    posture: tuple[float, ...] | None = None
+    """Present posture of the robot [rad], from which the next trajectory begins. Default: the start of the strike."""
     json: bool = False
     """Print one JSON object."""
 
@@ -251,7 +252,9 @@ def _next(options: NextOptions) -> int:
         raise InputError("--run", str(options.run), f"a run that began with --port {ROBOT} or --camera none")
     if options.cameras is not None and len(options.recordings) < 2:
         raise InputError("--cameras", str(options.cameras), "only with the recordings of two cameras or more")
-    return _adapt(replace(begun, resume=options.run, out=None, json=options.json), told=options)
+    return _adapt(
+        replace(begun, resume=options.run, out=None, json=options.json, posture=options.posture), told=options
+    )
 
 
 def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
@@ -274,9 +277,10 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
             assert isinstance(port, RobotPort)
             adapter.tell(_recorded(port, adapter.asked, told), must_teach=True)
         try:
-            adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
+            with renaming({"posture": "--posture"}):
+                adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
-            return _ask(waits, folder.path, as_json=options.json)
+            return _ask(waits, folder.path, options)
         summary = _summary(steps)
         folder.write_result(summary)
         options.tell(summary, _conclusion(summary, folder.path))
@@ -298,13 +302,17 @@ def _recorded(port: RobotPort, strike: Strike, told: NextOptions) -> StrikeRecor
     return port.read_cameras(told.recordings, strike, told.cameras)
 
 
-def _ask(waits: AwaitsRecording, folder: Path, *, as_json: bool) -> int:
+def _ask(waits: AwaitsRecording, folder: Path, options: AdaptOptions) -> int:
     """Print which strike the user's robot has to make next, and how to continue the run."""
     strike = waits.strike.vector.tolist()
-    if as_json:
+    if options.json:
         told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}
         print(json.dumps({**told, "number": waits.number, "strike": strike}))
         return AWAITS
+    if options.posture is None:
+        note(
+            "the trajectory begins at the strike's start, where the robot has to stand; --posture says where it stands"
+        )
     which = f"strike {waits.number}" if waits.number else "a look at the whip, before the first strike"
     print(f"{which}: {' '.join(f'{x:.6g}' for x in strike)}")
     print(

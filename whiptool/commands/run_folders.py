@@ -171,7 +171,7 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
             raise InputError("--resume", str(folder.path), f"a run of the same {part}", fix)
 
 
-_LABELS = ("names", "stick")  # keys of an arm that change no simulation
+_LABELS = ("names", "rate", "stick")  # keys of an arm that change no simulation
 
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:

@@ -157,6 +157,8 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
             if not capsule[name]:
                 del capsule[name]
     table.pop("notes", None)
+    if table.get("rate") is None:
+        table.pop("rate", None)
     if table.get("names") == table["joints"]:
         del table["names"]
     if table.get("stick") == [0.0, 0.0]:

@@ -22,6 +22,7 @@ from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
 from whiptool.models.smooth_path import path_between
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, Vector, limit_unit
+from whiptool.models.spline_points import spline_points
 from whiptool.models.strike import StrikePath
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -82,6 +83,7 @@ class JointTrajectory:
         rate: float = RATE,
         rest: float = REST,
         t_stay: float = 0.0,
+        sway: float = 0.0,
     ) -> JointTrajectory:
         """Return the movement from a posture to a strike's start, a rest, the strike's reference (Eq. 1), and a stay at
         its end.
@@ -95,6 +97,8 @@ class JointTrajectory:
             rate: Sampling rate [1/s]; all parts of the trajectory begin at a sample.
             rest: Least time at rest before the strike [s].
             t_stay: Least time after the strike [s].
+            sway: Period [s] of the hanging whip, which the movement to the start does not leave swinging; see
+                `path_between`.
 
         Raises:
             InputError: A value is out of range, or has another number of joints.
@@ -105,7 +109,7 @@ class JointTrajectory:
         step = 1 / number("rate", rate, low=1)
         parts = []
         if start is not None:
-            way = path_between(numbers("start posture", tuple(start), n), strike.q_i, limits, rate)
+            way = path_between(numbers("start posture", tuple(start), n), strike.q_i, limits, rate, sway=sway)
             parts.append(tuple(x[:-1] for x in way))  # its end is the next part's first sample
         parts.append(strike.reference(np.zeros(_samples(number("rest", rest, low=0), step))))
         parts.append(strike.reference(_instants(strike.D, step)))
@@ -228,12 +232,25 @@ class JointTrajectory:
         return cls(tuple(names), values[:, 0], q, v, a, values[:, -len(POSE) :] if with_hand else None)
 
     def save_goal(self, path: Path | str) -> None:
-        """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`."""
+        """Write the goal of a ROS 2 `FollowJointTrajectory` action as YAML, with the fields of `trajectory_msgs`.
+
+        Its points are those of `for_splines`, as all samples are too long for an argument of `ros2 action send_goal`.
+        """
+        few = self.for_splines()
         points = [
             {"positions": q, "velocities": v, "accelerations": a, "time_from_start": _duration(t)}
-            for t, q, v, a in zip(self.t, self.q.tolist(), self.v.tolist(), self.a.tolist(), strict=True)
+            for t, q, v, a in zip(few.t, few.q.tolist(), few.v.tolist(), few.a.tolist(), strict=True)
         ]
         _write_yaml({"trajectory": {"joint_names": list(self.joints), "points": points}}, path)
+
+    def for_splines(self) -> JointTrajectory:
+        """Return the trajectory with the few samples from which a controller's quintic splines repeat all of them.
+
+        The splines are within 1e-6 rad or m of the positions, and 1e-3 rad/s^2 or m/s^2 of the accelerations.
+        """
+        few = spline_points(self.t, self.q, self.v, self.a)
+        hand = None if self.hand is None else self.hand[few]
+        return JointTrajectory(self.joints, self.t[few], self.q[few], self.v[few], self.a[few], hand)
 
     def save_hand(self, path: Path | str) -> None:
         """Write the hand's poses as YAML, with the fields of a ROS 2 message `trajectory_msgs/MultiDOFJointTrajectory`.

@@ -61,6 +61,7 @@ class ArmParameters(JointedArm):
 
     QUANTITIES: ClassVar = ("mass", "length", "com", "inertia", "friction")
     dimension: ClassVar = 2
+    rate: ClassVar[float | None] = None  # of a controller: unknown
     notes: ClassVar[tuple[str, ...]] = ()  # of what was assumed: nothing
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from whiptool.models.spatial_arm import JointLimits
 
 GENTLE = 0.2  # share of the joints' limits that the way to a strike's start uses
 SPEED, ACCELERATION, JERK = 1.0, 2.0, 20.0  # of that way at most [rad/s, rad/s^2, rad/s^3; m for prismatic joints]
+LONGEST_SWAY = 10.0  # [s]
 BRAKING, BRAKING_JERK = 10.0, 500.0  # of a stop, where a joint has no such limit [rad/s^2, rad/s^3; m if prismatic]
 
 _SLOWER, _SLOWEST = 10, 20  # times that a movement is slowed down by velocity limits of positions, and by how much
@@ -33,6 +34,7 @@ def path_between(
     rate: float,
     *,
     share: float = GENTLE,
+    sway: float = 0.0,
 ) -> Path:
     """Return the fastest movement from rest to rest along the straight line between two postures.
 
@@ -45,6 +47,9 @@ def path_between(
         limits: Limits of each joint, (n,); empty: none.
         rate: Samples per second [1/s].
         share: Share of the limits of velocity, acceleration and jerk that may be used, in (0, 1].
+        sway: Period [s] in which what the arm carries swings, such as a hanging whip. The arm speeds up and slows down
+            over one period each, after which hardly a swing is left, and the movement takes two periods or more; 0: as
+            fast as the limits allow.
 
     Returns:
         Positions, velocities and accelerations, (T, n) each, at k / rate; one sample for equal postures.
@@ -64,6 +69,8 @@ def path_between(
         return start[None], np.zeros((1, len(start))), np.zeros((1, len(start)))
     moving = span != 0
     most = (np.array(allowed)[moving] / np.abs(span[moving])[:, None]).min(axis=0)  # of the covered fraction of the way
+    if number("sway", sway, low=0, high=LONGEST_SWAY):
+        most = _without_swing(most, sway)
     profile = _planned(((0.0,), (0.0,), (0.0,)), most, to=1.0)
     T = math.ceil(profile.duration / step - 1e-9)
     for _ in range(_SLOWER):
@@ -128,6 +135,18 @@ def path_to_rest(
     positions, velocities, accelerations = _sampled(profile, np.arange(T + 1) * step)
     velocities[-1], accelerations[-1] = 0.0, 0.0
     return positions, velocities, accelerations
+
+
+def _without_swing(most: np.ndarray, period: float) -> np.ndarray:
+    """Return limits (3,) with which a way of length 1 has phases of acceleration and deceleration of one period each.
+
+    A constant acceleration that lasts for a whole period of an undamped pendulum leaves it at rest: its Fourier
+    transform is zero at the pendulum's frequency. The rounding by the jerk does not change that.
+    """
+    velocity, acceleration, jerk = most
+    v = min(velocity, acceleration * period, 1 / period)
+    v = min(v, 1 / (period + v / period / jerk))  # short of which the two phases would overlap
+    return np.array([v, v / period, jerk])
 
 
 def _planned(now: Sequence[tuple[float, ...]], most: np.ndarray, *, to: float | None = None) -> Trajectory:

@@ -365,6 +365,8 @@ class SpatialArm(JointedArm):
             same.
         stick: Length [m] and mass [kg] of the stick that the last link includes, of which a robot's flange is told;
             zeros without a stick.
+        rate: Commanded positions per second that the robot's controller takes [1/s], for exported strikes; None:
+            unknown.
         notes: Assumptions made when the arm was read from a file, in sentences.
 
     Raises:
@@ -380,6 +382,7 @@ class SpatialArm(JointedArm):
     weightless: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     stick: tuple[float, float] = (0.0, 0.0)
+    rate: float | None = None
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     dimension: ClassVar = 3
@@ -406,6 +409,8 @@ class SpatialArm(JointedArm):
             raise InputError("names", self.names, f"{len(links)} names, one for each joint, or none")
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "stick", (metres("stick length", self.stick[0], strict=False), self.stick[1]))
+        if self.rate is not None:
+            object.__setattr__(self, "rate", number("rate", self.rate, low=1))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property

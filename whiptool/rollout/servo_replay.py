@@ -38,8 +38,10 @@ def replay_trajectory(model: Model, trajectory: JointTrajectory) -> Trajectory:
     Raises:
         InputError: The trajectory has other joints.
     """
-    if trajectory.joints not in (model.arm.joints, model.arm.names):
-        rule = f"those of the arm of {model.name}: {', '.join(model.arm.names)}"
+    named = zip(trajectory.joints, model.arm.names, strict=False)
+    prefixed = len(trajectory.joints) == model.arm.n and all(given.endswith(own) for given, own in named)
+    if trajectory.joints != model.arm.joints and not prefixed:
+        rule = f"those of the arm of {model.name}, with any prefix: {', '.join(model.arm.names)}"
         raise InputError("joints of the trajectory", trajectory.joints, rule)
     check_turns("trajectory", trajectory.q, model.arm)
     omega = 2 * math.pi * BANDWIDTH

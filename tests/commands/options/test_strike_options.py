@@ -179,8 +179,8 @@ def test_the_files_of_one_strike_say_the_same(tmp_path):
     read = JointTrajectory.load_csv(tmp_path / "strike.csv")
     goal = yaml.safe_load((tmp_path / "strike.yaml").read_text())["trajectory"]["points"]
     hand = yaml.safe_load((tmp_path / "strike-hand.yaml").read_text())["points"]
-    assert [p["time_from_start"] for p in goal] == [p["time_from_start"] for p in hand]
-    np.testing.assert_array_equal([p["positions"] for p in goal], read.q)
+    assert len(hand) == len(read.t)
+    np.testing.assert_array_equal([p["positions"] for p in goal], read.for_splines().q)
     places = [list(p["transforms"][0]["translation"].values()) for p in hand]
     assert read.hand is not None
     np.testing.assert_array_equal(places, read.hand[:, :3])

@@ -25,6 +25,7 @@ from whiptool.commands.options.option_group import (
     unless,
     when,
 )
+from whiptool.commands.options.strike_options import EXECUTION, ExecutionOptions
 from whiptool.commands.options.target_options import GoalOptions, TargetOptions
 from whiptool.errors import InputError
 
@@ -274,9 +275,10 @@ _IN_SPACE = Condition("only for a model in space", lambda o: o.find_model().dime
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
+class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
     """Options of `adapt`, which strikes, films, identifies the whip and plans again until an unknown whip hits."""
 
+    of_this_call: ClassVar[tuple[str, ...]] = ("posture",)
     first: ClassVar[tuple[str, ...]] = ("port", "camera", "family", "material")
     in_space: ClassVar[bool] = True
     only_with: ClassVar[Conditions] = {
@@ -284,6 +286,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ArmOptions):
         "settle": (_OF_RIGS, _NOT_AT_REST),
         "approach_speed": (_OF_RIGS, _NOT_AT_REST, _SERVOS),
         **dict.fromkeys(("rate", "friction", "latency", "limits"), (_OF_RIGS, _SERVOS)),
+        **dict.fromkeys(EXECUTION, when("port", ROBOT)),
         "family": (_SIMULATED,),
         **dict.fromkeys(("direction", "arrival_angle"), (_IN_SPACE,)),
         "length": (when("material", why="; or give --model or --prior"),),

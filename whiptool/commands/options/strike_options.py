@@ -27,6 +27,7 @@ from whiptool.progress import note
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.limits.limits import Limits
+    from whiptool.limits.robot_trajectory import Execution
     from whiptool.models.joint_trajectory import JointTrajectory
     from whiptool.models.parameters import Model
     from whiptool.models.strike import StrikePath
@@ -173,42 +174,30 @@ class LimitOptions(OptionGroup):
             return named_limits(vars(self), model, prescribed=controller.prescribed)
 
 
-_WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
+EXECUTION = ("posture", "rest", "trajectory_rate", "joint_prefix")  # options of `ExecutionOptions`
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryOptions(OptionGroup):
-    """Options for writing the strike as a joint trajectory for a robot."""
+class ExecutionOptions(OptionGroup):
+    """Options for how a robot makes a strike."""
 
     heading: ClassVar[str] = "trajectory for a robot"
-    first: ClassVar[tuple[str, ...]] = ("export_trajectory",)
-    only_with: ClassVar[Conditions] = dict.fromkeys(("trajectory_rate", "posture", "rest"), when("export_trajectory"))
-    of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", "trajectory_rate", "posture", "rest")
     ranges: ClassVar[Ranges] = {
         "posture": Interval(),
         "trajectory_rate": Interval(1, 100_000),
         "rest": Interval(0, 600),
     }
 
-    export_trajectory: Path | None = None
-    """File for the strike as a joint trajectory, for a robot. A .csv file holds positions, velocities and
-    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the
-    poses of the hand are written too, as further columns of FILE.csv or as FILE-hand.yaml."""
-    trajectory_rate: float = 500.0
-    """Samples per second in the file of --export-trajectory."""
     posture: tuple[float, ...] | None = None
-    """Present posture of the robot [rad], from which the exported trajectory moves to the start of the strike. Default:
-    the start of the strike."""
+    """Present posture of the robot [rad], from which the trajectory moves to the start of the strike. Default: the
+    start of the strike."""
     rest: float = 3.0
-    """Pause before the strike in the exported trajectory, in which the whip comes to rest [s]."""
-
-    def check(self) -> None:
-        super().check()
-        if self.export_trajectory is None:
-            return
-        if self.export_trajectory.suffix not in _WRITERS:
-            raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
-        check_place("--export-trajectory", self.export_trajectory)
+    """Pause before the strike in the trajectory, in which the whip comes to rest [s]."""
+    trajectory_rate: float | None = None
+    """Samples per second in the trajectory. Default: as many as the robot's controller takes (panda 1000, ur5e 500), or
+    500 where that is unknown."""
+    joint_prefix: str = ""
+    """Text before the joints' names in the trajectory, such as left_ for a robot whose driver has this prefix."""
 
     def check_posture(self, model: Model) -> None:
         """Refuse a posture whose number of joints is not that of the model's arm.
@@ -218,6 +207,37 @@ class TrajectoryOptions(OptionGroup):
         """
         if self.posture is not None and len(self.posture) != model.arm.n:
             raise InputError("--posture", self.posture, f"{model.arm.n} numbers, for an arm of {model.arm.n} joints")
+
+    def build_execution(self) -> Execution:
+        """Return how a robot makes a strike."""
+        from whiptool.limits.robot_trajectory import Execution
+
+        return Execution(posture=self.posture, rate=self.trajectory_rate, rest=self.rest, prefix=self.joint_prefix)
+
+
+_WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrajectoryOptions(ExecutionOptions):
+    """Options for writing the strike as a joint trajectory for a robot."""
+
+    first: ClassVar[tuple[str, ...]] = ("export_trajectory",)
+    only_with: ClassVar[Conditions] = dict.fromkeys(EXECUTION, when("export_trajectory"))
+    of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", *EXECUTION)
+
+    export_trajectory: Path | None = None
+    """File for the strike as a joint trajectory, for a robot. A .csv file holds positions, velocities and
+    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the
+    poses of the hand are written too, as further columns of FILE.csv or as FILE-hand.yaml."""
+
+    def check(self) -> None:
+        super().check()
+        if self.export_trajectory is None:
+            return
+        if self.export_trajectory.suffix not in _WRITERS:
+            raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
+        check_place("--export-trajectory", self.export_trajectory)
 
     def build_trajectory(
         self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = ()
@@ -235,18 +255,8 @@ class TrajectoryOptions(OptionGroup):
         """
         if self.export_trajectory is None:
             return None
-        from whiptool.limits.arm_limits import ArmLimits
-        from whiptool.limits.clearance import Clearance
-        from whiptool.models.joint_trajectory import JointTrajectory
-
-        limits = next((x.joints for x in given if isinstance(x, ArmLimits)), model.arm.joint_limits)
-        options = {"start": self.posture, "rate": self.trajectory_rate, "rest": self.rest, "t_stay": t_stay}
-        found = JointTrajectory.of_strike(strike, model.arm.names, limits=limits, **options)
-        slides = [joint in model.arm.slides for joint in model.arm.joints]
-        touches = (x.beyond_on_way(found.t, found.q) for x in given if isinstance(x, Clearance))
-        self.refuse_beyond(
-            found.beyond(limits, slides=slides) or next((said for said in touches if said is not None), None)
-        )
+        found, beyond = self.build_execution().of_strike(model, strike, t_stay, given)
+        self.refuse_beyond(beyond)
         return found
 
     def refuse_beyond(self, words: str | None) -> None:
