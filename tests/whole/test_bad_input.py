@@ -678,6 +678,9 @@ emulator --lockstep --period 0 | period
 emulator --lockstep --period nan | period
 emulator --model lemon2025 | lemon2024
 emulator --link absent/link | link
+emulator --faults flood | --faults
+emulator --faults drop:at=soon | --faults
+emulator --reboot-time -1 | --reboot-time
 """
 
 # What is taken although it looks odd, and why

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.commands import cli
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, when, whole
+from whiptool.commands.options.option_group import Conditions, OptionGroup, renaming, unless, when, whole
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
@@ -156,6 +156,7 @@ class EmulatorOptions(ModelOptions):
     """Options of `python -m whiptool.rig.emulator`, which emulates servos on a pseudo-terminal."""
 
     only_with: ClassVar[Conditions] = {"period": when("lockstep")}
+    first: ClassVar[tuple[str, ...]] = ("baud", "friction", "lockstep", "link", "faults")
 
     baud: Baud = 1_000_000
     """Baud rate of the emulated servos."""
@@ -170,9 +171,10 @@ class EmulatorOptions(ModelOptions):
     reboot_time: float | None = None
     """Time for which a servo does not answer after a reboot [s]; default: 0.4, and 0 in lock-step."""
     faults: tuple[str, ...] = ()
-    """Faults, each KIND:NAME=NUMBER:.. such as drop:at=2:count=10 or sag:at=2:volts=8:lasting=0.5 or same_id:servo=1.
-    Kinds of the line: drop, corrupt, late, split, duplicate, lose, unplug. Of servos: dead, hot, stuck, alert, sag,
-    reboot, same_id. Names: at [s], count (packets), servo (from 0), seed, volts, lasting [s]."""
+    """Faults that happen, such as drop:at=2:count=10 (from 2 s on ten replies are lost). Each is KIND:NAME=NUMBER:..,
+    further examples are sag:at=2:volts=8:lasting=0.5 and same_id:servo=1. Kinds of the line are drop, corrupt, late,
+    split, duplicate, lose and unplug; kinds of servos are dead, hot, stuck, alert, sag, reboot and same_id. Names are
+    at [s], count (packets), servo (from 0), seed, volts, lasting [s]."""
 
     def check(self) -> None:
         super().check()
@@ -182,7 +184,8 @@ class EmulatorOptions(ModelOptions):
 def _faults(o: EmulatorOptions) -> list[Fault]:
     from whiptool.rig.emulator.faults import Fault
 
-    return [Fault.parse(text) for text in o.faults]
+    with renaming({"fault": "--faults"}):
+        return [Fault.parse(text) for text in o.faults]
 
 
 def _serve(o: EmulatorOptions) -> int:

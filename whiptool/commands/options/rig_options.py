@@ -309,9 +309,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense,none}|FILE.db3")] = "points"
     """Camera, with the twin or a robot: points (positions of the tip with the errors of tracked images), twin or
     d435-infrared (both render infrared images) or d435-color (renders colour images), with the twin: tip (positions
-    with 5 mm noise at 60 Hz, without servos), with a robot: none (your own cameras film a real whip, put what they saw
-    into the run folder as recorded.csv and use --resume), and with servos: realsense or FILE.db3 (a RealSense
-    recording)."""
+    with 5 mm noise at 60 Hz, without servos), with a robot: none (your own cameras film a real whip), and with servos:
+    realsense or FILE.db3 (a RealSense recording). With none, put what your cameras saw into the run folder as
+    recorded.csv and use --resume."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Deviation of the simulated whip from --model: small (kin), large (strange) or twice that (stranger). kin: a
     uniform whip near the model; strange: tapered, with a bead, a soft joint and more; stranger: the same deviations,
