@@ -17,6 +17,7 @@ from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
+from whiptool.limits.robot_trajectory import swing_period
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -80,6 +81,7 @@ class RobotRig(FilmedRig):
             rate=self.robot.rate,
             rest=o.settle,
             t_stay=o.t_stay,
+            sway=swing_period(self.model),
         )
 
     def check(self, strike: Strike, trajectory: JointTrajectory, believed: Model | None = None) -> None:
