@@ -32,7 +32,7 @@ PAGES = sorted(DOCS.glob("*.md"))
 EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 TUTORIAL = DOCS / "tutorial.md"
 COMMAND = re.compile(r"^(?:\S*python3? -m whiptool\.|whiptool )(.*)$")
-TWOFOLD = ("rig", "map")  # commands whose second word says what they do
+TWOFOLD = ("rig", "robot", "map")  # commands whose second word says what they do
 COMMANDS = (
     *(set(cli.COMMANDS) - set(TWOFOLD)),
     "adapt next",
@@ -40,6 +40,8 @@ COMMANDS = (
     "map strike",
     "rig strike",
     "rig learn",
+    "robot strike",
+    "robot recover",
     "rig.dynamixel",
     "rig.emulator",
 )
