@@ -15,9 +15,8 @@ from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits
-from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
-from whiptool.limits.robot_trajectory import swing_period
+from whiptool.limits.robot_trajectory import Execution
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -70,43 +69,30 @@ class RobotRig(FilmedRig):
     def _connected(self) -> Robot:
         return self.robot
 
-    def trajectory(self, strike: Strike, posture: np.ndarray) -> JointTrajectory:
-        """Return the movement from a posture (n,) [rad] to the strike's start, the rest, the strike and the stay."""
-        arm, o = self.model.arm, self.options
-        return JointTrajectory.of_strike(
-            strike,
-            arm.names,
-            start=posture.tolist(),
-            limits=arm.joint_limits,
-            rate=self.robot.rate,
-            rest=o.settle,
-            t_stay=o.t_stay,
-            sway=swing_period(self.model),
-        )
-
-    def check(self, strike: Strike, trajectory: JointTrajectory, believed: Model | None = None) -> None:
-        """Refuse a strike that the robot must not make.
+    def trajectory(self, strike: Strike, posture: np.ndarray, believed: Model | None = None) -> JointTrajectory:
+        """Return the movement from a posture to the strike's start, the rest, the strike and the stay.
 
         Args:
             strike: The strike.
-            trajectory: Its trajectory from the present posture.
+            posture: Present positions of the joints [rad], (n,).
             believed: The posterior mean of whip and arm, with which the strike is simulated; default: the rig's model.
 
         Raises:
             StrikeRefused: A command is beyond the limits of the joints or of the robot's controller, the arm comes too
                 close to itself or the floor, or the simulated strike breaks a limit; the message says which.
         """
-        arm = self.model.arm
-        said = trajectory.beyond(arm.joint_limits) or trajectory.beyond(self.robot.limits)
-        for each in self.limits.members:
-            if said is None and isinstance(each, Clearance):
-                said = each.beyond_on_way(trajectory.t, trajectory.q)
-        if said is None and self.limits:
+        o, limits = self.options, self.limits.members
+        execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
+        trajectory, said = execution.of_strike(self.model, strike, o.t_stay, limits)
+        said = said or trajectory.beyond(self.robot.limits)
+        if said is None and limits:
             rollout = CompiledRollout(believed or self.model, self.controller)
-            path = rollout.trajectory(strike, t_stay=self.options.t_stay)
-            said = "the simulation diverged" if path.diverged else self.limits.explain(path, arm.joints, strike)
+            path = rollout.trajectory(strike, t_stay=o.t_stay)
+            joints = self.model.arm.joints
+            said = "the simulation diverged" if path.diverged else self.limits.explain(path, joints, strike)
         if said is not None:
             raise StrikeRefused("strike", strike.vector.tolist(), "a strike within the limits of the robot", said)
+        return trajectory
 
     def _run(
         self,
@@ -117,8 +103,7 @@ class RobotRig(FilmedRig):
         signals: StopSignals,
         on_cycle: Callable[[int, Phase], None],
     ) -> Run:
-        trajectory = self.trajectory(strike, arm.posture())
-        self.check(strike, trajectory, believed)
+        trajectory = self.trajectory(strike, arm.posture(), believed)
         arm.set_payload(payload_of(self.model))
         begins = _beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
