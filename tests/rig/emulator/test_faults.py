@@ -67,16 +67,21 @@ def test_a_reboot_takes_its_time():
     s = Servo(1, Motor(), reboot_time=0.4)
     chain = ServoChain([s])
     assert chain.handle(Packet(1, 1)) != []
+    s.write(60, b"\x01")  # torque on at startup
     s.write(64, b"\x01")
     assert chain.handle(Packet(1, 8)) == [status(1, 0)]  # it answers, and is gone
     assert not s.torque_on
     for elapsed in (0.2, 0.19):
         s.age(elapsed)
         assert chain.handle(Packet(1, 1)) == []
+        assert not s.torque_on
+    s.feel(0.2, 0.0, 0.0, 0.4)  # it falls meanwhile
     chain.handle(Packet(1, 3, bytes([65, 0, 1])))
     s.age(0.02)
     assert chain.handle(Packet(1, 1)) != []
     assert s.get("led") == 0
+    assert s.torque_on
+    assert s.get("goal_position") == s.get("present_position") == 2048 + 130
 
 
 def test_a_reboot_by_itself_loses_torque_and_ram(line, twin):

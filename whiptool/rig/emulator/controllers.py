@@ -10,6 +10,7 @@ factory's gains the first three matter in velocity mode alone.
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING
 
 from whiptool.rig.dynamixel.control_table import (
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 PERIOD = 0.001  # [s]
 FULL_PWM = XM430_W350["pwm_limit"].high  # the whole supply voltage
 REVERSE, TIME_BASED, TORQUE_ON_BY_GOAL = 1, 4, 8  # bits of Drive Mode(10)
+_GOALS = struct.Struct("<hh")  # Goal PWM and Goal Current are neighbours
 Drive = tuple[float, float, float]  # wanted current [A], lowest and highest voltage [V]
 OFF: Drive = (0.0, 0.0, 0.0)
 
@@ -128,12 +130,7 @@ class Controllers:
         """Largest output: PWM [counts], or current [counts] in current-based position mode."""
         if self._registers.memory[11] == CURRENT_BASED_MODE:
             return abs(self._registers.get("goal_current")) * self._ampere / AMPERE
-        return self.pwm_bound
-
-    @property
-    def pwm_bound(self) -> int:
-        """Largest PWM of every mode [counts]: Goal PWM, which PWM Limit bounds when either is written."""
-        return abs(self._registers.get("goal_pwm"))
+        return abs(self._registers.get("goal_pwm"))  # which PWM Limit bounds when either is written
 
     def drive(self, volts: float) -> Drive:
         """Return what the bridge does at a supply of `volts` [V]; positive is the direction of rising counts.
@@ -141,13 +138,14 @@ class Controllers:
         Current mode is exact: the motor gets Goal Current as far as the voltage gives it.
         """
         mode, per_pwm = self._registers.memory[11], volts / FULL_PWM
-        bound = self.pwm_bound
+        goal_pwm, goal_current = _GOALS.unpack_from(self._registers.memory, 100)
+        bound = abs(goal_pwm)
         most = bound * per_pwm
         if mode == CURRENT_MODE:
-            return self._registers.get("goal_current") * self._ampere, -most, most
+            return goal_current * self._ampere, -most, most
         if mode == CURRENT_BASED_MODE:
             return self._pwm * AMPERE, -most, most
-        pwm = self._registers.get("goal_pwm") if mode == PWM_MODE else min(max(self._pwm, -bound), bound)
+        pwm = goal_pwm if mode == PWM_MODE else min(max(self._pwm, -bound), bound)
         return 0.0, pwm * per_pwm, pwm * per_pwm
 
 

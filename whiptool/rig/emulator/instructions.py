@@ -129,31 +129,18 @@ class ServoChain:
             return self._bulk_write(data)
         parse, fast = _READS[packet.instruction]
         wanted = parse(data)
-        answer = self._fast if fast else self._in_turn
-        most = max((len(self.find(id)) for id, _, _ in wanted), default=0)
-        several = [answer(wanted, k) for k in range(max(most, 1))]  # of servos with one id, the k-th
+        answer, servos = self._fast if fast else self._in_turn, [self.find(id) for id, _, _ in wanted]
+        most = max(map(len, servos), default=0)
+        several = [answer(wanted, [s[k % len(s)] if s else None for s in servos]) for k in range(max(most, 1))]
         return [overlaid(pieces) for pieces in zip_longest(*several, fillvalue=b"")] if most > 1 else several[0]
 
-    def _in_turn(self, wanted: list[tuple[int, int, int]], k: int) -> list[bytes]:
-        parts = self._parts(wanted, k)
+    def _in_turn(self, wanted: list[tuple[int, int, int]], servos: list[Servo | None]) -> list[bytes]:
+        parts = _parts(wanted, servos)
         return [status(id, error, answer) for id, error, answer in parts if answer is not None]
 
-    def _parts(self, wanted: list[tuple[int, int, int]], k: int) -> list[tuple[int, int, bytes | None]]:
-        """(id, error, data) of each servo asked, the k-th with its id; data None: it does not answer."""
-        parts: list[tuple[int, int, bytes | None]] = []
-        for id, address, length in wanted:
-            servos = self.find(id)
-            servo = servos[k % len(servos)] if servos else None
-            if servo is None or servo.get("status_return_level") < 1:
-                parts.append((id, 0, None))
-            else:
-                error, answer = servo.read(address, length)
-                parts.append((id, servo.alert | error, answer))
-        return parts
-
-    def _fast(self, wanted: list[tuple[int, int, int]], k: int) -> list[bytes]:
+    def _fast(self, wanted: list[tuple[int, int, int]], servos: list[Servo | None]) -> list[bytes]:
         """Each servo adds its part when the one before has sent its own: a dead one ends the reply there."""
-        parts = self._parts(wanted, k)
+        parts = _parts(wanted, servos)
         whole = [
             (id, error, answer if answer else bytes(length))
             for (id, error, answer), (_, _, length) in zip(parts, wanted, strict=True)
@@ -193,6 +180,18 @@ class ServoChain:
         if beat:
             self._on_goal()
         return []
+
+
+def _parts(wanted: list[tuple[int, int, int]], servos: list[Servo | None]) -> list[tuple[int, int, bytes | None]]:
+    """(id, error, data) of each servo asked; data None: it does not answer."""
+    parts: list[tuple[int, int, bytes | None]] = []
+    for (id, address, length), servo in zip(wanted, servos, strict=True):
+        if servo is None or servo.get("status_return_level") < 1:
+            parts.append((id, 0, None))
+        else:
+            error, answer = servo.read(address, length)
+            parts.append((id, servo.alert | error, answer))
+    return parts
 
 
 def _sync(data: bytes) -> list[tuple[int, int, int]]:

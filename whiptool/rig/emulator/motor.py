@@ -61,7 +61,8 @@ class Motor:
         `high` [V] gives it; default: the supply voltage in both directions. With `low` equal to `high`, this is the
         current at that voltage.
         """
-        low, high = -self.voltage if low is None else low, self.voltage if high is None else high
+        if low is None or high is None:
+            low, high = -self.voltage, self.voltage
         emf = self.back_emf * speed
         return min(max(goal, (low - emf) / self.resistance), (high - emf) / self.resistance)
 

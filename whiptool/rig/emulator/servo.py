@@ -29,8 +29,9 @@ from whiptool.rig.emulator.motor import Motor, Protection
 # Realtime Tick, Moving and its status, Present PWM, Current, Velocity and Position, the trajectories of velocity and
 # position, Present Input Voltage and Temperature are neighbours
 _FEEDBACK = struct.Struct("<HBBhhiiiiHB")
-_SHORT, _LONG = 2**15 - 1, 2**31 - 1
+_MOST_SHOWN = (2**15 - 1,) * 2 + (2**31 - 1,) * 4  # of the registers with a sign
 _TURN = 4096  # [counts]
+_NO_HOMING = bytes(4)
 _MOST_HOMING = 1_024  # [counts], largest Homing Offset that has an effect in position mode
 # Whether a servo is at its goal, or no longer follows its trajectory [counts]; the manual does not give these values
 IN_POSITION, NOT_FOLLOWING = 20, 100
@@ -82,10 +83,11 @@ class Servo(Memory):
         self.temperature = self.protection.ambient
         self._silent = self._overloaded = self.booting = 0.0  # [s]
         self.q = self.v = self.current = 0.0  # at the output
-        self._turns = 0
+        self._fine = self.units.fineness
+        self._zero = _TURN // 2 * self._fine  # Present Position at q = 0 without Homing Offset [counts]
         self._t = self._born = 0.0  # [s], of the last measurement and of the last boot
         self._backup: dict[str, int] = {}
-        self.controllers = Controllers(self, fineness=self.units.fineness, ampere=self._per_count)
+        self.controllers = Controllers(self, fineness=self._fine, ampere=self._per_count)
         self._switch_on(id=id, baud_rate=baud, return_delay_time=return_delay)
 
     def _switch_on(self, **kept: int) -> None:
@@ -98,21 +100,25 @@ class Servo(Memory):
 
     def boot(self) -> None:
         """Power on: set RAM to its initial values or to the backup; EEPROM is kept. It does not answer for a while."""
-        startup = self.get("startup_configuration")
         for r in XM430_W350.values():
             if not r.eeprom:
                 self.set(r.name, self.default(r))
         self._reset_goals()
-        if startup & RESTORE_AT_STARTUP:
+        if self.get("startup_configuration") & RESTORE_AT_STARTUP:
             for name in _KEPT_RAM:
                 self.set(name, self._backup.get(name, self.get(name)))
         self.set("backup_ready", bool(self._backup))
         self.registered, self._silent, self._overloaded, self._born = None, 0.0, 0.0, self._t
         self.current, self.booting = 0.0, self.reboot_time
         self.within_one_turn()
+        if not self.booting:
+            self._wake()
+
+    def _wake(self) -> None:
+        """The boot is over: it holds where it is, if Startup Configuration(60) says so."""
         self.set("goal_position", self._ticks())
-        self.controllers.rest(self._ticks() / self.units.fineness)
-        self.set("torque_enable", startup & TORQUE_AT_STARTUP)
+        self.controllers.rest(self._ticks() / self._fine)
+        self.set("torque_enable", self.get("startup_configuration") & TORQUE_AT_STARTUP)
         self.show()
 
     def factory_reset(self, option: int) -> bool:
@@ -201,7 +207,7 @@ class Servo(Memory):
             if self.memory[11] == VELOCITY_MODE:
                 self.controllers.go()
         elif name in _GOAL_UNDER:
-            most = value * (self.units.fineness if name == "velocity_limit" else 1)
+            most = value * (self._fine if name == "velocity_limit" else 1)
             self.set(_GOAL_UNDER[name], max(-most, min(self.get(_GOAL_UNDER[name]), most)))
         elif name in ("homing_offset", "drive_mode"):
             self.show()
@@ -210,7 +216,7 @@ class Servo(Memory):
         """Torque is switched on."""
         if self.memory[11] == POSITION_MODE:
             self.within_one_turn()
-        self.controllers.rest(self._ticks() / self.units.fineness)
+        self.controllers.rest(self._ticks() / self._fine)
 
     def _begin(self) -> None:
         """The goal of the mode was written: begin its profile; Drive Mode(10) may have it switch torque on."""
@@ -230,8 +236,8 @@ class Servo(Memory):
 
     def within_one_turn(self) -> None:
         """Forget the turns: Present Position without Homing Offset is within 0 and 4095 counts from now on."""
-        turn = _TURN * self.units.fineness
-        self._turns = -((self._ticks() - self._turns * turn - self._homing()) // turn)
+        turn, half = _TURN * self._fine, _TURN // 2 * self._fine
+        self._zero = half - (self._ticks() - self._homing() - self._zero + half) // turn * turn
         self.show()
 
     # -- what happens to it --------------------------------------------------------------------------------------
@@ -250,20 +256,16 @@ class Servo(Memory):
     def control(self) -> None:
         """Go on by one period of the controllers, with torque on."""
         if self.torque_on:
-            sign = self._sign
-            self.controllers.step(
-                self._ticks() / self.units.fineness, sign * self.v / self._per_speed / self.units.fineness
-            )
+            self.controllers.step(self._ticks() / self._fine, self._sign * self.v / self._per_speed / self._fine)
 
     def _homing(self) -> int:
         homing = self.get("homing_offset")
-        ignored = self.memory[11] == POSITION_MODE and abs(homing) > _MOST_HOMING * self.units.fineness
+        ignored = self.memory[11] == POSITION_MODE and abs(homing) > _MOST_HOMING * self._fine
         return 0 if ignored else homing
 
     def _ticks(self) -> int:
-        f = self.units.fineness
-        actual = round(self._sign * self.q / self._per_tick) + (_TURN // 2 + self._turns * _TURN) * f
-        return actual + self._homing()
+        ticks = self._sign * round(self.q / self._per_tick) + self._zero
+        return ticks + self._homing() if self.memory[20:24] != _NO_HOMING else ticks
 
     def feel(self, q: float, v: float, current: float, t: float) -> None:
         """Update the measured position q [rad], speed v [rad/s] and current [A] at time t [s]."""
@@ -274,37 +276,44 @@ class Servo(Memory):
 
     def show(self) -> None:
         """Write what is measured into the registers."""
-        sign, fine = self._sign, self.units.fineness
+        memory, sign, ticks, pwm = self.memory, self._sign, self._ticks(), 0
         speed = 0 if self.stuck else sign * round(self.v / self._per_speed)
-        ticks, mode = self._ticks(), self.memory[11]
-        positions, on = mode in _POSITION_MODES, self.torque_on
-        p, v, pwm = ticks, 0, 0
-        if on:
+        planned = (False, 0, 0, ticks)
+        if self.torque_on:
             volts = self.current * self.motor.resistance + self.motor.back_emf * self.v
             pwm = sign * round(volts / self.volts * FULL_PWM)
-            if mode not in (CURRENT_MODE, PWM_MODE):
-                profile_p, profile_v = self.controllers.trajectory()
-                p, v = round(profile_p * fine) if positions else ticks, round(profile_v * fine)
-        ongoing = on and positions and self.controllers.ongoing
-        moving = ongoing or abs(speed) > self.get("moving_threshold") * fine
-        status = self._moving_status(ticks, p, ongoing) if on and positions else 0
-        # a loop that diverges goes beyond what a register can show, before anybody ends it
-        shorts = [max(-_SHORT, min(x, _SHORT)) for x in (pwm, sign * round(self.current / self._per_count))]
-        longs = [max(-_LONG, min(x, _LONG)) for x in (speed, ticks, v, p)]
-        tick = int((self._t - self._born) * 1000 + 1e-6) % TICKS
-        volts, warm = round(self.volts / VOLTAGE_UNIT), min(255, round(self.temperature + self.heat))
-        _FEEDBACK.pack_into(self.memory, 120, tick, moving, status, *shorts, *longs, volts, warm)
+            if memory[11] not in (CURRENT_MODE, PWM_MODE):
+                planned = self._planned(ticks)
+        moving = planned[0] or abs(speed) > (memory[24] | memory[25] << 8) * self._fine
+        milliseconds = int((self._t - self._born) * 1000 + 1e-6)
+        warm = min(255, round(self.temperature + self.heat))
+        measured = (pwm, sign * round(self.current / self._per_count), speed, ticks, *planned[2:])
+        shown = milliseconds % TICKS, moving, planned[1]
+        supply = round(self.volts / VOLTAGE_UNIT), warm
+        try:
+            _FEEDBACK.pack_into(memory, 120, *shown, *measured, *supply)
+        except struct.error:  # a loop that diverges goes beyond what a register can show, before anybody ends it
+            held = [max(-most, min(x, most)) for x, most in zip(measured, _MOST_SHOWN, strict=True)]
+            _FEEDBACK.pack_into(memory, 120, *shown, *held, *supply)
 
-    def _moving_status(self, ticks: int, trajectory: int, ongoing: bool) -> int:
-        fine = self.units.fineness
-        arrived = abs(self.get("goal_position") - ticks) <= IN_POSITION * fine
-        lost = abs(trajectory - ticks) > NOT_FOLLOWING * fine
-        return arrived | ongoing << 1 | lost << 3 | self.controllers.profile.kind << 4
+    def _planned(self, ticks: int) -> tuple[bool, int, int, int]:
+        """Whether a profile to a position is in progress, Moving Status, Velocity and Position Trajectory."""
+        p, v = self.controllers.trajectory()
+        v = round(v * self._fine)
+        if self.memory[11] == VELOCITY_MODE:
+            return False, 0, v, ticks
+        p, ongoing = round(p * self._fine), self.controllers.ongoing
+        arrived = abs(self.get("goal_position") - ticks) <= IN_POSITION * self._fine
+        lost = abs(p - ticks) > NOT_FOLLOWING * self._fine
+        return ongoing, arrived | ongoing << 1 | lost << 3 | self.controllers.profile.kind << 4, v, p
 
     def age(self, dt: float) -> None:
         """Advance watchdog, temperature, overload and boot by dt [s]."""
         p = self.protection
-        self.booting = max(0.0, self.booting - dt)
+        if self.booting:
+            self.booting = max(0.0, self.booting - dt)
+            if not self.booting:
+                self._wake()
         power = self.current**2 * self.motor.resistance
         self.temperature += (p.ambient + p.heating * power - self.temperature) * min(dt / p.warming_time, 1.0)
         self._overloaded = self._overloaded + dt if abs(self.current) > p.overload_current else 0.0
@@ -342,7 +351,7 @@ class Servo(Memory):
         for name in ("goal_velocity", "profile_acceleration", "profile_velocity"):
             self.set(name, 0)
         self.set("goal_position", self._ticks())
-        self.controllers.rest(self._ticks() / self.units.fineness)
+        self.controllers.rest(self._ticks() / self._fine)
 
     def __repr__(self) -> str:
         return f"Servo(id={self.get('id')}, torque_on={self.torque_on})"
