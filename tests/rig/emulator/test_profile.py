@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ruckig
 
 from whiptool.rig.emulator.profile import (
     ACCELERATION,
@@ -96,7 +97,6 @@ def test_a_new_goal_on_the_way_changes_the_velocity_without_a_jump(timed):
 
 
 def test_the_fastest_profile_is_another_planners():
-    ruckig = pytest.importorskip("ruckig")
     rng = np.random.default_rng(1)
     for _ in range(200):
         p, goal = rng.uniform(-4000, 4000, 2)
