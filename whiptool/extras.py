@@ -22,7 +22,7 @@ EXTRAS = {
     "rl": {"torch": "torch", "gymnasium": "gymnasium", "tensorboard": "tensorboard"},
     "vision": {"cv2": "opencv-python-headless"},
     "rig": {"dynamixel_sdk": "dynamixel-sdk", "pyrealsense2": "pyrealsense2"},
-    "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d"},
+    "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d", "mcap": "mcap"},
     "cluster": {"ray": "ray"},
     "oracle": {"elastica": "pyelastica", "numba": "numba"},
     "human": {"h5py": "h5py", "statsmodels": "statsmodels"},

@@ -256,3 +256,17 @@ def test_space_pauses_the_viewer(run, monkeypatch):
     assert len(set(times[19:40])) == 1
     assert times[18] < times[19]
     assert times[39] < times[45]
+
+
+def test_a_strike_and_a_recording_are_written_as_mcap(run, tmp_path, capsys):
+    reader = pytest.importorskip("mcap.reader", reason="MCAP files need pip install 'whiptool[io]'")
+    recorded = tmp_path / "recorded.csv"
+    recorded.write_text("t,tip_x,tip_y\n0,0.1,0.2\n0.1,0.2,0.3\n0.2,0.3,0.4\n")
+    for of, topics in ((run, {"/joint_states", "/whip", "/tip"}), (recorded, {"/tip"})):
+        path = tmp_path / "strike.mcap"
+        assert view.main([str(of), "--mcap", str(path), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["mcap"] == str(path)
+        with path.open("rb") as file:
+            assert {channel.topic for _, channel, _ in reader.make_reader(file).iter_messages()} == topics
+    assert view.main([str(run), "--mcap", str(tmp_path / "absent" / "a.mcap")]) == 2
+    assert "whiptool: --mcap: got" in capsys.readouterr().err

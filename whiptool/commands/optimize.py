@@ -95,7 +95,7 @@ class OptimizeOptions(
             )
 
     def needs(self) -> tuple[str, ...]:
-        return learned_with([self.method] if self.method else [])
+        return (*super().needs(), *learned_with([self.method] if self.method else []))
 
 
 _EXAMPLE = "Find a strike that hits a target. Example: python -m whiptool.optimize --target 1.2 0.1"

@@ -16,7 +16,7 @@ import tyro
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import ControllerOptions
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import JsonOptions, OptionGroup
+from whiptool.commands.options.option_group import Conditions, JsonOptions, OptionGroup, check_place, unless
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
@@ -35,9 +35,24 @@ class ViewOptions(JsonOptions):
 
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]]
     """Run folder, or policy file of train. For optimize or simulate the strike of the run is shown, for train a strike
-    of its policy; for identify, adapt, reproduce or rig strike the report is opened."""
+    of its policy; for identify, adapt, reproduce or rig strike the report is opened. With --mcap it can also be a
+    recording."""
+    mcap: Path | None = None
+    """Write the strike of the run, or a recording of markers and joints, to this MCAP file, which Foxglove and Rerun
+    show and ROS 2 plays; nothing is opened."""
     page: bool = False
     """Write the interactive page again and open it in the browser, instead of MuJoCo's viewer."""
+    only_with: ClassVar[Conditions] = {"page": unless("mcap")}
+
+    def check(self) -> None:
+        super().check()
+        if self.mcap is not None:
+            check_place("--mcap", self.mcap)
+
+    def needs(self) -> tuple[str, ...]:
+        from whiptool.recording.readers import needed_for
+
+        return () if self.mcap is None else ("mcap", "rosbags", *needed_for([self.run]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +69,10 @@ _ABOUT = (
 
 
 def _work(options: ViewOptions) -> int:
+    if options.mcap is not None:
+        _write_mcap(options.run, options.mcap)
+        options.tell({"run": str(options.run), "mcap": str(options.mcap)}, f"wrote {options.mcap}")
+        return 0
     run_folders.check_matplotlib()
     shown = _look(options)
     where = {"viewer": "shown in MuJoCo's viewer", "browser": "opened in the browser", None: "no window opens here"}
@@ -63,6 +82,21 @@ def _work(options: ViewOptions) -> int:
 
 
 main = cli.command(ViewOptions, "view", _ABOUT, _work)
+
+
+def _write_mcap(run: Path, path: Path) -> None:
+    """Write the strike of a run, or a recording, as MCAP."""
+    from whiptool.recording.mcap_file import write_recorded_mcap, write_strike_mcap
+    from whiptool.recording.readers import read_recording
+
+    try:
+        if (run / TRAJECTORY).is_file():
+            strike = read_strike(run)
+            write_strike_mcap(path, strike.model, strike.trajectory)
+        else:
+            write_recorded_mcap(path, read_recording(run))
+    except OSError as error:
+        raise InputError("--mcap", str(path), f"a file that can be written ({error.strerror})") from None
 
 
 def _look(options: ViewOptions) -> dict[str, Any]:

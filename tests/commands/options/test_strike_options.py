@@ -163,6 +163,7 @@ def written(path: Path, strike) -> tuple[list[str], JointTrajectory]:
     [
         (OF_HAND, "strike.csv", ["strike.csv"]),
         (OF_HAND, "strike.yaml", ["strike.yaml", "strike-hand.yaml"]),
+        (OF_HAND, "strike.mcap", ["strike.mcap"]),
         (OF_JOINTS, "strike.csv", ["strike.csv"]),
         (OF_JOINTS, "strike.yml", ["strike.yml"]),
     ],

@@ -215,7 +215,7 @@ class ExecutionOptions(OptionGroup):
         return Execution(posture=self.posture, rate=self.trajectory_rate, rest=self.rest, prefix=self.joint_prefix)
 
 
-_WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal"}
+_WRITERS = {".csv": "save_csv", ".yaml": "save_goal", ".yml": "save_goal", ".mcap": ""}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,16 +228,23 @@ class TrajectoryOptions(ExecutionOptions):
 
     export_trajectory: Path | None = None
     """File for the strike as a joint trajectory, for a robot. A .csv file holds positions, velocities and
-    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action. For a strike in hand space the
-    poses of the hand are written too, as further columns of FILE.csv or as FILE-hand.yaml."""
+    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action; a .mcap file is for Foxglove and
+    Rerun. For a strike in hand space the poses of the hand are written too, as further columns of FILE.csv, as
+    FILE-hand.yaml, or as a topic of FILE.mcap."""
 
     def check(self) -> None:
         super().check()
         if self.export_trajectory is None:
             return
         if self.export_trajectory.suffix not in _WRITERS:
-            raise InputError("--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml or .yml")
+            raise InputError(
+                "--export-trajectory", str(self.export_trajectory), "a file named .csv, .yaml, .yml or .mcap"
+            )
         check_place("--export-trajectory", self.export_trajectory)
+
+    def needs(self) -> tuple[str, ...]:
+        as_mcap = self.export_trajectory is not None and self.export_trajectory.suffix == ".mcap"
+        return (*super().needs(), *["mcap", "rosbags"] * as_mcap)
 
     def build_trajectory(
         self, model: Model, strike: StrikePath, t_stay: float, given: Sequence[Limits] = ()
@@ -287,11 +294,16 @@ class TrajectoryOptions(ExecutionOptions):
         if trajectory is None or path is None:
             return
         writers = {path: _WRITERS[path.suffix]}
-        if trajectory.hand is not None and path.suffix != ".csv":
+        if trajectory.hand is not None and writers[path] == "save_goal":
             writers[path.with_stem(f"{path.stem}-hand")] = "save_hand"
         try:
             for file, writer in writers.items():
-                getattr(trajectory, writer)(file)
+                if writer:
+                    getattr(trajectory, writer)(file)
+                else:
+                    from whiptool.recording.mcap_file import write_commanded_mcap
+
+                    write_commanded_mcap(file, trajectory)
         except OSError as error:
             rule = f"a file that can be written ({error.strerror})"
             raise InputError("--export-trajectory", str(path), rule) from None
