@@ -1,0 +1,136 @@
+"""Packets of the Real-Time Data Exchange (RTDE) of robots by Universal Robots, protocol version 2.
+
+Source: https://docs.universal-robots.com/tutorials/communication-protocol-tutorials/rtde-guide.html
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+VERSION, CONTROLLER, MESSAGE = ord("V"), ord("v"), ord("M")
+OUTPUTS, INPUTS, START, PAUSE, DATA = ord("O"), ord("I"), ord("S"), ord("P"), ord("U")
+_HEADER = struct.Struct(">HB")  # length of the whole packet, kind
+
+_FORMATS = {
+    "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d",
+    "VECTOR6INT32": "6i",
+}  # fmt: skip
+_OUTPUTS = {
+    "VECTOR6D": (
+        "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current "
+        "joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed "
+        "joint_temperatures actual_joint_voltage ft_raw_wrench payload_inertia actual_current_as_torque"
+    ),
+    "VECTOR3D": "actual_tool_accelerometer payload_cog elbow_position elbow_velocity",
+    "VECTOR6INT32": "joint_mode",
+    "DOUBLE": (
+        "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum actual_main_voltage "
+        "actual_robot_voltage actual_robot_current payload standard_analog_input0 standard_analog_input1 "
+        "standard_analog_output0 standard_analog_output1"
+    ),
+    "INT32": "robot_mode safety_mode safety_status",
+    "UINT32": "runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31 "
+    "output_bit_registers32_to_63",
+    "UINT64": "actual_digital_input_bits actual_digital_output_bits",
+}
+_INPUTS = {
+    "VECTOR6D": "external_force_torque",
+    "DOUBLE": "speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
+    "UINT32": "speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
+    "UINT8": "standard_digital_output_mask standard_digital_output configurable_digital_output_mask "
+    "configurable_digital_output tool_digital_output_mask tool_digital_output standard_analog_output_mask "
+    "standard_analog_output_type",
+}
+REGISTERS = 48  # of integers and of doubles, in either direction
+
+
+def _kinds(table: Mapping[str, str], direction: str) -> dict[str, str]:
+    """Types of variables by their names, registers among them."""
+    kinds = {name: kind for kind, names in table.items() for name in names.split()}
+    for i in range(REGISTERS):
+        kinds |= {f"{direction}_int_register_{i}": "INT32", f"{direction}_double_register_{i}": "DOUBLE"}
+    return kinds
+
+
+OUTPUT_KINDS, INPUT_KINDS = _kinds(_OUTPUTS, "output"), _kinds(_INPUTS, "input")
+
+
+def packet(kind: int, payload: bytes = b"") -> bytes:
+    """Return a packet: a header and its payload."""
+    return _HEADER.pack(_HEADER.size + len(payload), kind) + payload
+
+
+def packets(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and payload of each whole packet at the beginning of a buffer, and remove it there.
+
+    Raises:
+        ValueError: A packet is shorter than its header, so that no further packet can be found.
+    """
+    while len(buffer) >= _HEADER.size:
+        size, kind = _HEADER.unpack_from(buffer)
+        if size < _HEADER.size:
+            raise ValueError(f"an RTDE packet of {size} bytes")
+        if len(buffer) < size:
+            return
+        payload = bytes(buffer[_HEADER.size : size])
+        del buffer[:size]
+        yield kind, payload
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Order of the variables in a data packet.
+
+    Args:
+        names: Names of the variables.
+        kinds: Their types; `NOT_FOUND` for an unknown name.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+    @classmethod
+    def of(cls, text: bytes, known: Mapping[str, str]) -> Recipe:
+        """Return the recipe of comma-separated names, of which the last may be empty."""
+        names = tuple(name for name in text.decode("ascii", "replace").split(",") if name)
+        return cls(names, tuple(known.get(name, "NOT_FOUND") for name in names))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all variables are known."""
+        return "NOT_FOUND" not in self.kinds
+
+    @property
+    def layout(self) -> struct.Struct:
+        """Layout of the packet after the recipe's number."""
+        return struct.Struct(">" + "".join(_FORMATS[kind] for kind in self.kinds))
+
+    def pack(self, values: Mapping[str, Any]) -> bytes:
+        """Return the variables' values as bytes; a variable without a value is 0."""
+        flat: list[Any] = []
+        for name, kind in zip(self.names, self.kinds, strict=True):
+            value = values.get(name)
+            count = int(_FORMATS[kind][0]) if kind.startswith("VECTOR") else 1
+            if value is None:
+                value = [0] * count if count > 1 else 0
+            flat.extend(value) if count > 1 else flat.append(value)
+        return self.layout.pack(*flat)
+
+    def unpack(self, data: bytes) -> dict[str, Any]:
+        """Return the values of the variables by name.
+
+        Raises:
+            ValueError: The data have another length.
+        """
+        layout = self.layout
+        if len(data) != layout.size:
+            raise ValueError(f"{len(data)} bytes of data for a recipe of {layout.size}")
+        flat, values = list(layout.unpack(data)), {}
+        for name, kind in zip(self.names, self.kinds, strict=True):
+            count = int(_FORMATS[kind][0]) if kind.startswith("VECTOR") else 1
+            taken, flat = flat[:count], flat[count:]
+            values[name] = taken if count > 1 else taken[0]
+        return values
