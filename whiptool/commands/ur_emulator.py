@@ -60,9 +60,7 @@ def _serve(o: UrEmulatorOptions) -> int:
     return 0
 
 
-_emulator = cli.command(
-    UrEmulatorOptions, "rig.ur_emulator", _ABOUT, _serve, prog="python -m whiptool.rig.ur_emulator"
-)
+_emulator = cli.command(UrEmulatorOptions, "rig.ur_emulator", _ABOUT, _serve, prog="python -m whiptool.rig.ur_emulator")
 
 
 def emulator(args: Sequence[str] | None = None) -> int:

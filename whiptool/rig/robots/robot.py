@@ -28,6 +28,9 @@ class Sample:
         q, v: Measured positions [rad] and velocities [rad/s], (n,) each.
         q_d: Commanded positions [rad], (n,).
         tau: Measured joint torques [N m], (n,); None where the robot does not report torques.
+        target: Positions [rad], (n,), at which the controller aims in this cycle, which differ from the commanded ones
+            where it smooths them; None where it does not report them.
+        current: Measured motor currents [A], (n,); None where the robot does not report them.
     """
 
     t: float
@@ -35,6 +38,8 @@ class Sample:
     v: np.ndarray
     q_d: np.ndarray
     tau: np.ndarray | None = None
+    target: np.ndarray | None = None
+    current: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ _FIXED = {
     "polyscopeversion": "URSoftware 5.16.0.1 (Jan 01 2024)",
     "get serial number": "20200000000",
     "get robot model": "UR5",
-    "is in remote control": "true",
     "close safety popup": "closing safety popup",
     "close popup": "closing popup",
     "power on": "Powering on",
@@ -26,6 +25,8 @@ def answer(line: str, robot: UrController) -> bytes:
 def _answer(line: str, robot: UrController) -> str:
     if line in _FIXED:
         return _FIXED[line]
+    if line == "is in remote control":
+        return str(robot.options.remote_control).lower()
     if line == "robotmode":
         return f"Robotmode: {'POWER_OFF' if robot.safety == 'emergency' else 'RUNNING'}"
     if line in ("safetymode", "safetystatus"):

@@ -112,11 +112,9 @@ class Recipe:
         """Return the variables' values as bytes; a variable without a value is 0."""
         flat: list[Any] = []
         for name, kind in zip(self.names, self.kinds, strict=True):
-            value = values.get(name)
             count = int(_FORMATS[kind][0]) if kind.startswith("VECTOR") else 1
-            if value is None:
-                value = [0] * count if count > 1 else 0
-            flat.extend(value) if count > 1 else flat.append(value)
+            value = values.get(name, [0] * count if count > 1 else 0)
+            flat += list(value) if count > 1 else [value]
         return self.layout.pack(*flat)
 
     def unpack(self, data: bytes) -> dict[str, Any]:

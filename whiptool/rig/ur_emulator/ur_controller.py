@@ -68,6 +68,8 @@ class UrOptions:
         joint_speed: Largest speed of a joint [rad/s]; beyond it the controller makes a protective stop.
         elbow_speed, tool_speed: Largest speeds of the elbow, and of flange and tool [m/s], likewise.
         unlock_after: Time before which a protective stop cannot be unlocked [s].
+        remote_control: Whether the pendant is set to remote control.
+        speed_slider: Position of the pendant's speed slider, 0 to 1; it is reported, and slows nothing down here.
         lockstep: Whether time waits for the client's next command of servoj while the arm follows them. A real
             controller does not wait; tests are then independent of how fast the machine is.
     """
@@ -79,6 +81,8 @@ class UrOptions:
     elbow_speed: float = 5.0
     tool_speed: float = 5.0
     unlock_after: float = 5.0
+    remote_control: bool = True
+    speed_slider: float = 1.0
     lockstep: bool = False
 
 
@@ -247,6 +251,6 @@ class UrController:
             "robot_mode": 3 if self.safety == "emergency" else 7, "joint_mode": [253] * 6,
             "safety_mode": _MODES[self.safety], "safety_status": _MODES[self.safety],
             "safety_status_bits": _BITS[self.safety], "robot_status_bits": 1 | (state == PLAYING) << 1,
-            "runtime_state": state, "speed_scaling": 1.0, "target_speed_fraction": 1.0, "payload": mass,
+            "runtime_state": state, "speed_scaling": 1.0, "target_speed_fraction": self.options.speed_slider, "payload": mass,
             "payload_cog": center, "payload_inertia": inertia, "joint_temperatures": [30.0] * 6,
         }  # fmt: skip

@@ -48,9 +48,9 @@ class UrEmulator:
         except (EOFError, OSError) as error:
             self.close()
             raise WhiptoolError("the emulated robot did not start; its error stands above") from error
-        if isinstance(refused, InputError):
+        if refused is not None:
             self.close()
-            raise refused
+            raise InputError(*refused)
 
     def _ask(self, *command: Any) -> Any:
         with self._asking, signals_held():  # else an answer would be left for the next question

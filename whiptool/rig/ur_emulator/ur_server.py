@@ -24,7 +24,7 @@ from whiptool.rig.ur_emulator.ur_joints import PERIOD
 DASHBOARD, PROGRAMS, RTDE = 29999, (30001, 30002, 30003), 30004
 VERSION = (5, 16, 0, 1)  # of the controller's software
 BEHIND = 0.1  # [s] by which the robot's time may lag behind real time; more is dropped
-PATIENCE = 0.5  # [s] of real time that lock-step waits for a command; then time goes on, as on a real robot
+PATIENCE = 10.0  # [s] of real time that lock-step waits for a command; then time goes on, as on a real robot
 
 
 class _Client:
@@ -61,7 +61,7 @@ class UrServer:
         self._listening: list[socket.socket] = []
         self._network: dict[str, float] = {}  # until when a fault of it lasts
         self._cycles = 0
-        self._told = False  # whether servoj was commanded since the last period
+        self._told = self._late = False  # servoj was commanded since the last period; a command is overdue
         for port in (DASHBOARD, *PROGRAMS, RTDE):
             self._listen(options.host, port)
         if control is not None:
@@ -89,6 +89,8 @@ class UrServer:
                 client.send(GREETING)
 
     def _drop(self, client: _Client, *, hard: bool = False) -> None:
+        if client not in self._clients:  # dropped by an earlier event
+            return
         self._select.unregister(client.connection)
         self._clients.remove(client)
         if hard:  # the peer sees a reset
@@ -100,7 +102,7 @@ class UrServer:
             data = client.connection.recv(1 << 16)
         except BlockingIOError:
             return
-        except OSError:
+        except OSError:  # also of one that was dropped by an earlier event
             data = b""
         if not data:
             self._drop(client)
@@ -159,7 +161,9 @@ class UrServer:
             raise ValueError(f"data of recipe {number}, which was not set up")
         values = client.inputs[number - 1].unpack(payload[1:])
         self.robot.receive(values)
-        self._told |= SERVOJ in (values.get("input_int_register_0"), values.get("input_int_register_24"))
+        told = SERVOJ in (values.get("input_int_register_0"), values.get("input_int_register_24"))
+        self._told |= told
+        self._late |= not told  # other commands are not given every period
 
     def _lost(self, kind: str) -> bool:
         """Whether what passes the network in a direction is lost now."""
@@ -183,6 +187,7 @@ class UrServer:
         if fault.kind in OF_THE_NETWORK:
             self._network[fault.kind] = self.robot.t + fault.lasting
         elif fault.kind == "cut":
+            self._late = True
             for client in list(self._clients):
                 self._drop(client, hard=True)
         else:
@@ -195,24 +200,25 @@ class UrServer:
 
     def serve(self) -> None:
         """Serve until the process that started the robot ends it."""
-        due = time.perf_counter() + PERIOD
-        self._serving = True
+        due, self._serving = time.perf_counter() + PERIOD, True
         while self._serving:
-            now = time.perf_counter()
-            waits = self.robot.options.lockstep and self.robot.servoing and not (self._lost("unheard") or self._told)
-            waits = waits and not self._lost("unseen")
-            ready = self._select.select(max(0.0, (due + PATIENCE if waits else due) - now))
-            for key, _ in ready:
-                with suppress(KeyError):  # dropped by an earlier one
-                    key.data()
+            until = due + PATIENCE * self._waits
+            for key, _ in self._select.select(max(0.0, until - time.perf_counter())):
+                key.data()
             now = time.perf_counter()
             if self.robot.options.lockstep and self.robot.servoing and self._told:
+                self._late, due = False, now + PERIOD
                 self.cycle()
-                due = now + PERIOD
-            elif now >= (due + PATIENCE if waits else due):
+            elif now >= until:
+                self._late, due = self._late or self._waits, max(due + PERIOD, now - BEHIND)
                 self.cycle()
-                due = max(due + PERIOD, now - BEHIND)
         self.close()
+
+    @property
+    def _waits(self) -> bool:
+        """Whether time waits for a command: in lock-step, unless the client cannot answer or is long overdue."""
+        answers = not (self._late or self._lost("unheard") or self._lost("unseen"))
+        return self.robot.options.lockstep and self.robot.servoing and answers
 
     def _asked(self) -> None:
         assert self._control is not None
@@ -252,7 +258,7 @@ def serve_child(fd: int) -> None:
     try:
         server = UrServer(control.recv(), control)
     except InputError as error:
-        control.send(error)
+        control.send((error.name, error.given, error.allowed, error.fix))
         return
     control.send(None)
     server.serve()

@@ -1,0 +1,138 @@
+"""How the joints of a robot lag behind commanded positions, fitted to a recording of both.
+
+Universal Robots' `servoj` accelerates a joint by a gain times the difference of the command and the position projected
+forward by a look-ahead time. With the time until a command has an effect, that is a model of three numbers:
+`q'' = stiffness (u(t - delay) - q - lag q')`, whose lag at low frequencies is `lag + delay`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+from scipy.signal import lfilter, ss2tf
+
+from whiptool.errors import InputError
+from whiptool.models.numbers import number
+
+PERIOD = 0.002  # [s] of commands, by default
+_MEMORY = 0.1  # [s] over which residuals are taken to be correlated
+_LEAST = 20  # samples
+
+
+@dataclass(frozen=True)
+class ServoLag:
+    """Lag of joints behind their commands, `q'' = stiffness (u(t - delay) - q - lag q')`.
+
+    Args:
+        lag: Time by which a moving joint is behind [s].
+        stiffness: Acceleration per distance from the command [1/s^2].
+        delay: Time until a command has an effect [s].
+        errors: Standard errors of the three [s, 1/s^2, s]; zeros: not fitted.
+        rms: Root mean square of the positions' residuals [rad].
+
+    Raises:
+        InputError: A number is negative, or the stiffness is 0.
+    """
+
+    lag: float
+    stiffness: float
+    delay: float = 0.0
+    errors: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rms: float = 0.0
+
+    def __post_init__(self) -> None:
+        number("lag", self.lag, low=0)
+        number("stiffness", self.stiffness, low=0, strict=True)
+        number("delay", self.delay, low=0)
+
+    def __str__(self) -> str:
+        lag, stiffness, delay = self.errors
+        return (
+            f"the joints lag {1e3 * self.lag:.2f} +- {1e3 * lag:.2f} ms behind their commands, which have an effect "
+            f"after {1e3 * self.delay:.2f} +- {1e3 * delay:.2f} ms; stiffness {self.stiffness:.0f} +- {stiffness:.0f} "
+            f"1/s^2; residual RMS {1e3 * self.rms:.3f} mrad"
+        )
+
+    @property
+    def total(self) -> float:
+        """Time by which a joint at a steady speed is behind its command [s]."""
+        return self.lag + self.delay
+
+    def leading(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return the commands with which joints follow a motion exactly, later by the delay.
+
+        Args:
+            q, v, a: Positions, velocities and accelerations of the motion, (T, n) each.
+        """
+        return q + self.lag * v + a / self.stiffness
+
+    def following(self, commands: np.ndarray, period: float = PERIOD) -> np.ndarray:
+        """Return the positions (T, n) of joints that begin at rest at the first command, each command being held.
+
+        Args:
+            commands: Commanded positions (T, n), one a period.
+            period: Time from one command to the next [s].
+        """
+        whole, part = divmod(self.delay / period, 1.0)
+        late = np.concatenate([np.repeat(commands[:1], int(whole), axis=0), commands])[: len(commands)] - commands[0]
+        before = np.concatenate([late[:1], late[:-1]])
+        A = np.array([[0.0, 1.0], [-self.stiffness, -self.stiffness * self.lag]])
+        first, rest = expm(part * period * A), expm((1 - part) * period * A)  # the old command, then the new one
+        one = np.eye(2)
+        found = np.zeros_like(late)
+        for entry, given in ((rest @ (one - first), before), (one - rest, late)):
+            above, below = ss2tf(rest @ first, entry[:, :1], one[:1], np.zeros((1, 1)))
+            found += lfilter(above[0], below, given, axis=0)
+        return commands[0] + found
+
+
+def fit_servo_lag(t: np.ndarray, commands: np.ndarray, q: np.ndarray, *, period: float = PERIOD) -> ServoLag:
+    """Fit a lag to a recording that begins at rest, by least squares over all joints; each may have an offset.
+
+    The standard errors allow for residuals that are correlated over 0.1 s (Newey and West, 1987).
+
+    Args:
+        t: Times of the samples [s], (T,), increasing; some may be missing.
+        commands: Commanded positions [rad] that were sent at these times, (T, n).
+        q: Measured positions [rad], (T, n).
+        period: Time from one command to the next [s].
+
+    Raises:
+        InputError: The recording is too short, or no joint moves.
+    """
+    if len(t) < _LEAST or commands.shape != q.shape or len(q) != len(t):
+        raise InputError("recording", q.shape, f"{_LEAST} samples or more of commands and positions")
+    if np.ptp(commands, axis=0).max() < 1e-3 or np.ptp(q, axis=0).max() < 1e-3:
+        raise InputError("recording", "joints at rest", "joints that move by 1 mrad or more")
+    steps = np.rint((t - t[0]) / period).astype(int)
+    held = np.searchsorted(steps, np.arange(steps[-1] + 1), side="right") - 1
+    sent = commands[held]  # a lost sample's command is the one before
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        lag, softness, delay = np.abs(x) * _SCALES
+        left = q - ServoLag(lag, 1 / max(softness, 1e-6), delay).following(sent, period)[steps]
+        return (left - left.mean(axis=0)).ravel()
+
+    fit = least_squares(residuals, np.array([1.0, 1.0, 1.0]), x_scale=1.0, diff_step=1e-4)
+    lag, softness, delay = np.abs(fit.x) * _SCALES
+    errors = _errors(fit.jac.reshape(len(q), -1, 3), fit.fun.reshape(len(q), -1), int(_MEMORY / period)) * _SCALES
+    rms = float(np.sqrt(np.mean(fit.fun**2)))
+    stiffness = 1 / max(softness, 1e-6)
+    return ServoLag(lag, stiffness, delay, (errors[0], errors[1] * stiffness**2, errors[2]), rms)
+
+
+_SCALES = np.array([0.05, 1 / 400, 0.004])  # usual values, from which the search begins
+
+
+def _errors(slopes: np.ndarray, residuals: np.ndarray, memory: int) -> np.ndarray:
+    """Standard errors (3,) by slopes (T, n, 3) and residuals (T, n) that are correlated over some samples."""
+    scores = np.einsum("tji,tj->ti", slopes, residuals)
+    middle = scores.T @ scores
+    for lag in range(1, min(memory, len(scores) - 1)):
+        both = scores[lag:].T @ scores[:-lag]
+        middle += (1 - lag / memory) * (both + both.T)
+    bread = np.linalg.pinv(np.einsum("tji,tjk->ik", slopes, slopes))
+    return np.sqrt(np.maximum(np.diag(bread @ middle @ bread), 0.0))
