@@ -19,7 +19,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance import Controller
 from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.arm_limits import XM430, ArmLimits
-from whiptool.models import SpatialArm, Strike, preset
+from whiptool.models import ArmLink, ArmParameters, SpatialArm, Strike, preset
 from whiptool.models.files import write_model
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.spatial_arm import JointLimits, SpatialLink, without_inertia
@@ -176,7 +176,7 @@ def test_what_is_commanded_is_judged_of_strikes_of_joints_alone(by_joints, used)
     moved = Trajectory(
         np.array([0, 1e-3]), v, v, v, v, v, v[..., None], v[..., None], np.zeros((2, 3)), np.zeros((2, 3))
     )
-    table = limits_table(limits, moved, strike, ("a",))
+    table = limits_table(limits, moved, strike, ArmParameters((ArmLink(mass=0.3, length=0.5),)))
     assert table["joint_usage"] == pytest.approx(used)
     assert (table["beyond"] is None) == (not by_joints)
 

@@ -53,7 +53,7 @@ def test_standard_errors_are_as_large_as_the_scatter_of_fits():
         fits.append(fit_servo_lag(T, WAY, LAG.following(WAY) + 1e-3 * rng.standard_normal(WAY.shape)))
     scatter = np.std([(x.lag, x.stiffness, x.delay) for x in fits], axis=0)
     stated = np.mean([x.errors for x in fits], axis=0)
-    assert np.all((0.4 < stated / scatter) & (stated / scatter < 2.5))
+    assert np.all((stated / scatter > 0.4) & (stated / scatter < 2.5))
 
 
 def test_missing_samples_and_an_offset_do_not_matter():

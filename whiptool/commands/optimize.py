@@ -214,9 +214,9 @@ class SearchRun:
         if result.strike is None:
             print("whiptool: ended before the first trial", file=sys.stderr)
             return status or 1
-        options, joints = self.options, self.model.arm.joints
+        options = self.options
         trajectory = self.rollout.trajectory(result.strike, t_stay=options.t_stay)
-        table = limits_table(self.objective.limits, trajectory, result.strike, joints)
+        table = limits_table(self.objective.limits, trajectory, result.strike, self.model.arm)
         if table:
             by = Counter(trial.outcome.refused for trial in result.trace if trial.outcome.refused is not None)
             table |= {"n_refused": by.total(), "refused": dict(by)}

@@ -237,7 +237,7 @@ def _play(options: SimulateOptions, model, strike) -> int:
     rollout = options.build_rollout(model, controller)
     trajectory = rollout.trajectory(strike, t_stay=options.t_stay)
     limits = AllLimits(given, by_joints=space.kind == "joint")
-    used = limits_table(limits, trajectory, strike, model.arm.joints)
+    used = limits_table(limits, trajectory, strike, model.arm)
     options.refuse_beyond(used.get("beyond"))
     outcome, label = _judged(rollout, trajectory, target), options.controller_label()
     named = dict(zip(space.names, map(float, strike.vector), strict=True))

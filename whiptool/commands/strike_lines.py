@@ -12,6 +12,7 @@ from whiptool.models.strike import sliding_names
 if TYPE_CHECKING:
     from whiptool.limits.all_limits import AllLimits
     from whiptool.models import Strike
+    from whiptool.models.parameters import AnyArm
     from whiptool.models.trajectory import Trajectory
 
 
@@ -128,9 +129,10 @@ def _arrival_lines(outcome, target) -> list[str]:
     return [f"  arrival        {lead}{', '.join(said)}"]
 
 
-def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, joints: Sequence[str]) -> dict:
-    """Return, for JSON, the usage of the limits by a strike, 1 being the limit (`joint_usage` or `motor_usage`), its
-    `clearance` [m], and `beyond`: the limit that it exceeds most, as text, or None.
+def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm: AnyArm) -> dict:
+    """Return, for JSON, the usage of the limits by a strike, 1 being the limit (`joint_usage`, `motor_usage` or
+    `speed_usage`), its `clearance` [m], of an arm in space the largest `point_speeds` of elbow, flange and hand [m/s],
+    and `beyond`: the limit that it exceeds most, as text, or None.
 
     The table is empty if there are no limits.
     """
@@ -138,7 +140,7 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
 
     if not limits:
         return {}
-    table: dict[str, float | str | None] = {}
+    table: dict[str, Any] = {}
     for each in limits.members:
         if isinstance(each, Clearance):
             nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
@@ -148,7 +150,13 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, join
         if each.command is not None and each.command in limits.commands:  # not of a strike of the hand
             used = max(used, 1 + float(each.command.violation(strike.vector[None])[0]))
         table[f"{each.judges}_usage"] = used if math.isfinite(used) else None
-    return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, joints, strike)}
+    if arm.dimension == 3 and not trajectory.diverged:
+        from whiptool.limits.point_speeds import point_speeds
+
+        names = [name for name in ("elbow", "flange", "hand") if name in arm.points]
+        fastest = point_speeds(arm, names, trajectory.q[:, : arm.n], trajectory.v[:, : arm.n]).max(axis=0)
+        table["point_speeds"] = dict(zip(names, fastest.tolist(), strict=True))
+    return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, arm.joints, strike)}
 
 
 def limit_lines(limits: AllLimits, table: dict) -> list[str]:
@@ -159,6 +167,9 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
             lines.append(f"  {each.judges + 's':14s} {_used(table[f'{each.judges}_usage'], each.words)}")
         elif table.get(each.judges) is not None:
             lines.append(f"  {each.judges:14s} {1e3 * table[each.judges]:.0f} mm at least; {each.words}")
+    if table.get("point_speeds"):
+        fastest = ", ".join(f"{name} {speed:.2f}" for name, speed in table["point_speeds"].items())
+        lines.append(f"  point speeds   at most {fastest} m/s")
     return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
 
 

@@ -11,6 +11,7 @@ from whiptool.errors import InputError
 from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
+from whiptool.limits.point_speeds import PointSpeeds
 from whiptool.models.mount import default_floor
 from whiptool.models.numbers import LONGEST, metres
 from whiptool.models.parameters import Model
@@ -45,7 +46,7 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
         named: `limits`: limits of the joints (`arm`), of a motor, or `none`; default: those of the joints, if they have
             any. `keep_free`: fraction of the limits that stays unused. `floor`: its height [m], or `none`; default:
             `default_floor`. `clearance`: least distance between arm, whip and floor [m]. `ignore_collisions`: whether
-            these may touch.
+            these may touch. `speed_limits`: largest speeds of points of the arm, as `elbow=1.5`, beside its own.
         model, prescribed: As for `default_limits`.
 
     Raises:
@@ -66,8 +67,10 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
             rule = f"arm or none, because these joints are prismatic: {', '.join(model.arm.slides)}"
             raise InputError("limits", name, rule)
         found.append(limits_preset(name).keeping_free(keep_free))
-    elif keep_free:
+    elif keep_free and not (named.get("speed_limits") or getattr(model.arm, "speed_limits", ())):
         raise InputError("keep_free", keep_free, "0 for an arm without limits", "or give the limits of a motor (xm430)")
+    speeds = PointSpeeds.of(model.arm, named.get("speed_limits", ()), keep_free=keep_free)
+    found += [] if speeds is None else [speeds]
     given = named.get("floor")
     floor = default_floor(model.arm) if given is None else floor_height(given)
     if not named.get("ignore_collisions") and (floor is not None or Clearance.is_of(model)):
@@ -220,8 +223,11 @@ class AllLimits:
 
         The limits are named by their `judges`, (B,) strings; for a strike within all limits the name has no meaning.
         """
-        beyond, names = [self.violation_of_command(strikes)], [COMMANDED]
+        beyond, names = [np.zeros(len(strikes))], [COMMANDED]
         for limits in self.members:
+            if self._by_joints and limits.command is not None:
+                beyond.append(limits.command.violation(strikes))
+                names.append(limits.judges)
             its = limits.violation_of_peaks(near)
             if not limits.by_peaks:
                 for i in np.flatnonzero((its > 0) & np.isfinite(its)):
@@ -249,8 +255,11 @@ class AllLimits:
         """Return the excess of a whole strike over the limits, as `violation`, and the limit that it exceeds most, as
         `judged`.
         """
-        commanded = 0.0 if strike is None else float(self.violation_of_command(strike.vector[None])[0])
-        found = [(max(commanded, 0.0), COMMANDED), *((x.violation(trajectory), x.judges) for x in self.members)]
+        found = [(0.0, COMMANDED), *((x.violation(trajectory), x.judges) for x in self.members)]
+        for x in self.members if strike is not None and self._by_joints else ():
+            if x.command is not None:
+                assert strike is not None
+                found.append((float(x.command.violation(strike.vector[None])[0]), x.judges))
         return max(found, key=lambda one: one[0])
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> str | None:

@@ -182,6 +182,22 @@ class CommandLimits:
         return _PEAKS[:, None] * spans[:, None] / D[:, None, None] ** np.array([1, 2, 3])[:, None]
 
 
+class Commanded(Protocol):
+    """Limits of commanded paths in joint space, such as `CommandLimits`."""
+
+    def shortened(self, strikes: np.ndarray, /) -> np.ndarray:
+        """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if they are too far."""
+        ...
+
+    def violation(self, strikes: np.ndarray, /) -> np.ndarray:
+        """Return the largest relative excess of strikes (B, 2 a + 1) over a limit, (B,)."""
+        ...
+
+    def explain(self, strike: np.ndarray, joints: Sequence[str], /) -> str:
+        """Return a description of the limit that a strike (2 a + 1,) uses most."""
+        ...
+
+
 class Smooth(Protocol):
     """Differentiable constraints of a strike: functions that are at most 0 if the strike keeps a limit."""
 
@@ -211,7 +227,7 @@ class Limits(ABC):
         """The limits in words."""
 
     @property
-    def command(self) -> CommandLimits | None:
+    def command(self) -> Commanded | None:
         """Limits of the commanded path; None if it has no limits."""
         return None
 

@@ -56,7 +56,7 @@ class PathSpeeds:
         return self.usage(strikes).max(axis=(1, 2)) - 1.0
 
     def shortened(self, strikes: np.ndarray) -> np.ndarray:
-        """Return strikes (B, 2 a + 1) whose end positions are moved towards the start positions if points are too fast."""
+        """Return strikes (B, 2 a + 1) whose end positions are moved towards the start if points are too fast."""
         a, strikes = self.arm.n, strikes.copy()
         for _ in range(_TRIES):
             used = self.violation(strikes) + 1.0
@@ -90,7 +90,6 @@ class PointSpeeds(Limits):
 
     judges: ClassVar[str] = "speed"
     by_peaks: ClassVar[bool] = True
-    of_candidates: ClassVar[bool] = True  # type: ignore
 
     @classmethod
     def of(cls, arm: AnyArm, given: Sequence[str] = (), *, keep_free: float = 0.0) -> PointSpeeds | None:
@@ -124,6 +123,11 @@ class PointSpeeds(Limits):
     def command(self) -> PathSpeeds:
         """Limits of the commanded path."""
         return PathSpeeds(self.arm, self.most)
+
+    @property
+    def of_candidates(self) -> bool:
+        """True, as peak values do not show speeds of points."""
+        return True
 
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
         """Return -1, as peak values do not show speeds of points; infinite for strikes that diverged."""

@@ -102,7 +102,7 @@ def _link_from_table(table: object, place: str) -> SpatialLink:
 
 def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
     file, stick, base = table.pop("file"), table.pop("stick", None), table.pop("base", "floor")
-    limits = table.pop("limits", {})
+    limits, speeds = table.pop("limits", {}), table.pop("speed_limits", ())
     if not isinstance(file, str):
         raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
     choice = build_from(ArmChoice, table, "arm.")
@@ -112,7 +112,7 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
         raise error.within("arm: ") from None
     arm = _with_limits(arm, limits)
     try:
-        arm = mounted(arm, base)
+        arm = mounted(dataclasses.replace(arm, speed_limits=speeds), base)
     except InputError as error:
         raise error.within("arm.") from None
     if stick is None:
@@ -163,7 +163,7 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
         del table["names"]
     if table.get("stick") == [0.0, 0.0]:
         del table["stick"]
-    for name in ("base", "never_touch", "weightless"):
+    for name in ("base", "never_touch", "weightless", "speed_limits"):
         if not table.get(name, True):
             del table[name]
     return {"joints": table.pop("joints"), **table}

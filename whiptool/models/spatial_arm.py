@@ -367,6 +367,8 @@ class SpatialArm(JointedArm):
             zeros without a stick.
         rate: Commanded positions per second that the robot's controller takes [1/s], for exported strikes; None:
             unknown.
+        speed_limits: Points of the arm, see `points`, and the largest speeds [m/s] that the robot's controller allows
+            there, as pairs.
         notes: Assumptions made when the arm was read from a file, in sentences.
 
     Raises:
@@ -383,6 +385,7 @@ class SpatialArm(JointedArm):
     names: tuple[str, ...] = ()
     stick: tuple[float, float] = (0.0, 0.0)
     rate: float | None = None
+    speed_limits: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     dimension: ClassVar = 3
@@ -411,7 +414,16 @@ class SpatialArm(JointedArm):
         object.__setattr__(self, "stick", (metres("stick length", self.stick[0], strict=False), self.stick[1]))
         if self.rate is not None:
             object.__setattr__(self, "rate", number("rate", self.rate, low=1))
+        object.__setattr__(self, "speed_limits", _checked_speeds(self.speed_limits, self.points))
         object.__setattr__(self, "notes", tuple(self.notes))
+
+    @property
+    def points(self) -> dict[str, int]:
+        """Names of points whose speeds may be limited, and the numbers of the frames (see `arm_frames`) whose origins
+        they are: the joints, `flange` (the last link's frame) and `hand` (where the whip is held, a stick's far end).
+        """
+        n = len(self.links)
+        return {joint: i for i, joint in enumerate(self.joints)} | {"flange": n - 1, "hand": n}
 
     @property
     def slides(self) -> tuple[str, ...]:
@@ -538,6 +550,16 @@ def without_inertia(arm: SpatialArm, joints: Sequence[str]) -> SpatialArm:
 
 
 BASE = "base"  # of an arm, in pairs that never touch
+
+
+def _checked_speeds(given: object, points: Mapping[str, int]) -> tuple[tuple[str, float], ...]:
+    rule = f"pairs of a point ({', '.join(points)}) and its largest speed [m/s]"
+    if not isinstance(given, (list, tuple)) or not all(isinstance(x, (list, tuple)) and len(x) == 2 for x in given):
+        raise InputError("speed_limits", given, rule)
+    for name, _ in given:
+        if name not in points:
+            raise InputError("speed_limits", name, rule)
+    return tuple((name, number(f"speed_limits of {name}", speed, low=0, strict=True)) for name, speed in given)
 
 
 def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:

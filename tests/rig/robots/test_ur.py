@@ -46,7 +46,7 @@ def test_a_trajectory_is_followed_and_the_lag_is_found_and_led():
         robot.follow(trajectory, samples.append, never)
         assert not emulator.state()["program"]
         t, u, q = columns(samples)
-        assert np.array_equal(np.rint(np.diff(t[5:]) / PERIOD), np.ones(len(t) - 6))  # each period once
+        assert np.array_equal(np.rint(np.diff(t[40:]) / PERIOD), np.ones(len(t) - 41))  # each period once
         assert np.abs(q[-1] - trajectory.q[-1]).max() < 0.01
         assert all(x.current.shape == x.target.shape == (6,) for x in samples)
         robot.lag = found = fit_servo_lag(t, u, q)
@@ -61,6 +61,7 @@ def test_a_trajectory_is_followed_and_the_lag_is_found_and_led():
     assert np.abs(u - columns(samples[: len(u)])[2]).max() > 0.1  # without the lead
 
 
+@pytest.mark.slow
 def test_the_motion_of_each_sample_is_the_true_one():
     samples = []
     with emulated() as emulator, driver(emulator) as robot:
@@ -72,7 +73,7 @@ def test_the_motion_of_each_sample_is_the_true_one():
     assert np.array_equal(true[at, 7:13], [x.v for x in samples])
 
 
-@pytest.mark.parametrize("lag", [None, ServoLag(0.1, 300.0, 0.002)])
+@pytest.mark.parametrize("lag", [ServoLag(0.1, 300.0, 0.002), pytest.param(None, marks=pytest.mark.slow)])
 def test_a_reason_to_stop_brings_the_arm_to_rest_within_its_limits(lag):
     samples = []
     with emulated() as emulator, driver(emulator, lag=lag) as robot:
@@ -120,7 +121,7 @@ def strike_into(fault, at):
         return error.value, speeds(emulator), seen, samples
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", [x if x == "cut" else pytest.param(x, marks=pytest.mark.slow) for x in FAULTS])
 def test_a_fault_in_the_middle_ends_the_motion_for_good(fault):
     error, v, seen, samples = strike_into(fault, 0.35)
     assert error.kind == FAULTS[fault]
@@ -154,6 +155,7 @@ def test_a_protective_stop_is_recovered_by_a_person_and_not_before():
             robot.follow(swing(0.2, start=robot.posture()), samples.append, never)
 
 
+@pytest.mark.slow
 def test_an_emergency_stop_needs_a_person_at_the_robot():
     with emulated() as emulator:
         robot = driver(emulator)
@@ -166,6 +168,7 @@ def test_an_emergency_stop_needs_a_person_at_the_robot():
         robot.disconnect()
 
 
+@pytest.mark.slow
 def test_an_exception_of_the_caller_stops_the_arm_and_goes_on():
     samples = []
 
@@ -191,6 +194,7 @@ robot.follow(swing(), lambda sample: print(sample.t, flush=True), lambda: None)
 """
 
 
+@pytest.mark.slow
 def test_the_arm_comes_to_rest_when_the_program_that_commands_it_is_killed():
     with emulated() as emulator:
         helpers = os.pathsep.join(["tests/helpers", *sys.path])

@@ -130,6 +130,7 @@ class LimitOptions(OptionGroup):
         "floor": (unless("limits", "none"), unless("ignore_collisions")),
         "clearance": (unless("limits", "none"), unless("ignore_collisions")),
         "ignore_collisions": (unless("limits", "none"),),
+        "speed_limits": (unless("limits", "none"),),
     }
 
     limits: Annotated[str, Names("whiptool.limits.arm_limits:LIMITS", others=("arm", "none"))] | None = None
@@ -138,6 +139,9 @@ class LimitOptions(OptionGroup):
     as misses; simulate reports them."""
     keep_free: float = 0.0
     """Fraction of the limits that strikes leave unused, such as 0.1 (default: 0)."""
+    speed_limits: Annotated[tuple[str, ...], arg(metavar="POINT=SPEED")] = ()
+    """Largest speeds of points of the arm [m/s], as a robot's safety configuration has them: joints by their names,
+    flange, and hand, which is the stick's end; such as elbow=1.5 flange=1.5 (default: those in the arm's file)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
     """Floor's height above the base [m] (default: 0 under robots, else none). The base of a planar arm is its shoulder;
     a floor below it has a negative height."""

@@ -251,6 +251,6 @@ class UrController:
             "robot_mode": 3 if self.safety == "emergency" else 7, "joint_mode": [253] * 6,
             "safety_mode": _MODES[self.safety], "safety_status": _MODES[self.safety],
             "safety_status_bits": _BITS[self.safety], "robot_status_bits": 1 | (state == PLAYING) << 1,
-            "runtime_state": state, "speed_scaling": 1.0, "target_speed_fraction": self.options.speed_slider, "payload": mass,
-            "payload_cog": center, "payload_inertia": inertia, "joint_temperatures": [30.0] * 6,
+            "runtime_state": state, "speed_scaling": 1.0, "target_speed_fraction": self.options.speed_slider,
+            "payload": mass, "payload_cog": center, "payload_inertia": inertia, "joint_temperatures": [30.0] * 6,
         }  # fmt: skip
