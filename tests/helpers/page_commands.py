@@ -19,7 +19,7 @@ SPAN = re.compile(r"(?<!\})`([^`\n]+)`")  # code of a line; not a role such as {
 OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 NEEDS_HARDWARE = ("/dev/ttyUSB0", "--cluster auto")  # servos and clusters that no test has
-SERVES = "rig.emulator --link"  # until it is stopped
+SERVES = "emulator --"  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(
     r"whiptool\.(train|compare|reproduce|human|adapt|map|rig|identify)\b"

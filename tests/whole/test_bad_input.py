@@ -51,6 +51,7 @@ OPTIONS = {
     "learn": ("whiptool.commands.rig", "LearnOptions"),
     "servos": ("whiptool.commands.servos", "ServoOptions"),
     "emulator": ("whiptool.commands.servos", "EmulatorOptions"),
+    "ur_emulator": ("whiptool.commands.ur_emulator", "UrEmulatorOptions"),
 }
 NEEDS = {
     "strike": f"--strike {STRIKE}",
@@ -678,6 +679,15 @@ emulator --lockstep --period 0 | period
 emulator --lockstep --period nan | period
 emulator --model lemon2025 | lemon2024
 emulator --link absent/link | link
+ur_emulator --elbow-speed 0 | --elbow-speed
+ur_emulator --tool-speed nan | --tool-speed
+ur_emulator --latency 60 | --latency
+ur_emulator --latency 1.5 | latency
+ur_emulator --posture 0 0 | posture
+ur_emulator --host 10.255.255.1 | --host
+optimize --model ur5e --speed-limits elbow=0 | speed > 0
+optimize --model ur5e --speed-limits knee=1 | shoulder_pan
+optimize --speed-limits hand=1 | plane
 emulator --faults flood | --faults
 emulator --faults drop:at=soon | --faults
 emulator --reboot-time -1 | --reboot-time
@@ -738,10 +748,8 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.map import main
 
         return lambda words: main([command.removeprefix("map-"), *words])
-    if command == "emulator":
-        from whiptool.commands.servos import emulator
-
-        return emulator
+    if command.endswith("emulator"):
+        return cli.main_of(command)
     home = OPTIONS[command][0]
     return import_module(home).main if home.startswith("whiptool.") else cli.main_of(command)
 

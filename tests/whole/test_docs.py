@@ -25,7 +25,7 @@ from processes import HANG
 from repository import ROOT
 
 import whiptool
-from whiptool.commands import cli, servos
+from whiptool.commands import cli
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -44,6 +44,7 @@ COMMANDS = (
     "robot recover",
     "rig.dynamixel",
     "rig.emulator",
+    "rig.ur_emulator",
 )
 
 
@@ -89,7 +90,7 @@ def options_of(command: str) -> frozenset[str]:
 
 
 def _main(name: str) -> cli.Main:
-    return {"rig.dynamixel": servos.main, "rig.emulator": servos.emulator}.get(name) or cli.main_of(name)
+    return cli.main_of(name.removeprefix("rig."))
 
 
 def named(words: list[str]) -> str:

@@ -330,6 +330,7 @@ _MAINS = {  # module and function of commands that share a module
     "human": ("papers", "human"),
     "dynamixel": ("servos", "main"),
     "emulator": ("servos", "emulator"),
+    "ur_emulator": ("ur_emulator", "emulator"),
 }
 
 
@@ -350,7 +351,7 @@ def main() -> int:
 
 
 def main_of(name: str) -> Main:
-    """Return the `main` of a command of `COMMANDS`, or of `dynamixel` and `emulator` of `whiptool.rig`."""
+    """Return the `main` of a command of `COMMANDS`, or of `dynamixel`, `emulator` and `ur_emulator` of `whiptool.rig`."""
     module, main = _MAINS.get(name, (name, "main"))
     return getattr(import_module(f"whiptool.commands.{module}"), main)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from whiptool.goals.target import missed_words
+from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import sliding_names
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
         if each.command is not None and each.command in limits.commands:  # not of a strike of the hand
             used = max(used, 1 + float(each.command.violation(strike.vector[None])[0]))
         table[f"{each.judges}_usage"] = used if math.isfinite(used) else None
-    if arm.dimension == 3 and not trajectory.diverged:
+    if isinstance(arm, SpatialArm) and not trajectory.diverged:
         from whiptool.limits.point_speeds import point_speeds
 
         names = [name for name in ("elbow", "flange", "hand") if name in arm.points]
