@@ -351,7 +351,7 @@ def main() -> int:
 
 
 def main_of(name: str) -> Main:
-    """Return the `main` of a command of `COMMANDS`, or of `dynamixel`, `emulator` and `ur_emulator` of `whiptool.rig`."""
+    """Return the `main` of a command of `COMMANDS`, or of one of `whiptool.rig`."""
     module, main = _MAINS.get(name, (name, "main"))
     return getattr(import_module(f"whiptool.commands.{module}"), main)
 
