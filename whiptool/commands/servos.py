@@ -191,7 +191,7 @@ def _faults(o: EmulatorOptions) -> list[Fault]:
 def _serve(o: EmulatorOptions) -> int:
     from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.emulator.physics import TwinOptions
-    from whiptool.rig.emulator.server import serve_alone
+    from whiptool.rig.emulator.serving import serve_alone
 
     options = TwinOptions(
         o.build_model(),
@@ -212,7 +212,7 @@ def emulator(args: Sequence[str] | None = None) -> int:
     """Run the command line of the emulator; return the exit status."""
     words = list(sys.argv[1:] if args is None else args)
     if words[:1] == ["--control"]:  # started by `Emulator`
-        from whiptool.rig.emulator.server import serve_child
+        from whiptool.rig.emulator.serving import serve_child
 
         serve_child(int(words[1]))
         return 0

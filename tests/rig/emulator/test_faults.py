@@ -137,6 +137,6 @@ def test_a_fault_needs_its_servo(twin):
 
 def test_the_command_line_refuses_other_faults(capsys):
     assert command.emulator(["--faults", "dead", "explode:at=2"]) == 2
-    assert "fault: got 'explode'; allowed: drop, corrupt" in capsys.readouterr().err
+    assert "--faults: got 'explode'; allowed: drop, corrupt" in capsys.readouterr().err
     assert command.emulator(["--faults", "dead:servo=7"]) == 2
     assert "servo of the fault: got 7" in capsys.readouterr().err

@@ -211,6 +211,16 @@ def test_clear_needs_a_servo_that_stands():
     assert s.get("present_position") == 2048
 
 
+def test_clear_leaves_a_servo_where_it_holds():
+    s = servo()
+    put(s, "operating_mode", 4)
+    s.feel(2 * TURN, 0.0, 0.0, 0.0)
+    put(s, "torque_enable", 1)
+    put(s, "goal_position", 2048 + 2 * 4096 + 7)
+    assert ask(s, 0x10, b"\x01\x44\x58\x4c\x22") == 0
+    assert (s.get("present_position"), s.get("goal_position"), s.get("position_trajectory")) == (2048, 2055, 2055)
+
+
 def test_homing_offset_beyond_a_quarter_turn_has_no_effect_in_position_mode():
     s = servo()
     for offset, seen in ((1024, 3072), (-1024, 1024), (1025, 2048), (-2000, 2048)):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from whiptool.commands.servos import emulator
-from whiptool.rig.emulator.server import _link
+from whiptool.rig.emulator.serving import _link
 
 
 @pytest.mark.parametrize("there", ["file", "folder", "link to a file", "no folder"])

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from whiptool.rig.emulator.memory import Memory
 
 PERIOD = 0.001  # [s]
+AMPERE = 2.69e-3  # [A] of one count of a real servo's current
 FULL_PWM = XM430_W350["pwm_limit"].high  # the whole supply voltage
 REVERSE, TIME_BASED, TORQUE_ON_BY_GOAL = 1, 4, 8  # bits of Drive Mode(10)
 _GOALS = struct.Struct("<hh")  # Goal PWM and Goal Current are neighbours
@@ -147,6 +148,3 @@ class Controllers:
             return self._pwm * AMPERE, -most, most
         pwm = goal_pwm if mode == PWM_MODE else min(max(self._pwm, -bound), bound)
         return 0.0, pwm * per_pwm, pwm * per_pwm
-
-
-AMPERE = 2.69e-3  # [A] of one count of a real servo's current

@@ -26,8 +26,14 @@ for _r in XM430_W350.values():
     _OWNER[_r.address : _r.address + _r.size] = [_r] * _r.size
 _INDIRECT = {224 + i: 168 + 2 * i for i in range(28)} | {634 + i: 578 + 2 * i for i in range(28)}
 _WHERE = {r.name: (r.address, r.address + r.size, r.signed) for r in XM430_W350.values()}
-_MODES = (CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE, PWM_MODE)
-GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
+GOAL_OF = {
+    CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", POSITION_MODE: "goal_position",
+    EXTENDED_MODE: "goal_position", CURRENT_BASED_MODE: "goal_position", PWM_MODE: "goal_pwm",
+}  # fmt: skip
+GOAL_UNDER = {"current_limit": "goal_current", "pwm_limit": "goal_pwm", "velocity_limit": "goal_velocity"}
+GAINS = tuple(name for name in XM430_W350 if name.endswith("_gain"))
+# What a backup keeps besides EEPROM, and a boot restores if Startup Configuration(60) says so
+KEPT_RAM = (*GAINS, "profile_acceleration", "profile_velocity", *(f"indirect_address_{i}" for i in range(1, 57)))
 LEADER_BIT = 2  # of Drive Mode(10); the XM430 has no leader and follower
 LONGEST_PROFILE = 32_737  # [ms], of a time-based profile
 # Protocol 1.0 is not emulated, and a servo set to it would be lost: a real one takes 1 here
@@ -112,7 +118,7 @@ class Memory:
         if not r.low * scale <= value <= r.high * scale:
             in_limits = r.name == "goal_position" and self.memory[11] == POSITION_MODE
             return LIMIT_ERROR if in_limits or r.name == "goal_velocity" else RANGE_ERROR
-        if (r.name == "operating_mode" and value not in _MODES) or (r.name == "drive_mode" and value & LEADER_BIT):
+        if (r.name == "operating_mode" and value not in GOAL_OF) or (r.name == "drive_mode" and value & LEADER_BIT):
             return RANGE_ERROR
         if r.name == "protocol_version" and value != _ONLY_PROTOCOL:
             return RANGE_ERROR
@@ -120,7 +126,7 @@ class Memory:
             return RANGE_ERROR
         if r.name == "torque_enable" and value and self.shut_down:
             return RESULT_FAIL
-        return self._refuse_goal(r.name, value) if r.name in GOALS else 0
+        return self._refuse_goal(r.name, value) if r.name in GOAL_OF.values() else 0
 
     def _refuse_goal(self, name: str, value: int) -> int:
         if self.get("bus_watchdog") == WATCHDOG_TRIPPED:

@@ -6,7 +6,6 @@ import fcntl
 import os
 import pty
 import select
-import signal
 import sys
 import termios
 import time
@@ -15,11 +14,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
-from whiptool.errors import InputError
 from whiptool.rig.dynamixel.control_table import BAUD_RATES
 from whiptool.rig.emulator.faults import Fault, Faults, mangle
 from whiptool.rig.emulator.instructions import ServoChain, beats
@@ -333,49 +329,3 @@ class Server:
             "skipped": self.parser.skipped,
             "broken": self.parser.broken,
         }
-
-
-def serve_child(fd: int) -> None:
-    """Main function of the emulator's process: receive the options, send the port, then serve commands."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    control = Connection(fd)
-    server = Server(control.recv(), control)
-    control.send(server.port)
-    server.serve()
-
-
-def serve_alone(options: TwinOptions, link: str | None, faults: Sequence[Fault] = ()) -> None:
-    """Serve in the foreground until interrupted, with faults at their times since the start; `link` is the path of a
-    symbolic link to create to the device.
-
-    Raises:
-        InputError: The link cannot be created, its name is taken, or a fault is of a servo that is not there.
-    """
-    server = Server(options)
-    for fault in faults:
-        fault.check_servo(len(server.servos))
-        server.faults.add(fault)
-    if link:
-        _link(Path(link), server.port)
-    try:
-        print(f"emulated servos {list(options.ids)} at {options.baud} baud on {server.port}", flush=True)
-        if link:
-            print(f"and on {link}", flush=True)
-        server.serve()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        if link and Path(link).is_symlink() and Path(link).readlink() == Path(server.port):
-            Path(link).unlink()
-
-
-def _link(link: Path, device: str) -> None:
-    """Make the link; one that an earlier emulator left, to a pseudo-terminal, is replaced, and nothing else."""
-    try:
-        if link.is_symlink() and link.readlink().parent == Path(device).parent:
-            link.unlink()
-        link.symlink_to(device)
-    except FileExistsError:
-        raise InputError("link", str(link), "a path that does not exist yet", "take another, or remove it") from None
-    except OSError as error:
-        raise InputError("link", str(link), f"a path at which a symbolic link can be made ({error.strerror})") from None

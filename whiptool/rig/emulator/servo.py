@@ -23,7 +23,7 @@ from whiptool.rig.dynamixel.control_table import (
     Units,
 )
 from whiptool.rig.emulator.controllers import FULL_PWM, OFF, REVERSE, TORQUE_ON_BY_GOAL, Controllers, Drive
-from whiptool.rig.emulator.memory import Memory
+from whiptool.rig.emulator.memory import GAINS, GOAL_OF, GOAL_UNDER, KEPT_RAM, Memory
 from whiptool.rig.emulator.motor import Motor, Protection
 
 # Realtime Tick, Moving and its status, Present PWM, Current, Velocity and Position, the trajectories of velocity and
@@ -36,14 +36,6 @@ _MOST_HOMING = 1_024  # [counts], largest Homing Offset that has an effect in po
 # Whether a servo is at its goal, or no longer follows its trajectory [counts]; the manual does not give these values
 IN_POSITION, NOT_FOLLOWING = 20, 100
 OVERLOAD, OVERHEATING, INPUT_VOLTAGE = 1 << 5, 1 << 2, 1 << 0
-_POSITION_MODES = (POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE)
-_GOAL_OF = dict.fromkeys(_POSITION_MODES, "goal_position") | {
-    CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm",
-}  # fmt: skip
-_GOAL_UNDER = {"current_limit": "goal_current", "pwm_limit": "goal_pwm", "velocity_limit": "goal_velocity"}
-_GAINS = tuple(name for name in XM430_W350 if name.endswith("_gain"))
-# What a backup keeps besides EEPROM, and a boot restores if Startup Configuration(60) says so
-_KEPT_RAM = (*_GAINS, "profile_acceleration", "profile_velocity", *(f"indirect_address_{i}" for i in range(1, 57)))
 TORQUE_AT_STARTUP, RESTORE_AT_STARTUP = 1, 2  # bits of Startup Configuration(60)
 
 
@@ -105,7 +97,7 @@ class Servo(Memory):
                 self.set(r.name, self.default(r))
         self._reset_goals()
         if self.get("startup_configuration") & RESTORE_AT_STARTUP:
-            for name in _KEPT_RAM:
+            for name in KEPT_RAM:
                 self.set(name, self._backup.get(name, self.get(name)))
         self.set("backup_ready", bool(self._backup))
         self.registered, self._silent, self._overloaded, self._born = None, 0.0, 0.0, self._t
@@ -139,7 +131,7 @@ class Servo(Memory):
         if self.torque_on:
             return False
         names = [r.name for r in XM430_W350.values() if r.eeprom and r.writable]
-        self._backup = {name: self.get(name) for name in (*names, *_KEPT_RAM)}
+        self._backup = {name: self.get(name) for name in (*names, *KEPT_RAM)}
         self.set("backup_ready", 1)
         return True
 
@@ -157,7 +149,7 @@ class Servo(Memory):
         """A change of mode resets gains and profile, and sets Goal Current and Goal PWM to their *limits*."""
         self.set("goal_pwm", self.get("pwm_limit"))
         self.set("goal_current", self.get("current_limit"))
-        for name in ("goal_velocity", "profile_acceleration", "profile_velocity", *_GAINS):
+        for name in ("goal_velocity", "profile_acceleration", "profile_velocity", *GAINS):
             self.set(name, XM430_W350[name].default)
 
     # -- state ---------------------------------------------------------------------------------------------------
@@ -190,7 +182,7 @@ class Servo(Memory):
             was = self.get(r.name)
             self.set(r.name, value)
             self._take_effect(r, value, changed=value != was)
-        goal = _GOAL_OF[self.memory[11]]
+        goal = GOAL_OF[self.memory[11]]
         if any(r.name == goal for r, _ in writes):  # after all registers, so that the profile is of their new values
             self._begin()
         return error
@@ -206,9 +198,9 @@ class Servo(Memory):
             self.set("goal_position", self._ticks())
             if self.memory[11] == VELOCITY_MODE:
                 self.controllers.go()
-        elif name in _GOAL_UNDER:
+        elif name in GOAL_UNDER:
             most = value * (self._fine if name == "velocity_limit" else 1)
-            self.set(_GOAL_UNDER[name], max(-most, min(self.get(_GOAL_UNDER[name]), most)))
+            self.set(GOAL_UNDER[name], max(-most, min(self.get(GOAL_UNDER[name]), most)))
         elif name in ("homing_offset", "drive_mode"):
             self.show()
 
@@ -228,10 +220,17 @@ class Servo(Memory):
             self.show()
 
     def clear_turns(self) -> bool:
-        """Bring Present Position within one turn; return False, and do nothing, while it moves."""
+        """Bring Present Position within one turn; return False, and do nothing, while it moves. The manual does not say
+        what becomes of a goal that is held: it comes along, so that the servo stays where it is.
+        """
         if self.memory[122]:
             return False
+        before = self._zero
         self.within_one_turn()
+        if self.torque_on:
+            self.set("goal_position", self.get("goal_position") + self._zero - before)
+            self.controllers.rest(self.get("goal_position") / self._fine)
+            self.show()
         return True
 
     def within_one_turn(self) -> None:
