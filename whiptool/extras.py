@@ -23,6 +23,7 @@ EXTRAS = {
     "vision": {"cv2": "opencv-python-headless"},
     "rig": {"dynamixel_sdk": "dynamixel-sdk", "pyrealsense2": "pyrealsense2"},
     "ur": {"rtde_control": "ur-rtde", "rtde_receive": "ur-rtde", "dashboard_client": "ur-rtde"},
+    "franka": {"pylibfranka": "pylibfranka"},
     "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d", "mcap": "mcap"},
     "cluster": {"ray": "ray"},
     "oracle": {"elastica": "pyelastica", "numba": "numba"},

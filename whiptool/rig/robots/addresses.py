@@ -13,8 +13,14 @@ from whiptool.rig.robots.robot import Robot
 Maker: TypeAlias = Callable[[str, Model], Robot]  # of a host and the model of arm and whip; it does not connect
 
 
-ROBOTS: Registry[Maker] = Registry("robots", Callable, {}, what="robot")
-NEEDS: dict[str, str] = {}  # modules of extras, of whiptool's drivers
+def _franka(host: str, model: Model) -> Robot:
+    from whiptool.rig.robots.franka import Franka
+
+    return Franka(host, model.arm.joint_limits)
+
+
+ROBOTS: Registry[Maker] = Registry("robots", Callable, {"franka": _franka}, what="robot")
+NEEDS: dict[str, str] = {"franka": "pylibfranka"}  # modules of extras, of whiptool's drivers
 RULE = "franka://HOST, ur://HOST, or another robot's name, :// and HOST"
 
 
