@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from whiptool.models import SpatialArm
+from whiptool.models import JointLimits, SpatialArm
 
 URDF = """<robot name="small">
   <link name="base"><inertial><mass value="5"/>
@@ -97,11 +97,18 @@ def as_urdf(arm: SpatialArm, *, before: str = "", behind: str = "") -> str:
             f'<joint name="{joint}" type="revolute"><parent link="{names[i]}"/><child link="{names[i + 1]}"/>'
             f'<origin xyz="{_row(link.position)}" rpy="{_row(_rpy(link.rotation))}"/><axis xyz="{_row(link.axis)}"/>'
             f'<limit lower="{low}" upper="{high}" velocity="{link.limits.velocity}" effort="{link.limits.torque}"/>'
-            "</joint>"
+            f"{_slowing(link.limits)}</joint>"
             f'<link name="{names[i + 1]}"><visual/><inertial><origin xyz="{_row(link.com)}"/>'
             f'<mass value="{link.mass!r}"/><inertia {numbers}/></inertial></link>'
         )
     return "\n".join([*parts, behind.replace("{hand}", _row(arm.hand_position)), "</robot>"])
+
+
+def _slowing(limits: JointLimits) -> str:
+    """Franka's element of velocities that depend on the position."""
+    d, offset = limits.deceleration, limits.velocity_offset
+    element = f'<position_based_velocity_limits deceleration_limit="{d}" velocity_offset="{offset}"/>'
+    return element if limits.by_position else ""
 
 
 def _row(numbers: Iterable[float]) -> str:

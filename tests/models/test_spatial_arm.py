@@ -139,6 +139,9 @@ def test_velocities_by_position_are_a_parabola_of_speed(share):
     """Towards its ends at -1 and 1 it is sqrt(2 d s) - v_o, less the reserve; of that, a share is kept free."""
     limits = JointLimits((-1, 1), velocity=3.0, deceleration=8.0, velocity_offset=0.2, velocity_margin=0.1)
     q = np.linspace(-1.2, 1.2, 25)
+    nearer = dataclasses.replace(limits, position_margin=0.1)
+    np.testing.assert_allclose(nearer.velocities(q)[1], limits.velocities(q + 0.1)[1])
+    np.testing.assert_allclose(nearer.velocities(q)[0], limits.velocities(q - 0.1)[0])
     left = 1 - share
     low, high = (
         [left * max(min(np.sqrt(16 * max(left + sign * x, 0)) - 0.2, 3.0) - 0.1, 0) for x in q] for sign in (1, -1)
@@ -146,6 +149,9 @@ def test_velocities_by_position_are_a_parabola_of_speed(share):
     np.testing.assert_allclose(limits.keeping_free(share).velocities(q), [-np.array(low), high], atol=1e-12)
     assert limits.keeping_free(share).fastest == pytest.approx(left * 2.9)
     np.testing.assert_array_equal(JointLimits(velocity=2.0).velocities(q), np.outer([-2, 2], np.ones(25)))
+    ends = np.array(limits.reachable)
+    assert limits.velocities(ends)[1, 1] == pytest.approx(0.1) == -limits.velocities(ends)[0, 0]
+    assert JointLimits((-1, 1), velocity=2.0).reachable == (-1, 1)
 
 
 def test_bad_arms_are_named():

@@ -110,8 +110,8 @@ class ArmLimits(Limits):
 
     @property
     def positions(self) -> np.ndarray:
-        """Lowest and highest position of each joint [rad or m], (2, a); infinite without a limit."""
-        return np.array([joint.position for joint in self.joints]).T
+        """Lowest and highest position that each joint reaches [rad or m], (2, a); infinite without a limit."""
+        return np.array([joint.reachable for joint in self.joints]).T
 
     @property
     def of_candidates(self) -> bool:

@@ -47,7 +47,8 @@ class Slowing:
     def __init__(self, joints: Sequence[JointLimits]) -> None:
         self.which = np.array([j for j, joint in enumerate(joints) if joint.by_position], int)
         chosen = [joints[j] for j in self.which]
-        self._ends = np.array([joint.position for joint in chosen]).reshape(-1, 2).T  # (2, k)
+        margins = np.outer((1, -1), [joint.position_margin for joint in chosen])
+        self._ends = np.array([joint.position for joint in chosen]).reshape(-1, 2).T + margins  # (2, k)
         self._d = np.array([joint.deceleration for joint in chosen])
         self._o = np.array([joint.velocity_offset + joint.velocity_margin for joint in chosen])
 

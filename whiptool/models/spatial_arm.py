@@ -66,6 +66,7 @@ _UNITS = {
     "jerk": ("rad/s^3", "m/s^3"), "torque": ("N m", "N"), "torque_rate": ("N m/s", "N/s"),
 }  # fmt: skip
 _MAGNITUDES = ("velocity", "acceleration", "jerk", "torque", "torque_rate", "deceleration")  # without positions
+_LAST = 0.1  # [rad/s or m/s] that may still be commanded where a movement ends
 _ROUNDED = 1e-12  # entries of rotations and axes this close to 0, 1 or -1 are meant to be it: zeros are structural
 _SLANTED = 1e-6  # by which a rotation or a unit vector may be wrong where it was written with few digits
 
@@ -85,6 +86,8 @@ class JointLimits:
             largest velocity is the same everywhere.
         velocity_margin: Reserve [rad/s or m/s] that commanded velocities keep to the limits of velocity, for lost
             packets: libfranka's `kJointVelocityLimitsTolerance`.
+        position_margin: Reserve [rad or m] for velocities that depend on the position: a joint may be so much nearer to
+            its end than it is commanded.
 
     Raises:
         InputError: A value is NaN or not positive, the lowest position is not below the highest, a velocity that
@@ -100,6 +103,7 @@ class JointLimits:
     deceleration: float = math.inf
     velocity_offset: float = 0.0
     velocity_margin: float = 0.0
+    position_margin: float = 0.0
 
     def __post_init__(self) -> None:
         ends = self.position
@@ -114,12 +118,13 @@ class JointLimits:
             if not value > 0:
                 raise InputError(name, getattr(self, name), "a number > 0")
             object.__setattr__(self, name, value)
-        for name in ("velocity_offset", "velocity_margin"):
+        for name in ("velocity_offset", "velocity_margin", "position_margin"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
         if self.by_position and not math.isfinite(high - low):
             raise InputError("deceleration", self.deceleration, "only with a lowest and a highest position")
-        if self.velocity_offset and not self.by_position:
-            raise InputError("velocity_offset", self.velocity_offset, "only with a deceleration")
+        for name in ("velocity_offset", "position_margin"):
+            if getattr(self, name) and not self.by_position:
+                raise InputError(name, getattr(self, name), "only with a deceleration")
         if not self.velocity_margin < self.velocity:
             raise InputError("velocity_margin", self.velocity_margin, f"less than the velocity, {self.velocity:g}")
 
@@ -133,6 +138,16 @@ class JointLimits:
         """Largest velocity that may be commanded at any position [rad/s or m/s]; infinite without a limit."""
         return self.velocity - self.velocity_margin
 
+    @property
+    def reachable(self) -> tuple[float, float]:
+        """Lowest and highest position at which a movement can end in good time [rad or m]: where 0.1 rad/s may still be
+        commanded. It is the range of positions unless velocities depend on the position.
+        """
+        low, high = self.position
+        kept = (self.velocity_offset + self.velocity_margin + _LAST) ** 2 / (2 * self.deceleration)
+        kept += self.position_margin
+        return low + kept, high - kept
+
     def velocities(self, q: np.ndarray) -> np.ndarray:
         """Return the lowest and highest velocity that may be commanded at positions.
 
@@ -142,7 +157,7 @@ class JointLimits:
         Returns:
             Velocities [rad/s or m/s], (2, ...), the lowest at most 0 and the highest at least 0.
         """
-        left = np.stack([q - self.position[0], self.position[1] - np.asarray(q)])
+        left = np.stack([q - self.position[0], self.position[1] - np.asarray(q)]) - self.position_margin
         bound = np.full(left.shape, self.velocity)
         if self.by_position:
             slowed = np.sqrt(np.maximum(2 * self.deceleration * left, 0.0)) - self.velocity_offset
@@ -163,7 +178,7 @@ class JointLimits:
         shift = (high - low) * (1.0 - left) / 2 if math.isfinite(high - low) else 0.0
         rest = {name: left * getattr(self, name) for name in (*_MAGNITUDES, "velocity_offset", "velocity_margin")}
         rest["deceleration"] *= left  # of sqrt(2 d s) the share `left`
-        return JointLimits((low + shift, high - shift), **rest)
+        return JointLimits((low + shift, high - shift), **rest, position_margin=self.position_margin)
 
 
 def limit_unit(name: str, *, slides: bool) -> str:

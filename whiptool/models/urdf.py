@@ -23,7 +23,15 @@ from whiptool.models.spatial_arm import (
     welded,
     without_inertia,
 )
-from whiptool.models.urdf_limits import keeps_off, number_of, position_limits, with_all_limits, zero_limit
+from whiptool.models.urdf_limits import (
+    RESERVES,
+    by_position,
+    keeps_off,
+    number_of,
+    position_limits,
+    with_all_limits,
+    zero_limit,
+)
 from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
@@ -63,10 +71,11 @@ def assumed(
     light, water = ", ".join(without_mass), ", ".join(sorted(weighed))
     following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
     soft, free, meshes = of(keeps_off), of(zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
-    rubbing = of(_rubs)
+    rubbing, slowed = of(_rubs), of(by_position)
     said = {
         f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
+        f"speed limits that depend on the position of {slowed} keep {RESERVES}; arm.limits changes that": slowed,
         f"what mimics joints of the arm does not move with them, but is held: {following}": following,
         f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
         f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,

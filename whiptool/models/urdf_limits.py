@@ -12,6 +12,8 @@ from whiptool.errors import InputError
 from whiptool.models.spatial_arm import JointLimits
 
 _BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
+VELOCITY_MARGIN, POSITION_MARGIN = 1e-3, 2e-3  # [rad/s], libfranka's; [rad], chosen, of the deviation from the command
+RESERVES = f"reserves of {VELOCITY_MARGIN:g} rad/s and {1e3 * POSITION_MARGIN:g} mrad"
 
 
 def number_of(element: ET.Element | None, name: str, absent: str = "0") -> float:
@@ -46,11 +48,16 @@ def keeps_off(joint: ET.Element) -> bool:
     return low < high and (low > number_of(limit, "lower") or high < number_of(limit, "upper"))
 
 
+def by_position(joint: ET.Element) -> bool:
+    """Return whether a joint's limit of speed depends on its position."""
+    return joint.find(_BY_POSITION) is not None
+
+
 def with_all_limits(joint: ET.Element, limits: JointLimits) -> JointLimits:
     """Return a joint's limits with those that only the file's text has.
 
     These are `acceleration`, `deceleration` and `jerk` of `<limit>` (URDF 1.2), of which the smaller of the first two
-    holds for both, and Franka's `<position_based_velocity_limits>`.
+    holds for both, and Franka's `<position_based_velocity_limits>`, with reserves.
 
     Raises:
         InputError: One of them is not a number, or the velocities have no range of positions.
@@ -63,6 +70,7 @@ def with_all_limits(joint: ET.Element, limits: JointLimits) -> JointLimits:
         if slowing is None:
             return limits
         d, offset = number_of(slowing, "deceleration_limit", "nan"), number_of(slowing, "velocity_offset")
-        return replace(limits, deceleration=d, velocity_offset=offset)
+        margins = {"velocity_margin": VELOCITY_MARGIN, "position_margin": POSITION_MARGIN}
+        return replace(limits, deceleration=d, velocity_offset=offset, **margins)
     except InputError as error:
         raise error.within(f"joint {joint.get('name', '')}: ") from None
