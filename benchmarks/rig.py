@@ -102,7 +102,20 @@ def detection() -> dict[str, float]:
     at, times = 0.2, {}
     cases = {
         kind: Fault(kind, at=at, count=10**6, servo=1)
-        for kind in ("drop", "corrupt", "late", "lose", "unplug", "dead", "hot", "alert", "stuck")
+        for kind in (
+            "drop",
+            "corrupt",
+            "late",
+            "lose",
+            "unplug",
+            "dead",
+            "hot",
+            "alert",
+            "stuck",
+            "sag",
+            "reboot",
+            "same_id",
+        )
     }
     with Emulator(COARSE) as twin:
         for kind, fault in cases.items():
