@@ -49,7 +49,8 @@ def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
 
     arm = InSpace(model="ur5e", base=("ceiling",)).build_model().arm
     assert arm.links[:5] == mounted(UR5E_ARM, "ceiling").links[:5]  # the last holds a stick
-    assert InSpace(model="ur5e", base=("3.141592653589793", "0", "0")).build_model().arm == arm
+    turned = InSpace(model="ur5e", base=("3.141592653589793", "0", "0")).build_model().arm
+    assert replace(turned, surface=arm.surface) == arm
     for base in (("roof",), ("1", "2"), ("1", "2", "x")):
         with pytest.raises(InputError, match=r"--base: got .*allowed: floor, wall, ceiling, or three numbers"):
             InSpace(model="ur5e", base=base).build_model()
@@ -172,3 +173,34 @@ def test_the_stick_is_a_capsule_where_the_arm_has_any():
     assert (last.start, last.end, last.radius) == (bare.hand_position, stick.hand_position, 0.01)
     arm = random_arm(2, np.random.default_rng(0))
     assert not with_stick(arm, length=0.5, mass=0.1).links[-1].capsules
+
+
+@pytest.mark.parametrize(("base", "axis", "sign"), [("wall", 0, 1.0), ("ceiling", 2, -1.0)])
+def test_a_wall_and_a_ceiling_are_surfaces_of_arm_and_whip(base, axis, sign):
+    """Distances by the capsules' ends and radii; a robot that is mounted upright has no other surface than a floor."""
+    arm = mounted(PANDA_ARM, base)
+    assert PANDA_ARM.surface is None
+    np.testing.assert_allclose(arm.surface, sign * np.eye(3)[axis], atol=1e-15)
+    assert mounted(PANDA_ARM, (0.0, 1.0, 0.0)).surface is None
+    model = Model(rope(3), arm)
+    scene = Scene(model, -3.0, ("apart", "whip"))
+    rods = np.tile([0.6, 0.0, -0.8], 3)
+    q = np.array([[*Q, *rods]])
+    starts, ends = scene.segments(q)
+    distances = scene.distances(q)[0][0]
+    pairs = [k for k, (_, j) in enumerate(scene.pairs) if j == len(scene.bodies) + 1]
+    assert {scene.bodies[scene.pairs[k][0]].link for k in pairs} == {-3, *range(1, 7)}
+    for k in pairs:
+        i = scene.pairs[k][0]
+        height = min(sign * starts[0, i, axis], sign * ends[0, i, axis])
+        if scene.bodies[i].capsule.exact:
+            assert distances[k] == pytest.approx(height - scene.bodies[i].capsule.radius, abs=1e-12)
+        assert scene.names_of(scene.pairs[k])[1] == f"the {base}"
+    below = [k for k, (_, j) in enumerate(scene.pairs) if j == len(scene.bodies)]
+    assert {scene.names_of(scene.pairs[k])[1] for k in below} == {"the floor"}
+    nearest = min(distances[k] for k in pairs)
+    others = np.arange(len(scene.pairs))
+    found = scene.contacts(q, np.isin(others, pairs).astype(int), [np.inf, np.inf])[1]
+    assert found is not None
+    assert found.distance == pytest.approx(nearest, abs=1e-9)
+    np.testing.assert_allclose(found.normal, -np.array(arm.surface), atol=1e-9)

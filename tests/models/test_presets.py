@@ -142,3 +142,18 @@ def test_capital_letters_make_no_difference(written):
     assert limits_preset("XM430") is limits_preset("xm430")
     assert oiac_preset("Table4") is oiac_preset("table4")
     assert constant_preset(written) is constant_preset("ur5e")
+
+
+@pytest.mark.parametrize("name", ["ur5e", "panda", "fr3"])
+def test_robots_default_to_what_they_accept_and_stand_on_a_floor(name):
+    """Position control, a rope of rods, the floor of their base, and a start posture that is clear of it."""
+    from whiptool.impedance import default_controller
+    from whiptool.models.mount import default_floor
+
+    model = preset(name)
+    assert default_controller(model).prescribed
+    assert model.whip.joints == "rod"
+    assert default_floor(model.arm) == 0.0
+    assert model.arm.rate in (500.0, 1000.0)
+    assert all(joint.endswith(("_joint", *"1234567")) for joint in model.arm.names)
+    assert set(model.arm.names).isdisjoint(model.arm.joints)

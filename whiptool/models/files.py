@@ -157,8 +157,9 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
             if not capsule[name]:
                 del capsule[name]
     table.pop("notes", None)
-    if table.get("rate") is None:
-        table.pop("rate", None)
+    for name in ("rate", "surface"):
+        if table.get(name) is None:
+            table.pop(name, None)
     if table.get("names") == table["joints"]:
         del table["names"]
     if table.get("stick") == [0.0, 0.0]:

@@ -21,6 +21,7 @@ MOUNTS = {  # roll, pitch, yaw of the base [rad]
     "wall": (0.0, math.pi / 2, 0.0),  # the base's z points forward, its x down
     "ceiling": (math.pi, 0.0, 0.0),  # its z points down, its x still forward
 }
+SURFACES = ("wall", "ceiling")  # of mounts, that arm and whip must not touch; a floor may be lower than the base
 MOUNT_RULE = f"{', '.join(MOUNTS)}, or three numbers: roll pitch yaw [rad]"
 
 
@@ -43,7 +44,7 @@ def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
 
 
 def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
-    """Return the arm with its base rotated about the origin.
+    """Return the arm with its base rotated about the origin; at a wall or ceiling, that is its `surface`.
 
     Args:
         arm: Arm whose base's z axis points up.
@@ -58,7 +59,8 @@ def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
         first, position=_turned(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
     )
     base = tuple(_turned_capsule(R, capsule) for capsule in arm.base)
-    return dataclasses.replace(arm, links=(turned, *arm.links[1:]), base=base)
+    surface = _turned(R, (0.0, 0.0, 1.0)) if given in SURFACES else None
+    return dataclasses.replace(arm, links=(turned, *arm.links[1:]), base=base, surface=surface)
 
 
 _LEAST_HEIGHT = 1e-3  # [m] of a shoulder above a floor: less is a turn of the base that was written with few digits

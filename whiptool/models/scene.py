@@ -80,18 +80,19 @@ class Contact:
 
 
 class Solids:
-    """Shapes of bodies as objects of the library coal, followed by a floor.
+    """Shapes of bodies as objects of the library coal, followed by surfaces.
 
     Args:
         shapes: Shapes of the bodies.
-        height: Height of the floor [m].
+        surfaces: Unit normal (3,) of each surface, and how far from the origin it is along it [m].
     """
 
-    def __init__(self, shapes: Sequence[Capsule], height: float) -> None:
+    def __init__(self, shapes: Sequence[Capsule], surfaces: Sequence[tuple[np.ndarray, float]]) -> None:
         import coal
 
         self._shapes: list[Any] = [shape.solid() for shape in shapes]
-        self._shapes.append(coal.Halfspace(np.array([0.0, 0.0, 1.0]), height))
+        self._bodies = len(self._shapes)
+        self._shapes += [coal.Halfspace(normal, offset) for normal, offset in surfaces]
 
     def distance(
         self, bodies: tuple[int, int], poses: Sequence[tuple[np.ndarray, np.ndarray]]
@@ -100,13 +101,13 @@ class Solids:
         (3,).
 
         Args:
-            bodies: Indices of the bodies; the floor's index follows the last body's.
-            poses: For each of the two bodies its axes (3, 3) and its centre (3,) [m]; those of the floor are ignored.
+            bodies: Indices of the bodies; those of the surfaces follow the last body's.
+            poses: For each of the two bodies its axes (3, 3) and its centre (3,) [m]; those of surfaces are ignored.
         """
         import coal
 
         posed = [coal.Transform3s(np.asarray(R, float), np.asarray(p, float)) for R, p in poses]
-        if bodies[1] == len(self._shapes) - 1:
+        if bodies[1] >= self._bodies:
             posed[1] = coal.Transform3s.Identity()
         found = coal.DistanceResult()
         one, other = (self._shapes[i] for i in bodies)
@@ -120,8 +121,9 @@ class Scene:
 
     Kinds of pairs: `close` links, with exactly one link between them; `apart`, links with more between them, and arm
     and floor; `whip`, the whip with arm and floor. Not checked are neighbouring links, the arm's `never_touch`, the
-    whip's first segments with the links that hold it, and the floor with links that never change their height. Planar
-    arms have no thickness and can only touch a floor.
+    whip's first segments with the links that hold it, and the floor with links that never change their height. The
+    surface of an arm, a wall or ceiling, is compared as the floor is, except with the first link. Planar arms have no
+    thickness and can only touch a floor.
 
     Args:
         model: Model of arm and whip.
@@ -130,7 +132,7 @@ class Scene:
 
     Attributes:
         bodies: All bodies, those of the whip last.
-        pairs: Indices of the two bodies of each pair; the floor's index follows the last body's.
+        pairs: Indices of the two bodies of each pair; those of floor and arm's surface follow the last body's.
         kinds: Kind of each pair.
     """
 
@@ -150,13 +152,18 @@ class Scene:
         compared = [(pair, kind) for pair, kind in self._compared() if kind in asked]
         self.pairs, self.kinds = [pair for pair, _ in compared], [kind for _, kind in compared]
         self._first, self._second = np.array(self.pairs, int).reshape(-1, 2).T
-        self._floor, self._height = self._second == len(self.bodies), self.floor or 0.0
-        self._other = np.where(self._floor, self._first, self._second)  # of the floor any body: it is replaced
-        self._radii = np.array([*(body.capsule.radius for body in self.bodies), 0.0])  # the last: of the floor
-        inner = np.array([*(body.capsule.inner_radius for body in self.bodies), 0.0])
-        outer = self._radii + np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0])
+        up, out = np.array([0.0, 0.0, 1.0]), np.array(self._arm.surface or (0.0, 0.0, 1.0))
+        self._surfaces = [(up, self.floor or 0.0), (out, 0.0)]
+        self._floor = self._second >= len(self.bodies)  # of pairs: whether the second is a surface
+        of = np.maximum(self._second - len(self.bodies), 0)
+        self._normal = np.array([normal for normal, _ in self._surfaces])[of]
+        self._height = np.array([offset for _, offset in self._surfaces])[of]
+        self._other = np.where(self._floor, self._first, self._second)  # of a surface any body: it is replaced
+        self._radii = np.array([*(body.capsule.radius for body in self.bodies), 0.0, 0.0])  # the last: of surfaces
+        inner = np.array([*(body.capsule.inner_radius for body in self.bodies), 0.0, 0.0])
+        outer = self._radii + np.array([*(body.capsule.length / 2 for body in self.bodies), 0.0, 0.0])
         self._inner, self._outer = (size[self._first] + size[self._second] for size in (inner, outer))  # of pairs
-        exact = np.array([*(body.capsule.exact for body in self.bodies), True])
+        exact = np.array([*(body.capsule.exact for body in self.bodies), True, True])
         self._inexact = ~(exact[self._first] & exact[self._second])
         local: dict[int, list] = {body.link: [] for body in self.bodies if body.link != _WHIP}
         for body in self.bodies:
@@ -186,6 +193,8 @@ class Scene:
                     yield (i, j), kind
             if self.floor is not None and (body.link == _WHIP or body.link >= level):
                 yield (i, n), "whip" if body.link == _WHIP else "apart"
+            if self._arm.surface is not None and (body.link == _WHIP or body.link >= 1):
+                yield (i, n + 1), "whip" if body.link == _WHIP else "apart"
 
     def _kind(self, one: _Body, other: _Body) -> Of | None:
         """Return of which kind two bodies are that are compared, the whip's being the second; None: they are not."""
@@ -234,12 +243,15 @@ class Scene:
     def links_of(self, pair: tuple[int, int]) -> tuple[int, int]:
         """Return the indices of the links of a pair of bodies; negative values mean the base, the floor or the whip."""
         i, j = pair
-        return self.bodies[i].link, _FLOOR if j == len(self.bodies) else self.bodies[j].link
+        return self.bodies[i].link, self.bodies[j].link if j < len(self.bodies) else _FLOOR
 
     def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
         """Return the names of a pair of bodies, for messages."""
         i, j = pair
-        return self.bodies[i].name, "the floor" if j == len(self.bodies) else self.bodies[j].name
+        if j < len(self.bodies):
+            return self.bodies[i].name, self.bodies[j].name
+        mount = "the ceiling" if self._surfaces[1][0][2] < 0 else "the wall"
+        return self.bodies[i].name, "the floor" if j == len(self.bodies) else mount
 
     def nearest(self, q: np.ndarray, *, enough: float = np.inf) -> NearestPair | None:
         """Return the closest pair of bodies over successive states; None if no pairs are checked.
@@ -342,7 +354,8 @@ class Scene:
         first, other, floor = self._first[pairs], self._other[pairs], self._floor[pairs]
         one = middles[rows, first]
         between = one - middles[rows, other]
-        apart = np.where(floor, one[:, 2] - self._height, np.sqrt(np.einsum("ci,ci->c", between, between)))
+        above = np.einsum("ci,ci->c", one, self._normal[pairs]) - self._height[pairs]
+        apart = np.where(floor, above, np.sqrt(np.einsum("ci,ci->c", between, between)))
         lower = apart - self._outer[pairs] - spread[rows, first] - np.where(floor, 0.0, spread[rows, other])
         least, limit = (np.full(len(enough), np.inf) for _ in range(2))
         np.minimum.at(least, groups[pairs], lower)
@@ -366,7 +379,7 @@ class Scene:
 
     @cached_property
     def _solids(self) -> Solids:
-        return Solids([body.capsule for body in self.bodies], self._height)
+        return Solids([body.capsule for body in self.bodies], self._surfaces)
 
     def _of_solids(self, places: np.ndarray, pair: int) -> tuple[float, np.ndarray, np.ndarray]:
         """Return how near a pair of which one is a cylinder or a box comes, as `_distances` does.
@@ -390,15 +403,18 @@ class Scene:
         """
         first, second, floor = self._first[pairs], self._second[pairs], self._floor[pairs]
         start, end = starts[instants, first], ends[instants, first]
-        lowest = np.where(start[:, 2:] < end[:, 2:], start, end)
-        below = lowest * (1.0, 1.0, 0.0) + (0.0, 0.0, self._height)
+        out = self._normal[pairs]
+        first_high, last_high = (np.einsum("ci,ci->c", x, out) for x in (start, end))
+        lowest = np.where((first_high < last_high)[:, None], start, end)
+        above = np.minimum(first_high, last_high) - self._height[pairs]
+        below = lowest - above[:, None] * out
         other = self._other[pairs]
         one, two = nearest_points(start, end, starts[instants, other], ends[instants, other])
         one, two = np.where(floor[:, None], lowest, one), np.where(floor[:, None], below, two)
         apart = np.linalg.norm(two - one, axis=-1)
         normals = np.divide(two - one, apart[:, None], out=np.tile(_DOWN, (len(one), 1)), where=apart[:, None] > 0)
-        apart = np.where(floor, lowest[:, 2] - self._height, apart)
-        normals[floor] = _DOWN
+        apart = np.where(floor, above, apart)
+        normals[floor] = -out[floor]
         own, its = self._radii[first], self._radii[second]
         points = np.stack([one + own[:, None] * normals, two - its[:, None] * normals], axis=1)
         return apart - own - its, points, normals

@@ -382,6 +382,8 @@ class SpatialArm(JointedArm):
             zeros without a stick.
         rate: Commanded positions per second that the robot's controller takes [1/s], for exported strikes; None:
             unknown.
+        surface: Unit vector into the room from the wall or ceiling at which the base is mounted, (3,). The surface goes
+            through the base, and arm and whip must not touch it. None: none is known; a floor is not part of the arm.
         speed_limits: Points of the arm, see `points`, and the largest speeds [m/s] that the robot's controller allows
             there, as pairs.
         notes: Assumptions made when the arm was read from a file, in sentences.
@@ -400,6 +402,7 @@ class SpatialArm(JointedArm):
     names: tuple[str, ...] = ()
     stick: tuple[float, float] = (0.0, 0.0)
     rate: float | None = None
+    surface: Vector | None = None
     speed_limits: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = field(default=(), compare=False)
 
@@ -430,6 +433,8 @@ class SpatialArm(JointedArm):
         if self.rate is not None:
             object.__setattr__(self, "rate", number("rate", self.rate, low=1))
         object.__setattr__(self, "speed_limits", _checked_speeds(self.speed_limits, self.points))
+        if self.surface is not None:
+            object.__setattr__(self, "surface", _checked_axis(self.surface))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property

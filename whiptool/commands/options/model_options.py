@@ -98,7 +98,7 @@ class ModelOptions(WhipOptions):
 
     base: tuple[str, ...] = ("floor",)
     """Mounting of the base of an arm in space: floor, wall (its z axis points forward), ceiling, or its roll, pitch and
-    yaw [rad]."""
+    yaw [rad]. Strikes keep clear of the wall or ceiling; the floor below it is given by --floor."""
 
     def build_model(self) -> Model:
         """Return the model of `--model` with the arm of `--arm`; assumptions about the arm are printed on stderr.
