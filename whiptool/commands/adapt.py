@@ -202,24 +202,27 @@ def _port_of_robot(options: AdaptOptions, model: Model, stock, interlock: Interl
     from whiptool.impedance import Controller, PositionControl
     from whiptool.limits.all_limits import default_limits
     from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.robots.addresses import robot_at
 
     goal = options.build_target(model)
     shared = {
+        "port": options.port,
         "yes": options.yes,
         "limits": default_limits(model, prescribed=True),
         "target": goal.position,
         "options": LoopOptions(t_stay=options.t_stay, settle=options.settle),
         "interlock": interlock,
     }
+    robot = robot_at(options.port, model)
     if options.camera == "none":
-        rig = robot_rig(options.port, model, **shared)
+        rig = robot_rig(robot, model, **shared)
         return RobotPort(model, goal, t_stay=options.t_stay, rig=rig)
     twin = draw_twin(options.family, options.seed, model, Controller(PositionControl()), stock)
 
     def make(number: int) -> RobotRig:
         seed = [options.seed, number]
         film = virtual_film(options.camera, twin.model, seed, goal.position, twin.clock_offset)
-        return robot_rig(options.port, model, film=film, **shared)
+        return robot_rig(robot, model, film=film, **shared)
 
     return RigPort(make, goal.position)
 

@@ -139,6 +139,7 @@ def _strike(options: RobotOptions) -> int:
     from whiptool.models.hand_space import numbers_of
     from whiptool.models.strike import JointSpace
     from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.robots.addresses import robot_at
     from whiptool.rig.stops import Interlock
 
     model = options.build_model()
@@ -151,8 +152,9 @@ def _strike(options: RobotOptions) -> int:
     tell_when_interrupted(lambda: interlock.torque)
     true = model if options.true_model is None else load_model(options.true_model)
     arm = robot_rig(
-        options.robot,
+        robot_at(options.robot, model),
         model,
+        port=options.robot,
         yes=options.yes,
         limits=options.build_limits(model, options.build_controller()),
         film=virtual_film(options.camera, true, [options.seed], target.position),

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from whiptool.impedance import Controller
     from whiptool.models.parameters import Model
     from whiptool.rig.loop_options import LoopOptions
+    from whiptool.rig.robots.robot import Robot
     from whiptool.rig.robots.robot_rig import RobotRig
     from whiptool.rig.stops import Interlock
 
@@ -145,24 +146,23 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
 VIRTUAL_CAMERAS = ("none", "points", "twin", "d435-color", "d435-infrared")
 
 
-def robot_rig(address: str, model: Model, *, yes: bool, **shared: Any) -> RobotRig:
+def robot_rig(robot: Robot, model: Model, *, port: str, yes: bool, **shared: Any) -> RobotRig:
     """Return the rig of a robot with a controller of its own; it is not connected yet.
 
     Args:
-        address: Address of the robot, such as `ur://192.168.0.10`.
+        robot: Driver of the robot.
         model: Model of the robot's arm with the whip.
+        port: Address of the robot, such as `ur://192.168.0.10`.
         yes: Whether nobody is asked before the robot moves.
         shared: Further arguments of `RobotRig`; its interlock is locked by a fault of an earlier call.
 
     Raises:
-        InputError: There is no such robot, or its arm has another number of joints than the model.
+        InputError: The robot's arm has another number of joints than the model.
     """
-    from whiptool.rig.robots.addresses import robot_at
     from whiptool.rig.robots.robot_rig import RobotRig
 
-    shared["interlock"].watch(mark_of_port(address))
-    confirm = None if yes else _confirm
-    return RobotRig(model, robot_at(address, model), port=address, confirm=confirm, **shared)
+    shared["interlock"].watch(mark_of_port(port))
+    return RobotRig(model, robot, port=port, confirm=None if yes else _confirm, **shared)
 
 
 def virtual_film(camera: str, true: Model, seed: Sequence[int], target: tuple[float, ...], late: float = 0.0):

@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
+from whiptool.identification.servo_lag import ServoLag
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
@@ -74,11 +75,15 @@ class Robot(ABC):
         n: Number of joints.
         rate: Commanded positions per second [1/s] that the controller takes.
         limits: Limits of the joints that the robot's controller enforces, (n,).
+        leads: Whether the driver's commands can lead by the lag of the joints.
+        lag: Lag of the joints by which commands lead; None: unknown, they do not lead.
     """
 
     n: int
     rate: float
     limits: tuple[JointLimits, ...]
+    leads: ClassVar[bool] = False
+    lag: ServoLag | None = None
 
     @abstractmethod
     def connect(self) -> None:

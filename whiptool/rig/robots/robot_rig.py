@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,6 +13,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_json
+from whiptool.identification.servo_lag import ServoLag, fit_servo_lag
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits
@@ -21,6 +24,7 @@ from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
+from whiptool.progress import note
 from whiptool.rig.cyclelog import CycleLog, Cycles, Phase
 from whiptool.rig.robots.robot import Robot, Sample, payload_of
 from whiptool.rig.safety import State
@@ -30,8 +34,11 @@ from whiptool.rig.struck import Run, Struck
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.servo_replay import replay_trajectory
+from whiptool.whole_files import write_whole
 
+LAG = "lag.json"
 HELD = "the robot's own controller holds the arm"
+_MOVED = 0.05  # [rad] of a command, from which on a lag is fitted
 _RATE, _WINDOW = 500.0, 15  # [1/s] of the measured motion as the simulated whip follows it; samples that smooth it
 
 
@@ -108,6 +115,7 @@ class RobotRig(FilmedRig):
         begins = _beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
         watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), on_cycle)
+        self._recall_lag(log)
         fault: SafetyError | None = None
         self.interlock.torque = HELD
         try:
@@ -125,7 +133,26 @@ class RobotRig(FilmedRig):
         if fault is not None:
             self.interlock.trip(str(fault), lasting=fault.kind != "signal", torque=HELD)
         signals.answered = fault is not None
-        return Run(watch.log.cycles(), fault, torque_off=None, missed=0, overruns=0, torque=HELD)
+        cycles = watch.log.cycles()
+        if fault is None:
+            self._learn_lag(cycles, log)
+        return Run(cycles, fault, torque_off=None, missed=0, overruns=0, torque=HELD)
+
+    def _recall_lag(self, log: Path | None) -> None:
+        """Take the lag of the joints that an earlier strike of the run has left."""
+        if log is None or not self.robot.leads or self.robot.lag is not None:
+            return
+        for file in sorted(log.parent.parent.glob(f"strike-*/{LAG}")):
+            self.robot.lag = ServoLag(**{name: _tuple(x) for name, x in read_json(file).items()})
+
+    def _learn_lag(self, cycles: Cycles, log: Path | None) -> None:
+        """Fit the lag of the joints to a first recording, print it, and keep it; later commands lead by it."""
+        if not self.robot.leads or self.robot.lag is not None or np.ptp(cycles.q_d, axis=0).max() < _MOVED:
+            return
+        self.robot.lag = fit_servo_lag(cycles.t, cycles.q_d, cycles.q, period=1 / self.robot.rate)
+        note(f"{self.robot.lag}; the next commands lead by that")
+        if log is not None:
+            write_whole(log.with_name(LAG), json.dumps(dataclasses.asdict(self.robot.lag)) + "\n")
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         struck = super()._strike(strike, folder, believed, signals)
@@ -135,6 +162,10 @@ class RobotRig(FilmedRig):
         path = whip_on(film.model, struck.run.cycles, self.model.arm.names)
         struck = dataclasses.replace(struck, truth=path)
         return self._seen(struck, signals, lambda: self._recorded(struck.run, folder, film.of(path, strike)))
+
+
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _beginning(strike: Strike, trajectory: JointTrajectory, t_stay: float) -> float:
