@@ -19,8 +19,14 @@ def _franka(host: str, model: Model) -> Robot:
     return Franka(host, model.arm.joint_limits)
 
 
-ROBOTS: Registry[Maker] = Registry("robots", Callable, {"franka": _franka}, what="robot")
-NEEDS: dict[str, str] = {"franka": "pylibfranka"}  # modules of extras, of whiptool's drivers
+def _ur(host: str, model: Model) -> Robot:
+    from whiptool.rig.robots.ur import UniversalRobot
+
+    return UniversalRobot(host, model.arm.joint_limits)
+
+
+ROBOTS: Registry[Maker] = Registry("robots", Callable, {"franka": _franka, "ur": _ur}, what="robot")
+NEEDS = {"franka": "pylibfranka", "ur": "rtde_control"}  # modules of extras, of whiptool's drivers
 RULE = "franka://HOST, ur://HOST, or another robot's name, :// and HOST"
 
 

@@ -50,6 +50,7 @@ class UniversalRobot(Robot):
 
     n = 6
     rate = RATE
+    leads = True
 
     def __init__(
         self,
