@@ -18,7 +18,8 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"(?<!\})`([^`\n]+)`")  # code of a line; not a role such as {doc}
 OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
-NEEDS_HARDWARE = ("/dev/ttyUSB0", "--cluster auto")  # servos and clusters that no test has
+# servos, robots and clusters that no test has
+NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "--cluster auto")
 SERVES = "emulator --"  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(
