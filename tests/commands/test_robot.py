@@ -100,9 +100,9 @@ def test_nothing_moves_without_a_yes(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", open("/dev/null"))  # noqa: SIM115, PTH123
     words = ["strike", "--robot", "lab://one", "--model", "ur5e", "--strike", *WORDS, "--out", str(tmp_path / "run")]
     assert robot.main(words) == 2
-    assert robot.main(["recover", "--robot", "lab://one", "--model", "ur5e"]) == 2
+    assert robot.main(["recover", "--robot", "lab://one"]) == 2
     assert (Counted.moved, Counted.recovered) == (0, 0)
-    assert robot.main(["recover", "--robot", "lab://one", "--model", "ur5e", "--yes"]) == 0
+    assert robot.main(["recover", "--robot", "lab://one", "--yes"]) == 0
     assert Counted.recovered == 1
 
 

@@ -23,8 +23,8 @@ NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "--cluster auto"
 SERVES = "emulator --"  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(
-    r"whiptool\.(train|compare|reproduce|human|adapt|map|rig|identify)\b"
-    r"|--model (nah2023 --controller|ur5e|panda|three|run/identified)"
+    r"whiptool\.(train|compare|reproduce|human|adapt|map|rig|robot|identify)\b"
+    r"|--model (nah2023 --controller|ur5e|panda|fr3|three|run/identified)"
     r"|--pareto|--minimise|--resume|--method cmaes|--cone|--control-period"
 )
 SHORT = re.compile(

@@ -7,6 +7,7 @@ start. What a page takes from its reader (recordings, robots, people's throws) i
 from __future__ import annotations
 
 import io
+import re
 import shlex
 import subprocess
 import sys
@@ -87,7 +88,7 @@ def test_a_long_command_starts(command, folder_of, monkeypatch):
 
 def hardware_cases() -> list:
     """Commands that need it; a strike is rehearsed before a camera is asked for, and takes long."""
-    marks = [pytest.mark.hours if "rig strike" in c.line else pytest.mark.slow for c in HARDWARE]
+    marks = [pytest.mark.hours if re.search("rig strike|adapt", c.line) else pytest.mark.slow for c in HARDWARE]
     return [pytest.param(c, id=str(c), marks=mark) for c, mark in zip(HARDWARE, marks, strict=True)]
 
 
@@ -97,7 +98,9 @@ def test_what_needs_hardware_is_refused_where_there_is_none(command, folder_of, 
     done = command.run(folder_of(command))
     assert done.returncode in (1, 2), f"{command}\n{done.stderr}"
     assert done.stderr.count("\n") == 1, done.stderr
-    assert any(named in done.stderr for named in ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "RealSense", "cluster", "RUN")), done.stderr
+    assert any(
+        named in done.stderr for named in ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "RealSense", "cluster", "RUN")
+    ), done.stderr
 
 
 @pytest.mark.slow

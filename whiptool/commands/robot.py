@@ -119,10 +119,11 @@ class RobotOptions(AddressOptions, OutputOptions, LimitOptions, ModelOptions, Go
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecoverOptions(AddressOptions, ModelOptions):
+class RecoverOptions(AddressOptions):
     """Options of `robot recover`, which acknowledges a fault of a robot."""
 
-    in_space: ClassVar[bool] = True
+    model: ModelName | None = None
+    """Model of the robot (default: ur5e or fr3, by the address)."""
 
 
 def played_by_robot(run_folder: Path) -> RobotOptions:
@@ -170,12 +171,14 @@ def _strike(options: RobotOptions) -> int:
 
 def _recover(options: RecoverOptions) -> int:
     """Acknowledge a fault after a person has removed its cause; nothing moves."""
-    from whiptool.rig.robots.addresses import robot_at
+    from whiptool.models.files import load_model
+    from whiptool.rig.robots.addresses import USUAL_MODELS, robot_at, split_address
 
     question = f"Acknowledge the fault of {options.robot}? Is its cause gone, and everybody away? Type yes to go on: "
     if not options.yes and not says_yes(question):
         raise InputError("answer", "not yes", "yes; nothing was acknowledged")
-    robot = robot_at(options.robot, options.build_model())
+    name, _ = split_address(options.robot)
+    robot = robot_at(options.robot, load_model(options.model or USUAL_MODELS.get(name, "ur5e")))
     robot.recover()
     options.tell({"recovered": True}, f"{options.robot}: the fault is acknowledged; nothing moved")
     return 0

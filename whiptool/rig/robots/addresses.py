@@ -27,6 +27,7 @@ def _ur(host: str, model: Model) -> Robot:
 
 ROBOTS: Registry[Maker] = Registry("robots", Callable, {"franka": _franka, "ur": _ur}, what="robot")
 NEEDS = {"franka": "pylibfranka", "ur": "rtde_control"}  # modules of extras, of whiptool's drivers
+USUAL_MODELS = {"ur": "ur5e", "franka": "fr3"}  # presets
 RULE = "franka://HOST, ur://HOST, or another robot's name, :// and HOST"
 
 

@@ -185,7 +185,7 @@ class UrClient:
             safety = dashboard.safetystatus()
             dashboard.stop()  # a paused program must not go on
         except (RuntimeError, ValueError) as error:
-            raise SafetyError("robot", f"the controller does not recover: {error}") from None
+            raise SafetyError("robot", f"the controller at {self.o.host} does not recover: {error}") from None
         finally:
             dashboard.disconnect()
         if not safety.endswith(("NORMAL", "REDUCED")):
