@@ -189,5 +189,5 @@ def test_the_simulated_whip_hangs_on_the_measured_joints() -> None:
 def test_robots_are_found_by_their_address() -> None:
     with pytest.raises(InputError, match=r"robot: got '192.168.0.10'; allowed: franka://HOST, ur://HOST"):
         robot_at("192.168.0.10", MODEL)
-    with pytest.raises(InputError, match="got 'kuka'; allowed:"):
+    with pytest.raises(InputError, match="got 'kuka'; allowed: franka, ur"):
         robot_at("kuka://lab", MODEL)
