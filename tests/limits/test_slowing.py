@@ -117,7 +117,7 @@ def test_exported_samples_keep_the_limits(file, share, tmp_path):
         arm = read_robot(tmp_path / "fr3.urdf")
     limits = ArmLimits.of(arm, prescribed=True, keep_free=share)
     rng, (low, high) = np.random.default_rng(1), limits.positions
-    wild = strikes(20, seed=1)
+    wild = strikes(8, seed=1)
     wild[:, :7] = np.clip(wild[:, :7], low, high)
     too_fast = 0
     for before, vector in zip(wild, limits.command.shortened(wild), strict=True):
@@ -130,7 +130,7 @@ def test_exported_samples_keep_the_limits(file, share, tmp_path):
             assert (found.v[:, j] >= lowest - 1e-9).all()
         found = JointTrajectory.of_strike(Strike.from_vector(before), FR3_ARM.names, **options)
         too_fast += "its limit at this position" in (found.beyond(limits.joints) or "")
-    assert share or not file or too_fast > 10  # with accelerations, most are beyond these first
+    assert share or not file or too_fast > 4  # with accelerations, most are beyond these first
 
 
 def test_strikes_of_other_robots_are_shortened_as_before():

@@ -222,8 +222,8 @@ def test_limits_that_pinocchio_does_not_read_are_the_file_s(read):
     )
     rail, shoulder, elbow = (link.limits for link in read(TIP, text).links)
     assert (elbow.deceleration, elbow.velocity_offset, elbow.by_position) == (6, 0.3, True)
-    assert (elbow.velocity_margin, elbow.position_margin) == (1e-3, 2e-3)
-    kept = "keep reserves of 0.001 rad/s and 2 mrad; arm.limits changes that"
+    assert (elbow.velocity_margin, elbow.position_margin) == (1e-3, 1e-2)
+    kept = "keep reserves of 0.001 rad/s and 10 mrad; arm.limits changes that"
     assert read(TIP, text).notes[0] == f"speed limits that depend on the position of elbow {kept}"
     assert (rail.acceleration, rail.jerk, rail.by_position) == (9, 50, False)
     assert shoulder == read().links[1].limits

@@ -12,7 +12,7 @@ from whiptool.errors import InputError
 from whiptool.models.spatial_arm import JointLimits
 
 _BY_POSITION = "position_based_velocity_limits"  # an extension of Franka's files
-VELOCITY_MARGIN, POSITION_MARGIN = 1e-3, 2e-3  # [rad/s], libfranka's; [rad], chosen, of the deviation from the command
+VELOCITY_MARGIN, POSITION_MARGIN = 1e-3, 1e-2  # [rad/s], libfranka's; [rad], chosen, of the deviation from the command
 RESERVES = f"reserves of {VELOCITY_MARGIN:g} rad/s and {1e3 * POSITION_MARGIN:g} mrad"
 
 
