@@ -188,7 +188,8 @@ class Clearance(Limits):
     @property
     def words(self) -> str:
         kept = f" of {1e3 * self.least:g} mm" if self.least else ""
-        floor = "" if self.floor is None else f" and the floor at {self.floor:g} m"
+        surface = "" if self.model.arm.in_space().surface is None else ", the surface at its base"
+        floor = surface + ("" if self.floor is None else f" and the floor at {self.floor:g} m")
         return f"the distance{kept} from arm and whip to the arm{floor}"
 
     @cached_property
