@@ -681,10 +681,13 @@ emulator --model lemon2025 | lemon2024
 emulator --link absent/link | link
 ur_emulator --elbow-speed 0 | --elbow-speed
 ur_emulator --tool-speed nan | --tool-speed
-ur_emulator --latency 60 | --latency
-ur_emulator --latency 1.5 | latency
+ur_emulator --command-delay 60 | --command-delay
+ur_emulator --command-delay 1.5 | command-delay
 ur_emulator --posture 0 0 | posture
 ur_emulator --host 10.255.255.1 | --host
+ur_emulator --protective-stop -1 | --protective-stop
+ur_emulator --emergency-stop nan | --emergency-stop
+ur_emulator --cable-pulled -1 | --cable-pulled
 optimize --model ur5e --speed-limits elbow=0 | speed > 0
 optimize --model ur5e --speed-limits knee=1 | shoulder_pan
 optimize --speed-limits hand=1 | plane

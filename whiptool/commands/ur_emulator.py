@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from whiptool.commands import cli
-from whiptool.commands.options.option_group import OptionGroup
+from whiptool.commands.options.option_group import OptionGroup, whole
 from whiptool.models.numbers import number
 
 _ABOUT = "An emulated UR5e: dashboard, programs of ur_rtde, and RTDE, on an address of this machine."
@@ -25,7 +25,7 @@ class UrEmulatorOptions(OptionGroup):
     """Limit of the elbow's speed in the safety configuration [m/s]."""
     tool_speed: float = 5.0
     """Limit of the speed of flange and tool in the safety configuration [m/s]."""
-    latency: int = 2
+    command_delay: int = 2
     """Periods of 2 ms from sending a command until the measured positions follow."""
     protective_stop: float | None = None
     """Make a protective stop so long after the arm began to follow commands of servoJ [s]."""
@@ -38,7 +38,10 @@ class UrEmulatorOptions(OptionGroup):
         super().check()
         number("--elbow-speed", self.elbow_speed, low=0, strict=True)
         number("--tool-speed", self.tool_speed, low=0, strict=True)
-        number("--latency", self.latency, low=0, high=50)
+        whole("--command-delay", self.command_delay, low=1, high=50)
+        for name in ("protective_stop", "emergency_stop", "cable_pulled"):
+            if getattr(self, name) is not None:
+                number("--" + name.replace("_", "-"), getattr(self, name), low=0)
 
 
 def _serve(o: UrEmulatorOptions) -> int:
@@ -46,7 +49,7 @@ def _serve(o: UrEmulatorOptions) -> int:
     from whiptool.rig.ur_emulator.ur_server import UrServer
 
     server = UrServer(
-        UrOptions(o.host, o.posture or HOME, o.latency, elbow_speed=o.elbow_speed, tool_speed=o.tool_speed)
+        UrOptions(o.host, o.posture or HOME, o.command_delay, elbow_speed=o.elbow_speed, tool_speed=o.tool_speed)
     )
     for kind, at in (("protective", o.protective_stop), ("emergency", o.emergency_stop), ("silence", o.cable_pulled)):
         if at is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import selectors
 import signal
 import socket
@@ -73,7 +74,9 @@ class UrServer:
         except OSError as error:
             self.close()
             fix = "another emulated robot may serve there: take another address, such as --host 127.0.0.3"
-            raise InputError("host", host, f"an address on which port {port} is free ({error.strerror})", fix) from None
+            raise InputError(
+                "host", host, f"an address on which port {port} is free ({os.strerror(error.errno or 0)})", fix
+            ) from None
         server.setblocking(False)
         self._listening.append(server)
         self._select.register(server, selectors.EVENT_READ, lambda: self._accept(server, port))
