@@ -45,6 +45,7 @@ from whiptool.rig.stops import (
     StrikeStopped,
     torque_in_words,
 )
+from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.vision.source import Frame
 
 pytest.importorskip("dynamixel_sdk")
@@ -204,7 +205,7 @@ def interrupted_strike(emulator, monkeypatch):
     def prepare(during: bool) -> None:
         stop = rig_stops.Stop(1, (signal.SIGINT,), before=200) if during else rig_stops.Stop(9)
         monkeypatch.setattr(sessions, "Emulator", rig_stops.Watched(emulator, stop))
-        pressed_in(monkeypatch, TwinRig, "_recorded" if during else "_film")
+        pressed_in(monkeypatch, *((TwinRig, "_recorded") if during else (VirtualFilm, "of")))
         monkeypatch.setattr(command, "_make_rig", lambda o, m, c, interlock: rig_stops.rig_of(False, interlock))
 
     return prepare
