@@ -146,6 +146,8 @@ SHARED = """
 --floor high | a number [m], or none
 --clearance -0.01 | --clearance
 --clearance nan | --clearance
+--speed-limits elbow | --speed-limits
+--speed-limits nose=1 | --speed-limits
 --limits none --keep-free 0.1 | only without --limits none
 --limits none --floor -1 | only without --limits none
 --limits none --ignore-collisions | only without --limits none
@@ -234,6 +236,7 @@ optimize --cone 20 | only with --direction
 optimize --keep-free 0.1 | 0 for an arm without limits
 optimize --clearance 0.1 | 0 for an arm with neither capsules
 optimize --rest 1 | only with --export-trajectory
+optimize --joint-prefix left_ | only with --export-trajectory
 optimize --export-trajectory strike.txt | .csv
 optimize --export-trajectory strike.csv --trajectory-rate 0 | --trajectory-rate
 optimize --export-trajectory strike.csv --posture 1 | 2 numbers
@@ -340,6 +343,7 @@ simulate --strike 0 0 0 0 1 --direction 0 0 | a vector that is not zero
 simulate --strike 0 0 0 0 1 --arrival-angle 30 --cone 181 | --cone
 simulate --strike 0 0 0 0 1 --least-speed -1 | --least-speed
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --rest -1 | --rest
+simulate --strike 0 0 0 0 1 --joint-prefix left_ | only with --export-trajectory
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --trajectory-rate nan | --trajectory-rate
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 numbers
 simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
@@ -410,6 +414,7 @@ map-strike --refine 3 | command line
 map-strike --video 3 | command line
 map-strike --posture 1 2 | --posture
 map-strike --rest 2 | --rest
+map-strike --joint-prefix left_ | --joint-prefix
 map-strike --trajectory-rate 9 | --trajectory-rate
 map-strike of-simulate --export-trajectory strike.txt | --export-trajectory
 train --episodes 2 --random-episodes 99 | --random-episodes
@@ -525,7 +530,7 @@ adapt --port /dev/nowhere --camera realsense --no-friction | --friction
 adapt --port robot --latency 0.002 | --latency
 adapt --port robot --limits xm430 | --limits
 adapt --port robot --camera tip | --camera
-adapt --model ur5e --target 1 0 0.5 | --port robot
+adapt --model ur5e --target 1 0 0.5 | --port is a robot
 adapt --camera webcam | --camera
 adapt --camera none | --camera
 adapt --camera tip --rate 250 | --rate
@@ -558,6 +563,10 @@ adapt --least-speed 1e6 | --least-speed
 adapt --cap | --cap
 adapt --simulator reference | --simulator
 adapt --control-period 0.01 | --control-period
+adapt --posture 0 0 | only with --port robot
+adapt --rest 1 | only with --port robot
+adapt --trajectory-rate 100 | only with --port robot
+adapt --joint-prefix left_ | only with --port robot
 adapt --true-model lemon2024 | --true-model
 adapt --resume of-simulate | --resume
 adapt --camera tip --out taken | new or empty
@@ -568,8 +577,10 @@ adapt --model ur5e --camera tip --target 1 0 0.5 --direction 1 0 | direction
 adapt-next --run absent | --run
 adapt-next --run of-simulate | whiptool adapt
 adapt-next --run of-adapt recorded.csv | --port robot
+adapt-next --run of-robot --posture 1 | --posture
 adapt-next --run of-robot good.npz | a strike that was planned
 adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
+view good.npz --mcap strike.txt | --mcap
 identify --free | --free
 identify --free magic | --free
 identify --drive motor | command

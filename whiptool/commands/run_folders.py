@@ -163,15 +163,11 @@ def check_same_run(folder: RunFolder, config: dict) -> None:
 
     stored = folder.config
     for part, value in config.items():
-        if part == "options":  # `parse_resumable` compares these one by one
-            continue
-        described = part in ("model", "controller") and part in stored
-        if not (reads_as(part, stored[part], value) if described else stored.get(part) == value):
+        if part == "model" and part in stored:
+            value = _as_written(value, stored[part])
+        if part != "options" and stored.get(part) != value:  # `parse_resumable` compares these one by one
             fix = f"the {part} differs from when the run began{begun_by(stored)}; begin a new run"
             raise InputError("--resume", str(folder.path), f"a run of the same {part}", fix)
-
-
-_LABELS = ("names", "rate", "stick")  # keys of an arm that change no simulation
 
 
 def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
@@ -183,12 +179,19 @@ def reads_as(part: str, stored: dict[str, Any], now: dict[str, Any]) -> bool:
 
     try:
         if part == "model":
-            labels = [name for name in _LABELS if name not in stored.get("arm", {})]
-            arm = {name: value for name, value in now["arm"].items() if name not in labels}
-            return model_to_table(model_from_table(stored)) == {**now, "arm": arm}
+            return model_to_table(model_from_table(stored)) == _as_written(now, stored)
         return controller_to_table(controller_from_table(stored)) == now
     except InputError:
         return False
+
+
+_LABELS = ("names", "rate", "stick")  # keys of an arm that change no simulation, and that older versions left out
+
+
+def _as_written(now: dict[str, Any], stored: dict[str, Any]) -> dict[str, Any]:
+    """The present model without labels of the arm that the stored one does not have."""
+    arm = {key: x for key, x in now["arm"].items() if key not in _LABELS or key in stored.get("arm", {})}
+    return {**now, "arm": arm}
 
 
 def check_matplotlib() -> None:

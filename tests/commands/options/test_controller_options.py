@@ -177,8 +177,8 @@ def test_a_constant_preset_is_taken_before_the_models_own():
 @pytest.mark.parametrize(
     ("given", "allowed"),
     [
-        ({"controller": "constant", "preset": "printed"}, "nah2020, nah2023, ur5e, panda"),
-        ({"model": "ur5e", "controller": "constant", "preset": "table4"}, "nah2020, nah2023, ur5e, panda"),
+        ({"controller": "constant", "preset": "printed"}, "nah2020, nah2023, ur5e, panda, fr3"),
+        ({"model": "ur5e", "controller": "constant", "preset": "table4"}, "nah2020, nah2023, ur5e, panda, fr3"),
         ({"controller": "oiac", "preset": "nah2020"}, "printed, table4"),
         ({"preset": "nah2020"}, "printed, table4"),
         ({"model": "ur5e", "controller": "oiac", "preset": "ur5e"}, "printed, table4"),

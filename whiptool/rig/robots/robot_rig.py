@@ -146,11 +146,16 @@ class RobotRig(FilmedRig):
             self.robot.lag = ServoLag(**{name: _tuple(x) for name, x in read_json(file).items()})
 
     def _learn_lag(self, cycles: Cycles, log: Path | None) -> None:
-        """Fit the lag of the joints to a first recording, print it, and keep it; later commands lead by it."""
-        if not self.robot.leads or self.robot.lag is not None or np.ptp(cycles.q_d, axis=0).max() < _MOVED:
+        """Fit the lag of the joints to a recording; the one with the least standard error is printed and kept, and later
+        commands lead by it.
+        """
+        if not self.robot.leads or np.ptp(cycles.q_d, axis=0).max() < _MOVED:
             return
-        self.robot.lag = fit_servo_lag(cycles.t, cycles.q_d, cycles.q, period=1 / self.robot.rate)
-        note(f"{self.robot.lag}; the next commands lead by that")
+        found, known = fit_servo_lag(cycles.t, cycles.q_d, cycles.q, period=1 / self.robot.rate), self.robot.lag
+        if known is not None and known.errors[0] <= found.errors[0]:
+            return
+        self.robot.lag = found
+        note(f"{found}; the next commands lead by that")
         if log is not None:
             write_whole(log.with_name(LAG), json.dumps(dataclasses.asdict(self.robot.lag)) + "\n")
 
