@@ -580,7 +580,7 @@ adapt-next --run of-adapt recorded.csv | --port robot
 adapt-next --run of-robot --posture 1 | --posture
 adapt-next --run of-robot good.npz | a strike that was planned
 adapt-next --run of-robot good.npz --cameras cameras.toml | --cameras
-view good.npz --mcap strike.txt | --mcap
+view good.npz --mcap absent/strike.mcap | --mcap
 identify --free | --free
 identify --free magic | --free
 identify --drive motor | command

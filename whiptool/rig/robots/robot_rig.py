@@ -146,7 +146,7 @@ class RobotRig(FilmedRig):
             self.robot.lag = ServoLag(**{name: _tuple(x) for name, x in read_json(file).items()})
 
     def _learn_lag(self, cycles: Cycles, log: Path | None) -> None:
-        """Fit the lag of the joints to a recording; the one with the least standard error is printed and kept, and later
+        """Fit the lag of the joints to a recording. The fit with the least standard error is printed and kept; later
         commands lead by it.
         """
         if not self.robot.leads or np.ptp(cycles.q_d, axis=0).max() < _MOVED:
