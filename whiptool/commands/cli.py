@@ -68,7 +68,7 @@ class Interruptions(Listener):
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock, self._over = clock, False
+        self._clock, self._over, self._ended = clock, False, False
         self._first: tuple[int, float] | None = None  # which signal, and when
         self._before: dict[int, Any] = {}
 
@@ -88,6 +88,9 @@ class Interruptions(Listener):
         first, came = self._first
         if number == first and self._clock() - came <= TOGETHER:
             return
+        if self._ended:  # a third signal while the second one is answered
+            return
+        self._ended = True
         os.write(2, (with_state("whiptool: ended at once by a second signal") + "\n").encode())
         os._exit(INTERRUPTED)
 
