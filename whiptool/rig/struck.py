@@ -81,8 +81,8 @@ class Struck:
             time=np.array([seen.time]),
             tip=seen.place[None],
             velocity=seen.velocity[None],
-            max_joint_speed=np.nanmax(np.abs(cycles.v), axis=0)[None],
-            max_torque=np.nanmax(np.abs(cycles.tau), axis=0)[None],
+            max_joint_speed=np.fmax.reduce(np.abs(cycles.v), axis=0)[None],  # of what was measured; nan: nothing was
+            max_torque=np.fmax.reduce(np.abs(cycles.tau), axis=0)[None],
             diverged=np.zeros(1, bool),
         )
 
