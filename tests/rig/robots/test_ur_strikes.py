@@ -19,11 +19,10 @@ pytest.importorskip("rtde_control", reason="ur-rtde is not installed, or has no 
 PERIOD, LATENCY = 0.002, 3
 
 
-@pytest.fixture(scope="module")
-def planned() -> list[Strike]:
-    """Twenty strikes: at points, and at points from given directions, each the best of 60 trials."""
+def planned(count: int) -> list[Strike]:
+    """Strikes at points, and at points from given directions, each the best of 60 trials."""
     rollout, rng, strikes = CompiledRollout(preset("ur5e")), np.random.default_rng(0), []
-    for k in range(20):
+    for k in range(count):
         azimuth, height, r = rng.uniform((-1.0, 0.1, 0.9), (1.0, 1.0, 1.6))
         point = np.array([r * np.cos(azimuth), r * np.sin(azimuth), height])
         goal = {"direction": tuple(point / np.linalg.norm(point)), "cone": 0.5} if k % 2 else {}
@@ -32,12 +31,12 @@ def planned() -> list[Strike]:
     return strikes
 
 
-@pytest.mark.slow
-def test_twenty_planned_strikes_are_carried_out_and_each_tells_the_lag(planned):
+@pytest.mark.parametrize("count", [pytest.param(3, marks=pytest.mark.slow), pytest.param(20, marks=pytest.mark.hours)])
+def test_planned_strikes_are_carried_out_and_each_tells_the_lag(count):
     """The first is commanded as it is planned, the others lead by the lag that it tells."""
-    off, lags = [], []
-    with emulated(latency=LATENCY, posture=planned[0].q_i) as emulator, driver(emulator) as robot:
-        for strike in planned:
+    off, lags, strikes = [], [], planned(count)
+    with emulated(latency=LATENCY, posture=strikes[0].q_i) as emulator, driver(emulator) as robot:
+        for strike in strikes:
             path = JointTrajectory.of_strike(
                 strike, ARM.names, start=robot.posture(), limits=ARM.joint_limits, rest=0.05, t_stay=0.1
             )
