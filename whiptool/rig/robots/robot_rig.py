@@ -38,6 +38,7 @@ from whiptool.whole_files import write_whole
 
 LAG = "lag.json"
 HELD = "the robot's own controller holds the arm"
+_HANGING = 0.2  # [s] before a strike from which a whip is simulated
 _MOVED = 0.05  # [rad] of a command, from which on a lag is fitted
 _RATE, _WINDOW = 500.0, 15  # [1/s] of the measured motion as the simulated whip follows it; samples that smooth it
 
@@ -230,17 +231,19 @@ class _Watch:
 def whip_on(model: Model, cycles: Cycles, joints: Sequence[str]) -> Trajectory:
     """Return the motion of a simulated whip on the measured motion of an arm, with time 0 at the strike's start.
 
-    MuJoCo's position servos follow the measured positions, which a polynomial of fourth order over 28 ms smooths.
+    The whip hangs at rest 0.2 s before, in the rest of the run. MuJoCo's position servos follow the measured positions,
+    which a polynomial of fourth order over 28 ms smooths.
 
     Args:
         model: True model of arm and whip.
-        cycles: Cycles of the run, from its beginning at rest.
+        cycles: Cycles of the run.
         joints: Names of the arm's joints.
     """
-    seen = np.isfinite(cycles.q).all(axis=1)
+    begins = cycles.about["strike_begins"]
+    seen = np.isfinite(cycles.q).all(axis=1) & (cycles.stamp >= begins - _HANGING)
     stamps = cycles.stamp[seen]
     t = np.arange(int((stamps[-1] - stamps[0]) * _RATE) + 1) / _RATE
     q = np.stack([np.interp(t + stamps[0], stamps, x) for x in cycles.q[seen].T], axis=1)
     q, v, a = (np.asarray(savgol_filter(q, _WINDOW, 4, deriv=k, delta=1 / _RATE, axis=0)) for k in range(3))
     moved = JointTrajectory(tuple(joints), t, q, v, a)
-    return replay_trajectory(model, moved).since(cycles.about["strike_begins"] - stamps[0])
+    return replay_trajectory(model, moved).since(begins - stamps[0])
