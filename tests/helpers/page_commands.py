@@ -20,7 +20,7 @@ OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 # servos, robots and clusters that no test has
 NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "--cluster auto")
-SERVES = "emulator --"  # until it is stopped
+SERVES = "emulator"  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(
     r"whiptool\.(train|compare|reproduce|human|adapt|map|rig|robot|identify)\b"
