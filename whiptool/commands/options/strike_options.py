@@ -201,7 +201,7 @@ class ExecutionOptions(OptionGroup):
     """Samples per second in the trajectory. Default: as many as the robot's controller takes (panda 1000, ur5e 500), or
     500 where that is unknown."""
     joint_prefix: str = ""
-    """Text before the joints' names in the trajectory, such as left_ for a robot whose driver has this prefix."""
+    """Text before the joints' names in the trajectory, such as left_arm for a robot whose driver has this prefix."""
 
     def check_posture(self, model: Model) -> None:
         """Refuse a posture whose number of joints is not that of the model's arm.
