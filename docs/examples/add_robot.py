@@ -14,7 +14,7 @@ LAG = 0.01  # [s], time constant of the joints
 
 
 class LaggingRobot(Robot):
-    """Stands for your robot: replace the body of each method by calls of its own interface."""
+    """Stands for your robot: replace the body of each method by calls of its interface."""
 
     rate = 500.0  # commanded positions per second
 

@@ -46,7 +46,8 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
         named: `limits`: limits of the joints (`arm`), of a motor, or `none`; default: those of the joints, if they have
             any. `keep_free`: fraction of the limits that stays unused. `floor`: its height [m], or `none`; default:
             `default_floor`. `clearance`: least distance between arm, whip and floor [m]. `ignore_collisions`: whether
-            these may touch. `speed_limits`: largest speeds of points of the arm, as `elbow=1.5`, beside its own.
+            these may touch. `speed_limits`: largest speeds of points of the arm, as `elbow=1.5`, in addition to
+            those of the arm.
         model, prescribed: As for `default_limits`.
 
     Raises:

@@ -18,8 +18,8 @@ from whiptool.models.trajectory import Approach, Trajectory
 _PEAKS = np.array([FASTEST, LARGEST_ACCELERATION, LARGEST_JERK])  # of the derivatives 1 to 3
 _NAMES = ("velocity", "acceleration", "jerk")
 _FIELDS = ("fastest", "acceleration", "jerk")  # of `JointLimits`
-_INSTANTS = 1000  # of a commanded path that exceeds a limit, of which the worst is told
-_NOWHERE = 1e-9  # [rad or m], a movement so small is none
+_INSTANTS = 1000  # of a commanded path that exceeds a limit, of which the worst is stated
+_NOWHERE = 1e-9  # [rad or m], a smaller movement counts as rest
 ROUNDING = 1e-6  # share of limits that searches leave free, so that rounding takes no strike beyond them
 
 

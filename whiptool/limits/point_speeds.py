@@ -93,7 +93,7 @@ class PointSpeeds(Limits):
 
     @classmethod
     def of(cls, arm: AnyArm, given: Sequence[str] = (), *, keep_free: float = 0.0) -> PointSpeeds | None:
-        """Return the limits of an arm, with those that are given in place of its own; None: there are none.
+        """Return the limits of an arm, with the given limits in place of those of the arm; None without limits.
 
         Args:
             arm: The arm.

@@ -378,7 +378,7 @@ class SpatialArm(JointedArm):
             position-controlled, and its torques are not available.
         names: Names of the joints outside whiptool, such as in the robot's controller, for exported strikes; empty: the
             same.
-        stick: Length [m] and mass [kg] of the stick that the last link includes, of which a robot's flange is told;
+        stick: Length [m] and mass [kg] of the stick that the last link includes, for the payload of a robot's flange;
             zeros without a stick.
         rate: Commanded positions per second that the robot's controller takes [1/s], for exported strikes; None:
             unknown.

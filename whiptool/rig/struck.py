@@ -36,7 +36,7 @@ class Run:
     Args:
         cycles: Log of all control cycles.
         fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
-        torque_off: Whether every servo confirmed that its torque is off; None: the arm has a controller of its own,
+        torque_off: Whether every servo confirmed that its torque is off; None: the arm has its own controller,
             which holds it.
         missed, overruns: Cycles without a sample, and cycles that ended too late.
         torque: State of the motors as text: torque is off, or the power has to be cut.

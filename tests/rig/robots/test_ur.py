@@ -211,7 +211,7 @@ def test_the_arm_comes_to_rest_when_the_program_that_commands_it_is_killed():
         while emulator.state()["program"] and time.monotonic() < until:
             time.sleep(0.05)
         state = emulator.state()
-        assert "it was told to stop" in state["log"][-1]
+        assert "it was asked to stop" in state["log"][-1]
         assert not state["v"].any()
         assert speeds(emulator).max() > 0.5
 

@@ -147,13 +147,13 @@ VIRTUAL_CAMERAS = ("none", "points", "twin", "d435-color", "d435-infrared")
 
 
 def robot_rig(robot: Robot, model: Model, *, port: str, yes: bool, **shared: Any) -> RobotRig:
-    """Return the rig of a robot with a controller of its own; it is not connected yet.
+    """Return the rig of a robot with its own controller; it is not connected yet.
 
     Args:
         robot: Driver of the robot.
         model: Model of the robot's arm with the whip.
         port: Address of the robot, such as `ur://192.168.0.10`.
-        yes: Whether nobody is asked before the robot moves.
+        yes: Whether no question is asked before the robot moves.
         shared: Further arguments of `RobotRig`; its interlock is locked by a fault of an earlier call.
 
     Raises:
@@ -347,7 +347,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
 
     @property
     def own_controller(self) -> bool:
-        """Whether the arm is a robot that follows joint positions by a controller of its own."""
+        """Whether the arm is a robot that follows joint positions by its own controller."""
         return self.port == ROBOT or ADDRESS in self.port
 
     @property

@@ -1,1 +1,1 @@
-"""Robot arms with controllers of their own: their drivers, and strikes with them."""
+"""Robot arms with their own controllers: their drivers, and strikes with them."""

@@ -1,4 +1,4 @@
-"""Strikes with a robot arm that has a controller of its own: to the start, at rest, the strike, and its recording."""
+"""Strikes with a robot arm that has its own controller: to the start, at rest, the strike, and its recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The client of a robot by Universal Robots, `ur_rtde`, in a process of its own.
+"""The client of a robot by Universal Robots, `ur_rtde`, in a separate process.
 
 After a lost connection the client (1.6.5) connects again by itself, repeats the last command where it uploads its
 program itself, and crashes in some cases. So it runs in a process that ends with the connection, and uploads nothing
@@ -48,7 +48,7 @@ _RUNNING, _PLAYING = 7, 2  # values of robot_mode and runtime_state
 _STOPS = {2: "protective", 4: "safeguard", 5: "emergency", 6: "emergency", 7: "emergency", 8: "violation", 9: "fault"}
 _TOO_EARLY = "5s"  # in the dashboard's answer
 _HANGING, _STUCK = 15.0, 1.0  # [s] after which a call of the client that does not return ends the process; in a cycle
-_REACH = 2.0  # [s] to connect, and for the controller to do what it was told
+_REACH = 2.0  # [s] to connect, and for the controller to do what was asked
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,7 +366,7 @@ class _Talk:
         self._waiting.put((kind, value))
 
     def finish(self) -> None:
-        """Wait until all is sent, or nobody reads it any more."""
+        """Wait until all is sent, or no process reads it any more."""
         self._waiting.put(None)
         self._sender.join(_REACH)
 

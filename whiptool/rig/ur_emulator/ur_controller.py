@@ -215,7 +215,7 @@ class UrController:
     def _run(self, program: ControlScript) -> None:
         try:
             if not program.step(self._inputs, moved=self._moved):
-                self.end_program("it was told to stop")
+                self.end_program("it was asked to stop")
         except Unknown as unknown:
             self.end_program(f"{unknown} is not emulated")
 

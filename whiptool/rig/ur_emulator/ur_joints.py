@@ -30,7 +30,7 @@ class Servo:
 
 
 class UrJoints:
-    """Positions q [rad] and speeds v [rad/s] of six joints, (6,), and what they are told to do.
+    """Positions q [rad] and speeds v [rad/s] of six joints, (6,), and their present command.
 
     Args:
         q: Positions at which the arm stands, (6,).

@@ -1,4 +1,4 @@
-"""An emulated UR in a process of its own, as tests and rehearsals start it."""
+"""An emulated UR in a separate process, as tests and rehearsals start it."""
 
 from __future__ import annotations
 
