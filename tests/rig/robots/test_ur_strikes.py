@@ -53,8 +53,6 @@ def test_planned_strikes_are_carried_out_and_each_tells_the_lag(count):
             robot.lag = robot.lag or found
         assert emulator.state()["safety"] == "normal"
     print(f"lag {np.min(lags, axis=0)} to {np.max(lags, axis=0)} s; off the plan {off[0]:.3f}, then {max(off[1:]):.5f}")
-    typical = np.median(lags, axis=0)  # a cycle that this machine is late by delays all commands after it
-    np.testing.assert_allclose(typical, (0.1, (LATENCY - 1) * PERIOD), atol=0.002)
+    assert np.abs(np.array(lags) - (0.1, (LATENCY - 1) * PERIOD)).max() < 0.002
     assert off[0] > 0.02  # the lag matters
-    assert np.median(off[1:]) < 5e-3
-    assert max(off[1:]) < 0.03
+    assert max(off[1:]) < 2e-3

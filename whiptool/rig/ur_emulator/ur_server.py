@@ -25,6 +25,7 @@ from whiptool.rig.ur_emulator.ur_joints import PERIOD
 DASHBOARD, PROGRAMS, RTDE = 29999, (30001, 30002, 30003), 30004
 VERSION = (5, 16, 0, 1)  # of the controller's software
 BEHIND = 0.1  # [s] by which the robot's time may lag behind real time; more is dropped
+QUIET = 0.1  # [s] without a further command after which lock-step takes the client to have answered every state
 PATIENCE = 10.0  # [s] of real time that lock-step waits for a command; then time goes on, as on a real robot
 
 
@@ -63,6 +64,8 @@ class UrServer:
         self._network: dict[str, float] = {}  # until when a fault of it lasts
         self._cycles = 0
         self._told = self._late = False  # servoj was commanded since the last period; a command is overdue
+        self._told_at = 0.0  # [s] of real time
+        self._paired = False  # in lock-step each state is answered by one command
         for port in (DASHBOARD, *PROGRAMS, RTDE):
             self._listen(options.host, port)
         if control is not None:
@@ -165,7 +168,8 @@ class UrServer:
         values = client.inputs[number - 1].unpack(payload[1:])
         self.robot.receive(values)
         told = SERVOJ in (values.get("input_int_register_0"), values.get("input_int_register_24"))
-        self._told |= told
+        if told:
+            self._told, self._told_at = True, time.perf_counter()
         self._late |= not told  # other commands are not given every period
 
     def _lost(self, kind: str) -> bool:
@@ -205,14 +209,18 @@ class UrServer:
         """Serve until the process that started the robot ends it."""
         due, self._serving = time.perf_counter() + PERIOD, True
         while self._serving:
-            until = due + PATIENCE * self._waits
+            lockstep = self.robot.options.lockstep and self.robot.servoing
+            self._paired &= lockstep
+            # states that were sent before time waited may still be on their way: they are answered before it goes on
+            settles = lockstep and self._told and not self._paired
+            until = self._told_at + QUIET if settles else due + PATIENCE * self._waits
             for key, _ in self._select.select(max(0.0, until - time.perf_counter())):
                 key.data()
             now = time.perf_counter()
-            if self.robot.options.lockstep and self.robot.servoing and self._told:
-                self._late, due = False, now + PERIOD
+            if lockstep and self._told and (self._paired or now >= self._told_at + QUIET):
+                self._paired, self._late, due = True, False, now + PERIOD
                 self.cycle()
-            elif now >= until:
+            elif not settles and now >= until:
                 self._late, due = self._late or self._waits, max(due + PERIOD, now - BEHIND)
                 self.cycle()
         self.close()
