@@ -65,6 +65,7 @@ class UrServer:
         self._cycles = 0
         self._told = self._late = False  # servoj was commanded since the last period; a command is overdue
         self._told_at = 0.0  # [s] of real time
+        self._following = False  # the client commands servoj, from its first command on
         self._paired = False  # in lock-step each state is answered by one command
         for port in (DASHBOARD, *PROGRAMS, RTDE):
             self._listen(options.host, port)
@@ -168,9 +169,10 @@ class UrServer:
         values = client.inputs[number - 1].unpack(payload[1:])
         self.robot.receive(values)
         told = SERVOJ in (values.get("input_int_register_0"), values.get("input_int_register_24"))
+        self._following = told
         if told:
             self._told, self._told_at = True, time.perf_counter()
-        self._late |= not told  # other commands are not given every period
+        self._late = not told  # other commands are not given every period
 
     def _lost(self, kind: str) -> bool:
         """Whether what passes the network in a direction is lost now."""
@@ -209,7 +211,7 @@ class UrServer:
         """Serve until the process that started the robot ends it."""
         due, self._serving = time.perf_counter() + PERIOD, True
         while self._serving:
-            lockstep = self.robot.options.lockstep and self.robot.servoing
+            lockstep = self._in_step
             self._paired &= lockstep
             # states that were sent before time waited may still be on their way: they are answered before it goes on
             settles = lockstep and self._told and not self._paired
@@ -229,7 +231,14 @@ class UrServer:
     def _waits(self) -> bool:
         """Whether time waits for a command: in lock-step, unless the client cannot answer or is long overdue."""
         answers = not (self._late or self._lost("unheard") or self._lost("unseen"))
-        return self.robot.options.lockstep and self.robot.servoing and answers
+        return self._in_step and answers
+
+    @property
+    def _in_step(self) -> bool:
+        """Whether lock-step applies: the client commands servoj, and the robot's program runs undisturbed."""
+        robot = self.robot
+        undisturbed = robot.program is not None and robot.safety == "normal"
+        return robot.options.lockstep and self._following and undisturbed
 
     def _asked(self) -> None:
         assert self._control is not None
