@@ -211,21 +211,26 @@ class UrServer:
         """Serve until the process that started the robot ends it."""
         due, self._serving = time.perf_counter() + PERIOD, True
         while self._serving:
-            lockstep = self._in_step
-            self._paired &= lockstep
+            self._paired &= self._in_step
+            waits = self._waits
             # states that were sent before time waited may still be on their way: they are answered before it goes on
-            settles = lockstep and self._told and not self._paired
-            until = self._told_at + QUIET if settles else due + PATIENCE * self._waits
+            until = self._told_at + QUIET if self._answered else due + PATIENCE * waits
             for key, _ in self._select.select(max(0.0, until - time.perf_counter())):
                 key.data()
             now = time.perf_counter()
-            if lockstep and self._told and (self._paired or now >= self._told_at + QUIET):
-                self._paired, self._late, due = True, False, now + PERIOD
-                self.cycle()
-            elif not settles and now >= until:
-                self._late, due = self._late or self._waits, max(due + PERIOD, now - BEHIND)
+            if self._answered:
+                if self._paired or now >= self._told_at + QUIET:
+                    self._paired, self._late, due = True, False, now + PERIOD
+                    self.cycle()
+            elif now >= until:
+                self._late, due = self._late or waits, max(due + PERIOD, now - BEHIND)
                 self.cycle()
         self.close()
+
+    @property
+    def _answered(self) -> bool:
+        """Whether, in lock-step, the present state was answered by a command."""
+        return self._told and self._in_step
 
     @property
     def _waits(self) -> bool:
