@@ -69,7 +69,7 @@ def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
         ("--model {folder}/two.toml", "--free"),
         ("--model {folder}/two.toml --free com --held-out 7.npz", "7.npz"),
         ("--model {folder}/one.toml --free com", "2 links"),
-        ("--model {folder}/two.toml --free com --base wall", "--base"),
+        ("--model {folder}/two.toml --free com --mount wall", "--mount"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(tmp_path, capsys, words, said):

@@ -23,7 +23,7 @@ def test_coordinates_may_have_commas_between_them(words):
 def test_every_option_of_several_values_takes_commas():
     strike = parsed(simulate.SimulateOptions, "--strike -1.36,.47,1.73,1.41,.95").strike
     assert strike == (-1.36, 0.47, 1.73, 1.41, 0.95)
-    assert parsed(optimize.OptimizeOptions, "--model ur5e --base 0,0,1.5").base == ("0", "0", "1.5")
+    assert parsed(optimize.OptimizeOptions, "--model ur5e --mount 0,0,1.5").mount == ("0", "0", "1.5")
     assert parsed(optimize.OptimizeOptions, "--pareto effort,miss").pareto == ("effort", "miss")
     assert parsed(compare.CompareOptions, "--methods directl,ga --zone-radius 0.2").methods == ("directl", "ga")
     assert parsed(map.BuildOptions, "--sector 1,2,-.5,.5,30 --model ur5e").sector == (1, 2, -0.5, 0.5, 30)

@@ -42,22 +42,25 @@ def test_hand_and_shapes_are_turned_about_the_base(given, R):
 
 
 def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
-    assert ModelOptions(model="ur5e").base == ("floor",)
+    assert ModelOptions(model="ur5e").mount == ("floor",)
 
     class InSpace(ModelOptions):
         in_space = True
 
-    arm = InSpace(model="ur5e", base=("ceiling",)).build_model().arm
+    arm = InSpace(model="ur5e", mount=("ceiling",)).build_model().arm
     assert arm.links[:5] == mounted(UR5E_ARM, "ceiling").links[:5]  # the last holds a stick
-    turned = InSpace(model="ur5e", base=("3.141592653589793", "0", "0")).build_model().arm
+    turned = InSpace(model="ur5e", mount=("3.141592653589793", "0", "0")).build_model().arm
     assert replace(turned, surface=arm.surface) == arm
-    for base in (("roof",), ("1", "2"), ("1", "2", "x")):
-        with pytest.raises(InputError, match=r"--base: got .*allowed: floor, wall, ceiling, or three numbers"):
-            InSpace(model="ur5e", base=base).build_model()
-    with pytest.raises(InputError, match=r"--base: got '90 rad of pitch'; .*are these degrees"):
-        InSpace(model="ur5e", base=("0", "90", "0")).build_model()
+    for mount in (("roof",), ("1", "2"), ("1", "2", "x"), ("wall", "high"), ("wall", "1", "2")):
+        with pytest.raises(InputError, match=r"--mount: got .*allowed: floor, pedestal, wall, ceiling and its height"):
+            InSpace(model="ur5e", mount=mount).build_model()
+    for mount, said in (("pedestal",), "nothing; allowed: the height"), (("floor", "1"), "1.0; allowed: 0 on a floor"):
+        with pytest.raises(InputError, match=f"--mount: got {said}"):
+            InSpace(model="ur5e", mount=mount).build_model()
+    with pytest.raises(InputError, match=r"--mount: got '90 rad of pitch'; .*are these degrees"):
+        InSpace(model="ur5e", mount=("0", "90", "0")).build_model()
     with pytest.raises(InputError, match="arm in the plane"):
-        ModelOptions(base=("wall",)).build_model()
+        ModelOptions(mount=("wall",)).build_model()
     with pytest.raises(InputError, match=r"tip: got 'tool0'; allowed: a tip only with a robot's file"):
         InSpace(model="ur5e", arm_tip="tool0").build_model()
 
@@ -72,6 +75,8 @@ def test_the_option_turns_presets_too_and_refuses_what_is_no_rotation():
         (preset("lemon2024").arm, None, None),
         (mounted(PANDA_ARM, "wall"), 0, None),
         (mounted(PANDA_ARM, "ceiling"), 1, None),
+        (mounted(PANDA_ARM, "ceiling", 2.4), 1, -2.4),
+        (mounted(PANDA_ARM, "pedestal", 0.8), 1, -0.8),
         (mounted(PANDA_ARM, (0.0, 1.57, 0.0)), 0, None),  # a wall with few digits
     ],
 )
@@ -204,3 +209,33 @@ def test_a_wall_and_a_ceiling_are_surfaces_of_arm_and_whip(base, axis, sign):
     assert found is not None
     assert found.distance == pytest.approx(nearest, abs=1e-9)
     np.testing.assert_allclose(found.normal, -np.array(arm.surface), atol=1e-9)
+
+
+def test_a_pedestal_is_a_column_below_the_base():
+    """Distances of a whip that hangs straight down from a column that is as thick as the base."""
+    arm = mounted(UR5E_ARM, "pedestal", 0.8)
+    assert arm.base[:-1] == UR5E_ARM.base
+    assert arm.links == UR5E_ARM.links
+    model = Model(rope(3), arm)
+    scene = Scene(model, None, "whip")
+    column = [k for k, (i, _) in enumerate(scene.pairs) if scene.bodies[i].capsule == arm.base[-1]]
+    q = np.array([[0.3, -1.2, 1.0, 0.2, 0.7, 0.1, *np.tile([0.0, 0.0, -1.0], 3)]])
+    starts, ends = scene.segments(q)
+    distances = scene.distances(q)[0][0]
+    radius = UR5E_ARM.base[0].radius
+    for k in column:
+        whip = scene.pairs[k][1]
+        x, y, _ = starts[0, whip]
+        high, low = starts[0, whip, 2], ends[0, whip, 2]
+        above = max(0.0, low, -0.8 - high)  # the whip hangs straight down
+        aside = max(0.0, float(np.hypot(x, y)) - radius)
+        assert distances[k] == pytest.approx(np.hypot(aside, above), abs=1e-6)
+    assert len(column) == 3
+
+
+def test_the_height_of_a_mount_that_is_not_given_is_said():
+    (note,) = mounted(PANDA_ARM, "wall").notes
+    assert "height of the wall mount is not given" in note
+    assert not mounted(PANDA_ARM, "wall", 1.7).notes
+    with pytest.raises(InputError, match="height"):
+        mounted(PANDA_ARM, "wall", -1.0)

@@ -193,7 +193,7 @@ SHARED = """
 --arm | --arm
 --arm absent.toml | absent.toml
 --arm-tip | --arm-tip
---base | --base
+--mount | --mount
 """
 
 # Of single commands

@@ -81,9 +81,19 @@ def arm_from_table(table: object, folder: Path) -> AnyArm:
     if not any(isinstance(link, Mapping) and "position" in link for link in links):
         planar = tuple(build_from(ArmLink, link, f"arm.links[{i}].") for i, link in enumerate(links))
         return build_from(ArmParameters, {**table, "links": planar}, "arm.")
+    table = dict(table)
+    mount, height = table.pop("mount", None), table.get("height")
     spatial = tuple(_link_from_table(link, f"arm.links[{i}].") for i, link in enumerate(links))
     base = _capsules_from_tables(table.get("base", []), "arm.base")
-    return _units_asked(build_from(SpatialArm, {**table, "links": spatial, "base": base}, "arm."))
+    arm = _units_asked(build_from(SpatialArm, {**table, "links": spatial, "base": base}, "arm."))
+    return arm if mount is None else _mounted(arm, mount, height)
+
+
+def _mounted(arm: SpatialArm, mount: Any, height: Any) -> SpatialArm:
+    try:
+        return mounted(arm, mount, height)
+    except InputError as error:
+        raise error.within("arm.") from None
 
 
 def _capsules_from_tables(tables: object, place: str) -> tuple[Capsule, ...]:
@@ -101,7 +111,10 @@ def _link_from_table(table: object, place: str) -> SpatialLink:
 
 
 def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
-    file, stick, base = table.pop("file"), table.pop("stick", None), table.pop("base", "floor")
+    file, stick = table.pop("file"), table.pop("stick", None)
+    mount, height = table.pop("mount", "floor"), table.pop("height", None)
+    if "base" in table:
+        raise InputError("arm.base", table["base"], "no value beside a robot's file", "its mounting is `mount`")
     limits, speeds = table.pop("limits", {}), table.pop("speed_limits", ())
     if not isinstance(file, str):
         raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
@@ -112,9 +125,10 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
         raise error.within("arm: ") from None
     arm = _with_limits(arm, limits)
     try:
-        arm = mounted(dataclasses.replace(arm, speed_limits=speeds), base)
+        arm = dataclasses.replace(arm, speed_limits=speeds)
     except InputError as error:
         raise error.within("arm.") from None
+    arm = _mounted(arm, mount, height)
     if stick is None:
         return arm
     if not isinstance(stick, Mapping) or set(stick) - {"radius"} != {"length", "mass"}:
@@ -157,7 +171,7 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
             if not capsule[name]:
                 del capsule[name]
     table.pop("notes", None)
-    for name in ("rate", "surface"):
+    for name in ("rate", "surface", "height"):
         if table.get(name) is None:
             table.pop(name, None)
     if table.get("names") == table["joints"]:

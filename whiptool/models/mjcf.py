@@ -278,7 +278,7 @@ class _Robot:
         off = self.model.opt.disableflags & int(self.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         x, y, z = (0.0, 0.0, 0.0) if off else self.model.opt.gravity.tolist()
         if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
-            fix = "remove it from <option>; gravity in a model file sets another strength, --base turns the base"
+            fix = "remove it from <option>; gravity in a model file sets another strength, --mount turns the base"
             raise InputError("option gravity", (x, y, z), f"0 0 -{GRAVITY:g} [m/s2], as models have it", fix)
 
     def _refuse_loops(self) -> None:

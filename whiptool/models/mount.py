@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import NOTHING, InputError
 from whiptool.models.capsules import Capsule, Point
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import metres, number, numbers
@@ -17,50 +17,71 @@ from whiptool.models.spatial_arm import RigidBody, SpatialArm, welded
 from whiptool.models.strike import refuse_far
 
 MOUNTS = {  # roll, pitch, yaw of the base [rad]
-    "floor": (0.0, 0.0, 0.0),
+    "floor": (0.0, 0.0, 0.0),  # or a table
+    "pedestal": (0.0, 0.0, 0.0),
     "wall": (0.0, math.pi / 2, 0.0),  # the base's z points forward, its x down
     "ceiling": (math.pi, 0.0, 0.0),  # its z points down, its x still forward
 }
 SURFACES = ("wall", "ceiling")  # of mounts, that arm and whip must not touch; a floor may be lower than the base
-MOUNT_RULE = f"{', '.join(MOUNTS)}, or three numbers: roll pitch yaw [rad]"
+COLUMN = 0.1  # [m], radius of the pedestal of an arm whose base has no shape
+MOUNT_RULE = f"{', '.join(MOUNTS)} and its height [m], or three numbers: roll pitch yaw [rad]"
 
 
 def mount_rotation(given: str | Sequence[float]) -> np.ndarray:
-    """Return the rotation (3, 3) of a base that is given as `floor`, `wall`, `ceiling`, or roll, pitch and yaw [rad] as
-    in URDF.
+    """Return the rotation (3, 3) of a base that is given as one of `MOUNTS`, or roll, pitch and yaw [rad] as in URDF.
 
     Raises:
-        InputError: The base is given in another form, or an angle is more than two turns.
+        InputError: The mount is given in another form, or an angle is more than two turns.
     """
     if isinstance(given, str) and given not in MOUNTS:
-        raise InputError("base", given, MOUNT_RULE)
+        raise InputError("mount", given, MOUNT_RULE)
     try:
-        roll, pitch, yaw = MOUNTS[given] if isinstance(given, str) else numbers("base", tuple(given), 3)
+        roll, pitch, yaw = MOUNTS[given] if isinstance(given, str) else numbers("mount", tuple(given), 3)
     except (InputError, TypeError):
-        raise InputError("base", given, MOUNT_RULE) from None
-    refuse_far("base", np.array([[roll, pitch, yaw]]), [True] * 3, ("roll", "pitch", "yaw"))
+        raise InputError("mount", given, MOUNT_RULE) from None
+    refuse_far("mount", np.array([[roll, pitch, yaw]]), [True] * 3, ("roll", "pitch", "yaw"))
     about = [rotation_about(axis, angle) for axis, angle in zip(np.eye(3), (roll, pitch, yaw), strict=True)]
     return about[2] @ about[1] @ about[0]
 
 
-def mounted(arm: SpatialArm, given: str | Sequence[float]) -> SpatialArm:
-    """Return the arm with its base rotated about the origin; at a wall or ceiling, that is its `surface`.
+def mounted(arm: SpatialArm, given: str | Sequence[float], height: float | None = None) -> SpatialArm:
+    """Return the arm with its base rotated about the origin.
+
+    A wall or ceiling at the base is the arm's `surface`. A pedestal is a column below the base, as thick as the base
+    is, and one of the arm's fixed parts.
 
     Args:
         arm: Arm whose base's z axis points up.
         given: See `mount_rotation`.
+        height: Height of the base above the floor [m]. A pedestal requires it; on a floor or table it is 0. None:
+            unknown.
 
     Raises:
-        InputError: `given` is not a rotation.
+        InputError: `given` is not a rotation, or the height is missing, negative or not that of a floor.
     """
     R = mount_rotation(given)
+    if given == "pedestal" and height is None:
+        raise InputError("height", NOTHING, "the height of the pedestal [m]")
+    if height is not None:
+        height = metres("height", height, strict=False)
+    if given == "floor" and height:
+        raise InputError("height", height, "0 on a floor", "a base above the floor is on a pedestal, wall or ceiling")
     first = arm.links[0]
     turned = dataclasses.replace(
         first, position=_turned(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
     )
     base = tuple(_turned_capsule(R, capsule) for capsule in arm.base)
-    surface = _turned(R, (0.0, 0.0, 1.0)) if given in SURFACES else None
-    return dataclasses.replace(arm, links=(turned, *arm.links[1:]), base=base, surface=surface)
+    if given == "pedestal" and height:
+        radius = max((capsule.radius for capsule in arm.base), default=COLUMN)
+        base += (Capsule((0.0, 0.0, -height), (0.0, 0.0, 0.0), radius, flat=True),)
+    surface, notes = None, arm.notes
+    if given in SURFACES:
+        surface = _turned(R, (0.0, 0.0, 1.0))
+        if height is None:
+            notes += (f"the height of the {given} mount is not given: unless a floor is given, none is checked",)
+    return dataclasses.replace(
+        arm, links=(turned, *arm.links[1:]), base=base, surface=surface, height=height, notes=notes
+    )
 
 
 _LEAST_HEIGHT = 1e-3  # [m] of a shoulder above a floor: less is a turn of the base that was written with few digits
@@ -87,13 +108,16 @@ def turns_as_a_whole(arm: AnyArm) -> bool:
 
 
 def default_floor(arm: AnyArm) -> float | None:
-    """Return the height of the floor on which a robot stands [m]: 0, that of its base, or None if it does not stand on
-    one.
+    """Return the height of the floor [m], or None if none is known.
 
-    A robot stands on the floor if the first joint that changes a height is above the base; not if that joint is at the
+    It is the arm's `height` below its base, or, where that is not given, 0 if the robot stands on a floor.
+
+    A robot stands on a floor if the first joint that changes a height is above the base; not if that joint is at the
     base (a person's shoulder), next to it (on a wall) or below it (on a ceiling).
     """
     arm = arm.in_space()
+    if arm.height is not None:
+        return -arm.height
     if (first := level_links(arm)) == arm.n:
         return None
     height = float(arm_frames(arm, np.zeros(arm.n))[first].origin[2])

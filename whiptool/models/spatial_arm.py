@@ -384,6 +384,7 @@ class SpatialArm(JointedArm):
             unknown.
         surface: Unit vector into the room from the wall or ceiling at which the base is mounted, (3,). The surface goes
             through the base, and arm and whip must not touch it. None: none is known; a floor is not part of the arm.
+        height: Height of the base above the floor [m]; None: see `default_floor`.
         speed_limits: Points of the arm, see `points`, and the largest speeds [m/s] that the robot's controller allows
             there, as pairs.
         notes: Assumptions made when the arm was read from a file, in sentences.
@@ -403,6 +404,7 @@ class SpatialArm(JointedArm):
     stick: tuple[float, float] = (0.0, 0.0)
     rate: float | None = None
     surface: Vector | None = None
+    height: float | None = None
     speed_limits: tuple[tuple[str, float], ...] = ()
     notes: tuple[str, ...] = field(default=(), compare=False)
 
@@ -435,6 +437,8 @@ class SpatialArm(JointedArm):
         object.__setattr__(self, "speed_limits", _checked_speeds(self.speed_limits, self.points))
         if self.surface is not None:
             object.__setattr__(self, "surface", _checked_axis(self.surface))
+        if self.height is not None:
+            object.__setattr__(self, "height", metres("height", self.height, strict=False))
         object.__setattr__(self, "notes", tuple(self.notes))
 
     @property

@@ -118,9 +118,11 @@ class Options(LimitOptions, SimulatedControllerOptions, ModelOptions):
         ({}, 0.0),
         ({"floor": "none"}, None),
         ({"floor": "-0.8"}, -0.8),
-        ({"base": ("ceiling",)}, None),
-        ({"base": ("wall",)}, None),
-        ({"base": ("ceiling",), "floor": "-1.5"}, -1.5),
+        ({"mount": ("ceiling",)}, None),
+        ({"mount": ("wall",)}, None),
+        ({"mount": ("ceiling",), "floor": "-1.5"}, -1.5),
+        ({"mount": ("ceiling", "2.4")}, -2.4),
+        ({"mount": ("pedestal", "0.8")}, -0.8),
     ],
 )
 @pytest.mark.parametrize("model", ["ur5e", "panda"])

@@ -44,7 +44,7 @@ OF_WHIPS = (
     "density",
     "arm",
     "arm_tip",
-    "base",
+    "mount",
 )  # options of whips, of robots' files and of cameras
 REPORT, IDENTIFIED, RECORDINGS = "report.html", "identified.toml", "recordings"  # what a run leaves
 

@@ -1,4 +1,4 @@
-"""Options of the model: arm, base, and changes of the whip's length, number of nodes, taper or material."""
+"""Options of the model: arm, mount, and changes of the whip's length, number of nodes, taper or material."""
 
 from __future__ import annotations
 
@@ -96,9 +96,10 @@ class ModelOptions(WhipOptions):
     """Link, body or site of the robot's file to which the whip is attached; needed if the robot's chain branches.
     Default: the last link."""
 
-    base: tuple[str, ...] = ("floor",)
-    """Mounting of the base of an arm in space: floor, wall (its z axis points forward), ceiling, or its roll, pitch and
-    yaw [rad]. Strikes keep clear of the wall or ceiling; the floor below it is given by --floor."""
+    mount: tuple[str, ...] = ("floor",)
+    """Mounting of the base of an arm in space: floor (or table); pedestal, wall (its z axis points forward) or ceiling,
+    with the height of the base above the floor [m], such as pedestal 0.8; or its roll, pitch and yaw [rad]. Strikes
+    keep clear of pedestal, wall, ceiling and floor."""
 
     def build_model(self) -> Model:
         """Return the model of `--model` with the arm of `--arm`; assumptions about the arm are printed on stderr.
@@ -133,17 +134,19 @@ class ModelOptions(WhipOptions):
         return self._mounted(self.changed_whip(model))
 
     def _mounted(self, model: Model) -> Model:
-        """The model with its base as `--base` says."""
-        from whiptool.models.mount import MOUNT_RULE, mounted
+        """The model with its base as `--mount` says."""
+        from whiptool.models.mount import MOUNT_RULE, MOUNTS, mounted
 
-        if self.base == ("floor",):
+        if self.mount == ("floor",):
             return model
         if model.dimension == 2:
-            raise InputError("--base", self.base, "only floor, for an arm in the plane")
+            raise InputError("--mount", self.mount, "only floor, for an arm in the plane")
+        name, *height = self.mount
+        named = name in MOUNTS and len(height) <= 1
         try:
-            angles = self.base[0] if len(self.base) == 1 else [float(x) for x in self.base]
-            return replace(model, arm=mounted(model.arm.in_space(), angles))
+            given = (name, *map(float, height)) if named else ([float(x) for x in self.mount],)
+            return replace(model, arm=mounted(model.arm.in_space(), *given))
         except InputError as error:
-            raise error.renamed("--base") from None
+            raise error.renamed("--mount") from None
         except ValueError:
-            raise InputError("--base", " ".join(self.base), MOUNT_RULE) from None
+            raise InputError("--mount", " ".join(self.mount), MOUNT_RULE) from None

@@ -143,8 +143,8 @@ class LimitOptions(OptionGroup):
     """Largest speeds of points of the arm [m/s], as a robot's safety configuration has them: joints by their names,
     flange, and hand, which is the stick's end; such as elbow=1.5 flange=1.5 (default: those in the arm's file)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
-    """Floor's height above the base [m] (default: 0 under robots, else none). The base of a planar arm is its shoulder;
-    a floor below it has a negative height."""
+    """Floor's height above the base [m] (default: that of --mount, 0 under robots that stand, else none). The base of a
+    planar arm is its shoulder; a floor below it has a negative height."""
     clearance: float = 0.0
     """Least distance between arm, whip and floor [m] (default: 0)."""
     ignore_collisions: bool = False
