@@ -144,8 +144,9 @@ class ModelOptions(WhipOptions):
         name, *height = self.mount
         named = name in MOUNTS and len(height) <= 1
         try:
-            given = (name, *map(float, height)) if named else ([float(x) for x in self.mount],)
-            return replace(model, arm=mounted(model.arm.in_space(), *given))
+            given = name if named else [float(x) for x in self.mount]
+            above = float(height[0]) if named and height else None
+            return replace(model, arm=mounted(model.arm.in_space(), given, above))
         except InputError as error:
             raise error.renamed("--mount") from None
         except ValueError:
