@@ -114,7 +114,7 @@ def _robot_from_table(table: dict[str, Any], folder: Path) -> SpatialArm:
     file, stick = table.pop("file"), table.pop("stick", None)
     mount, height = table.pop("mount", "floor"), table.pop("height", None)
     if "base" in table:
-        raise InputError("arm.base", table["base"], "no value where the arm is a robot's file", "its mounting is `mount`")
+        raise InputError("arm.base", table["base"], "no value with a robot's file", "its mounting is `mount`")
     limits, speeds = table.pop("limits", {}), table.pop("speed_limits", ())
     if not isinstance(file, str):
         raise InputError("arm.file", file, "the path of a robot's file: " + ", ".join(ROBOT_FILES))
