@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from servos import put, servo
 
-from whiptool.rig.emulator.profile import ACCELERATION, VELOCITY
+from whiptool.rig.emulator.motion_profile import ACCELERATION, VELOCITY
 from whiptool.rig.emulator.servo import Servo
 
 FULL = 12.0 / 885  # [V] of one count of PWM

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from whiptool.rig.ur_emulator.ur_joints import PERIOD, Servo, UrJoints
+from whiptool.rig.ur_emulator.ur_joints import PERIOD, ServoJ, UrJoints
 
 
 def moved(joints, count, command=None):
@@ -19,7 +19,7 @@ def moved(joints, count, command=None):
 @pytest.mark.parametrize(("lookahead", "gain"), [(0.1, 300.0), (0.03, 2000.0)])
 def test_servoj_accelerates_by_the_gain_towards_where_the_look_ahead_expects_the_joint(lookahead, gain):
     joints = UrJoints(np.zeros(6))
-    joints.servo(Servo(np.full(6, 0.2), lookahead, gain))
+    joints.servo(ServoJ(np.full(6, 0.2), lookahead, gain))
     t = np.arange(1, 301) * PERIOD
     _, expected, _ = lsim(([gain], [1, gain * lookahead, gain]), np.full(301, 0.2), np.arange(301) * PERIOD)
     assert np.abs(moved(joints, 300)[:, 0] - expected[1:]).max() < 1e-9
@@ -28,7 +28,7 @@ def test_servoj_accelerates_by_the_gain_towards_where_the_look_ahead_expects_the
 
 def test_the_lag_behind_a_ramp_is_the_look_ahead_time():
     joints = UrJoints(np.zeros(6))
-    rows = moved(joints, 1000, lambda k: joints.servo(Servo(np.full(6, k * PERIOD), 0.1, 300.0)))
+    rows = moved(joints, 1000, lambda k: joints.servo(ServoJ(np.full(6, k * PERIOD), 0.1, 300.0)))
     assert 999 * PERIOD + PERIOD / 2 - rows[-1, 0] == pytest.approx(0.1, abs=1e-9)  # held commands, on average
 
 

@@ -20,7 +20,7 @@ from whiptool.rig.dynamixel.control_table import (
     VELOCITY_MODE,
     XM430_W350,
 )
-from whiptool.rig.emulator.profile import VELOCITY, Profile, resting, to_position, to_velocity
+from whiptool.rig.emulator.motion_profile import VELOCITY, Profile, resting, to_position, to_velocity
 
 if TYPE_CHECKING:
     from whiptool.rig.emulator.memory import Memory

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from whiptool.rig.ur_emulator.dh_arm import speeds, tool_pose
-from whiptool.rig.ur_emulator.ur_joints import Servo, UrJoints
+from whiptool.rig.ur_emulator.ur_joints import ServoJ, UrJoints
 
 READY, DONE = 1, 2
 STOP_SCRIPT, SERVOJ = 255, 11
@@ -146,7 +146,7 @@ class ControlScript:
 
     def _servoj(self) -> bool:
         self.servoing = True
-        self._host.joints.servo(Servo(self._numbers(0, 6), self._number(9), self._number(10)))
+        self._host.joints.servo(ServoJ(self._numbers(0, 6), self._number(9), self._number(10)))
         return False
 
     def _stop_by_rate(self) -> bool:

@@ -21,7 +21,7 @@ BRAKE = 20.0  # [rad/s^2] with which a stop of the controller's own brakes the f
 
 
 @dataclass(frozen=True)
-class Servo:
+class ServoJ:
     """Parameters of `servoj`: the target [rad], (6,), look-ahead time [s], and gain [1/s^2]."""
 
     target: np.ndarray
@@ -56,7 +56,7 @@ class UrJoints:
         """Stand still at once."""
         self.v, self._law = np.zeros(6), self._rest
 
-    def servo(self, servo: Servo) -> None:
+    def servo(self, servo: ServoJ) -> None:
         """Follow a target as `servoj`; a command that follows another only changes the target."""
         self._law = lambda: self._servo(servo)
 
@@ -103,7 +103,7 @@ class UrJoints:
     def _rest(self) -> bool:
         return True
 
-    def _servo(self, servo: Servo) -> bool:
+    def _servo(self, servo: ServoJ) -> bool:
         """One period with the target held, exactly: the law is linear."""
         step = _transition(servo.gain, servo.lookahead)
         state = step @ np.stack([self.q - servo.target, self.v])

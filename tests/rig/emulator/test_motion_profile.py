@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ruckig
 
-from whiptool.rig.emulator.profile import (
+from whiptool.rig.emulator.motion_profile import (
     ACCELERATION,
     RECTANGULAR,
     STEP,
