@@ -19,7 +19,8 @@ from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
 
 MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "identify", "adapt", "view", "reproduce",
-        "human", "doctor", "rig strike", "rig learn", "robot strike"]  # fmt: skip
+        "human", "doctor", "rig strike", "rig learn", "robot strike", "recording show",
+        "recording convert"]  # fmt: skip
 
 
 def said_by(words: str, capsys) -> str:
@@ -53,7 +54,7 @@ def test_what_is_used_most_comes_first_in_groups(capsys):
     assert "--null-damping" not in "\n".join(lines)
 
 
-@pytest.mark.parametrize("command", ["rig", "map"])
+@pytest.mark.parametrize("command", ["rig", "map", "recording"])
 def test_lists_of_subcommands_are_wrapped(command, capsys):
     assert cli.main_of(command)(["--help"]) == 0
     assert max(map(len, capsys.readouterr().out.splitlines())) <= 100

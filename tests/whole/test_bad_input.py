@@ -46,6 +46,8 @@ OPTIONS = {
     "adapt-next": ("whiptool.commands.adapt", "NextOptions"),
     "identify": ("whiptool.commands.identify", "IdentifyOptions"),
     "view": ("whiptool.commands.view", "ViewOptions"),
+    "recording-show": ("whiptool.commands.recording", "ShowOptions"),
+    "recording-convert": ("whiptool.commands.recording", "ConvertOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
     "strike": ("whiptool.commands.rig", "RigStrikeOptions"),
     "learn": ("whiptool.commands.rig", "LearnOptions"),
@@ -57,6 +59,8 @@ NEEDS = {
     "strike": f"--strike {STRIKE}",
     "servos": "--port /dev/nowhere",
     "identify": "good.npz",
+    "recording-show": "good.npz",
+    "recording-convert": "good.npz good.csv",
     "view": "of-simulate",
     "map-strike": "of-simulate",
     "adapt-next": "--run of-simulate",
@@ -636,6 +640,17 @@ view of-simulate | of-simulate
 view garbled | garbled
 view | RUN
 doctor --deep | --deep
+recording-show --cameras absent.toml | absent.toml
+recording-show --out taken | --out
+recording-show --out shown.jpg | .png
+recording-show --out absent/shown.png | --out
+recording-show absent.csv | absent.csv
+recording-show garbage.csv | garbage.csv
+recording-show good.npz good.npz | once
+recording-convert good.npz | OUT.csv
+recording-convert good.npz good.npz | OUT.csv
+recording-convert absent.csv good.csv | absent.csv
+recording-convert garbage.db3 good.csv | garbage.db3
 strike --strike 1 2 | strike
 strike --strike 0 0 0 0 0 0 1 | 5 numbers
 strike --strike nan 0 0 0 1 | a vector of finite numbers
@@ -758,6 +773,10 @@ def main_of(command: str) -> Callable[[list[str]], int]:
         from whiptool.commands.adapt import main
 
         return lambda words: main(["next", *words])
+    if command.startswith("recording-"):
+        from whiptool.commands.recording import main
+
+        return lambda words: main([command.removeprefix("recording-"), *words])
     if command.startswith("map-"):
         from whiptool.commands.map import main
 
@@ -788,7 +807,14 @@ def own_lines() -> list[tuple[str, str]]:
     for given, said in lines(OWN):
         command, _, rest = given.partition(" ")
         needs = NEEDS.get(command, "")
-        positional = command in ("identify", "view", "map-strike", "human") and not rest.startswith("--")
+        positional = command in (
+            "identify",
+            "view",
+            "map-strike",
+            "human",
+            "recording-show",
+            "recording-convert",
+        ) and not rest.startswith("--")
         spared = needs.partition(" ")[0] in rest.split() or "--export" in rest or positional
         found.append((f"{command} {'' if spared else needs} {rest}".strip(), said))
     return found
@@ -962,6 +988,7 @@ def test_every_option_is_in_a_table(command: str) -> None:
         "--quiet",
     }
     without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
+    without |= {"--file", "--files"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))
     assert flags(command) - without <= set(shlex.split(given))
 

@@ -32,7 +32,7 @@ PAGES = sorted(DOCS.glob("*.md"))
 EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
 TUTORIAL = DOCS / "tutorial.md"
 COMMAND = re.compile(r"^(?:\S*python3? -m whiptool\.|whiptool )(.*)$")
-TWOFOLD = ("rig", "robot", "map")  # commands whose second word says what they do
+TWOFOLD = ("rig", "robot", "map", "recording")  # commands whose second word says what they do
 COMMANDS = (
     *(set(cli.COMMANDS) - set(TWOFOLD)),
     "adapt next",
@@ -42,6 +42,8 @@ COMMANDS = (
     "rig learn",
     "robot strike",
     "robot recover",
+    "recording show",
+    "recording convert",
     "rig.dynamixel",
     "rig.emulator",
     "rig.ur_emulator",
@@ -209,7 +211,8 @@ def test_every_option_of_a_strike_is_in_the_tables_of_formats():
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
     listed = [row[2].split(".")[-1].rstrip("`") for row in tables(text, "| format | recognised by | reader |")]
-    homes = {"csv": "tracks", "deeplabcut": "tracks", "npz": "strike_recording", "db3": "rosbag", "video": "footage"}
+    homes = {"csv": "tracks", "deeplabcut": "tracks", "npz": "strike_recording", "video": "footage"}
+    homes |= {"rosbag": "rosbag", "log": "joint_log"}
     assert sorted(listed) == sorted(homes.get(name, name) for name in READERS)
 
 

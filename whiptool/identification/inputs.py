@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,8 +22,9 @@ from whiptool.impedance.controller import controller_from_table, controller_to_t
 from whiptool.models.numbers import number
 from whiptool.models.parameters import Model
 from whiptool.models.profile import WhipProfile, profile_from
-from whiptool.recording.readers import READERS, VideoSource, find_format, open_video, read_recording
+from whiptool.recording.readers import READERS, VideoSource, find_format, log_alone, open_any, split_episode
 from whiptool.recording.readers.angles import read_swings
+from whiptool.recording.readers.joint_log import Logs
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.vision.markers import Marker
 
@@ -240,35 +240,31 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
     Raises:
         InputError: The file is not a recording or is damaged; or the handle is needed and the recording is a film.
     """
-    path, options = _episode(path)
-    form = READERS[find_format(path)]
-    if cameras is not None and (in_pixels(path) or form.tracks is None):
-        options["cameras"] = cameras
-    if form.tracks is not None:
-        try:
-            return read_recording(path, **options)
-        except InputError as error:
-            if form.video is None or not error.name.endswith("features"):
-                raise
-    if handle:
-        raise InputError(
-            "drive handle",
-            path,
-            "tracks with a marker handle, since in images only the tip is tracked",
-            "track both with another program (DeepLabCut, CSV), or give --drive passive if the hand stays still",
-        )
-    return open_video(path, **options)
+    file, _ = split_episode(path)
+    form = READERS[find_format(file)]
+    if handle and form.tracks is None and form.video is not None:
+        raise _handle_filmed(path)
+    filmed = cameras is not None and (in_pixels(path) or form.tracks is None)
+    found = open_any(path, **({"cameras": cameras} if filmed else {}))
+    if isinstance(found, Logs):
+        raise log_alone(path)
+    if handle and isinstance(found, VideoSource):
+        raise _handle_filmed(path)
+    return found
+
+
+def _handle_filmed(path: str) -> InputError:
+    return InputError(
+        "drive handle",
+        path,
+        "tracks with a marker handle, since in images only the tip is tracked",
+        "track both with another program (DeepLabCut, CSV), or give --drive passive if the hand stays still",
+    )
 
 
 def may_be_filmed(path: str) -> bool:
     """Whether a recording has a format that can contain images."""
-    return READERS[find_format(_episode(path)[0])].video is not None
-
-
-def _episode(path: str) -> tuple[str, dict[str, Any]]:
-    """Return the file or folder of `PATH#3`, and its reader's options."""
-    found = None if Path(path).exists() else re.fullmatch(r"(.+)#(\d+)", path)
-    return (found[1], {"episode": int(found[2])}) if found else (path, {})
+    return READERS[find_format(split_episode(path)[0])].video is not None
 
 
 def in_pixels(path: str) -> bool:

@@ -155,7 +155,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             self._put(first_state=begun)
         if self.up not in ("", *TURNED):
             raise InputError("up", self.up, "the axis that points up, y or z, or empty")
-        check_spans(self.t, self._logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
+        check_spans(self.t, self.logs, None if self.strike is None else (0.0, self.strike.D + self.t_stay))
 
     def _put(self, **values: Any) -> None:
         """Set fields to their checked values."""
@@ -248,14 +248,14 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return self.points.shape[2] == 1
 
     @property
-    def _logs(self) -> dict[str, np.ndarray]:
+    def logs(self) -> dict[str, np.ndarray]:
         """Times of what was logged in addition to the frames."""
         return {name: t for name, t in (("joints", self.joints_t), ("hand", self.hand_t)) if t is not None}
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings about the recording: assumptions of its reader, gaps, and logs that are too short."""
-        return (*self.notes, *told_of_spans(self.t, self._logs))
+        return (*self.notes, *told_of_spans(self.t, self.logs))
 
     @property
     def sag(self) -> np.ndarray | None:

@@ -83,7 +83,7 @@ def test_lerobot_video(tmp_path):
 @pytest.mark.parametrize(
     ("written", "options", "said"),
     [
-        ({"info": {"codebase_version": "v2.1"}}, {}, "v3.0"),
+        ({"info": {"codebase_version": "v1.6"}}, {}, "v3.0"),
         ({"info": {"fps": 0}}, {}, "rows per second"),
         ({"info": {"features": 3}}, {}, "table of features"),
         ({"info": {"data_path": "../{chunk_index}.parquet"}}, {}, "inside the dataset"),

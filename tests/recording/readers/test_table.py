@@ -14,7 +14,7 @@ from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.presets import preset
 from whiptool.models.strike import Strike
 from whiptool.recording.readers import read_recording, write_csv
-from whiptool.recording.readers.table import read_joint_log
+from whiptool.recording.readers.joint_log import read_joint_log
 from whiptool.recording.strike_recording import StrikeRecording
 
 MOTIVE = """Format Version,1.23,Take Name,swing,Take Notes,,Capture Frame Rate,240.000000,Export Frame Rate,240.000000
@@ -51,8 +51,8 @@ HDF5 = "\x89HDF\r\n\x1a\n" + "\0" * 80
         ("a.csv", "mass A,,\nt,x,y\n0.0,1.0,2.0\n", "Tracker"),
         ("a.txt", "#multi:\n\tcm A\t\tcm B\t\nt\tx\ty\tx\ty\t\n0.0\t1\t2\t3\t4\n", "Tracker"),
         ("a.trc", "PathFileType\t4\t(X/Y/Z)\ta.trc\n", "TRC"),
-        ("a.bag", "#ROSBAG V2.0\n", "rosbags-convert"),
-        ("a.mcap", "\x89MCAP0\r\n", "MCAP"),
+        ("a.bag", "#ROSBAG V2.0\n", "a whole ROS 1 bag"),
+        ("a.mcap", "\x89MCAP0\r\n", "a whole ROS 2 bag"),
     ],
 )
 def test_what_another_program_wrote_is_named_with_the_cure(tmp_path, name, text, said):

@@ -1,13 +1,14 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
 The module of each format describes it: `tracks` (CSV, also of DeepLabCut), `angles`, `mat`, `c3d`, `lerobot`, `rosbag`,
-`footage`, and `StrikeRecording.save` (NPZ); `sidecar` describes the TOML file next to a recording.
+`bag_tracks`, `footage`, and `StrikeRecording.save` (NPZ); `sidecar` describes the TOML file next to a recording.
 """
 
 from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,9 +20,14 @@ from whiptool.errors import InputError, expect
 from whiptool.extras import Registry
 from whiptool.given_files import whole_file
 from whiptool.recording.readers.angles import holds_angles, read_angles
+from whiptool.recording.readers.bag_files import is_bag
+from whiptool.recording.readers.bag_logs import read_bag_logs
+from whiptool.recording.readers.bag_tracks import read_bag
 from whiptool.recording.readers.c3d import read_c3d
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames
-from whiptool.recording.readers.lerobot import lerobot_episode, lerobot_video, read_lerobot
+from whiptool.recording.readers.joint_log import Logs, holds_log, read_csv_logs
+from whiptool.recording.readers.lerobot import lerobot_video, read_lerobot, read_lerobot_logs
+from whiptool.recording.readers.lerobot_dataset import lerobot_episode
 from whiptool.recording.readers.mat import read_mat
 from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
 from whiptool.recording.readers.table import refuse_foreign
@@ -38,6 +44,7 @@ class Format:
         matches: Function of a path and its first bytes (empty for a folder) that returns whether it has this format.
         tracks: Function that reads tracks, if the format can contain any.
         video: Function that reads images, if the format can contain any.
+        logs: Function that reads logs of a robot, if the format can contain them without tracks.
         needs: Optional module with which the format is read, if any.
     """
 
@@ -45,6 +52,7 @@ class Format:
     matches: Callable[[Path, bytes], bool]
     tracks: Callable[..., StrikeRecording] | None = None
     video: Callable[..., VideoSource] | None = None
+    logs: Callable[..., Logs] | None = None
     needs: str = ""
 
 
@@ -56,34 +64,43 @@ def _deeplabcut(path: Path, head: bytes) -> bool:
     return path.suffix.lower() == ".csv" and head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"scorer")
 
 
+def _log(path: Path, head: bytes) -> bool:
+    """Whether a CSV file with these first bytes is a log of a robot's joints or hand."""
+    if path.suffix.lower() not in (".csv", ".txt", ".log"):
+        return False
+    first = head.decode("utf-8-sig", "replace").lstrip().partition("\n")[0].strip()
+    names = [name.strip().strip('"') for name in re.split("[,;\t]" if re.search("[,;\t]", first) else " ", first)]
+    return path.name.endswith(JOINT_LOG) or holds_log(names)
+
+
 READERS: Registry[Format] = Registry(
     "readers",
     Format,
     {
         "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
         "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
+        "log": Format("log of a robot's joints or hand, CSV", _log, logs=read_csv_logs),
         "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
         "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
         "mat": Format("MAT version 5", _named(".mat"), read_mat),
         "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
         "lerobot": Format(
-            "folder of a LeRobotDataset v3",
+            "folder of a LeRobotDataset v2 or v3",
             lambda p, _: (p / "meta/info.json").is_file(),
             read_lerobot,
             lerobot_video,
+            read_lerobot_logs,
             needs="pyarrow",
         ),
-        "db3": Format(
-            "ROS 2 bag (.db3, or its folder)",
-            lambda p, _: p.suffix.lower() == ".db3" or (p / "metadata.yaml").is_file(),
-            video=read_db3,
-            needs="rosbags",
+        "rosbag": Format(
+            "ROS bag (.bag, .db3, .mcap, or its folder)", is_bag, read_bag, read_db3, read_bag_logs, needs="rosbags"
         ),
         "video": Format("video (" + ", ".join(SUFFIXES) + ")", _named(*SUFFIXES), video=read_video, needs="cv2"),
     },
     what="format",
 )
 
+LACKING = ("features", "topics")  # what an error names where a file holds other things than were read
 _OWN = frozenset(READERS)
 
 
@@ -113,9 +130,6 @@ def find_format(path: Path | str) -> str:
         if installed := _installed_format(path, head):
             return installed
         raise
-    if path.name.endswith(JOINT_LOG):
-        strike = path.name.removesuffix(JOINT_LOG) + ".csv"
-        raise InputError(str(path), "a joint log", "a recording", f"leave it out: it is read together with {strike}")
     for name, form in READERS.items():
         if form.matches(path, head):
             return name
@@ -154,6 +168,8 @@ def read_recording(path: Path | str, *, format: str | None = None, **options: An
     """
     expect(str, PathLike, path=path)
     form = _format(path, format)
+    if form.tracks is None and form.logs is not None:
+        raise log_alone(path)
     if form.tracks is None:
         raise InputError(
             "recording", str(path), "tracks, or images that were tracked first", f"this is {form.what}; track it"
@@ -176,6 +192,47 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
     if form.video is None:
         raise InputError("recording", str(path), "images", f"this is {form.what}; read it with read_recording")
     return form.video(path, **_checked(form.video, options))
+
+
+def log_alone(path: Path | str) -> InputError:
+    """Return the error for a log of a robot that was given as a recording."""
+    name = Path(path).name
+    fix = f'leave it out, and name it in the sidecar of the tracks: joints = "{name}"'
+    if name.endswith(JOINT_LOG):
+        fix = f"leave it out: it is read together with {name.removesuffix(JOINT_LOG)}.csv"
+    return InputError(str(path), "a joint log", "a recording with tracks or images", fix)
+
+
+def split_episode(path: str) -> tuple[str, dict[str, Any]]:
+    """Return the file or folder of `PATH#3`, and its reader's options; other paths as they are, without options."""
+    found = None if Path(path).exists() else re.fullmatch(r"(.+)#(\d+)", path)
+    return (found[1], {"episode": int(found[2])}) if found else (path, {})
+
+
+def open_any(path: str, **options: Any) -> StrikeRecording | VideoSource | Logs:
+    """Return what a file holds: tracks, else images in which the tip still has to be tracked, else a robot's logs.
+
+    Args:
+        path: A file or folder of any of `READERS`; `FOLDER#3` is episode 3 of a dataset.
+        options: Options of the format's reader: keys of the sidecar file, whose values they override.
+
+    Raises:
+        InputError: The file is not of any of these formats or is damaged, or a value is not allowed.
+    """
+    path, episode = split_episode(path)
+    form = READERS[find_format(path)]
+    given, refused = {**episode, **options}, None
+    for reader in (form.tracks, form.video, form.logs):
+        if reader is None:
+            continue
+        try:
+            return reader(Path(path), **_checked(reader, given))
+        except InputError as error:
+            if not error.name.endswith(LACKING):
+                raise
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def _format(path: Path | str, name: str | None) -> Format:

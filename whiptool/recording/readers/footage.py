@@ -35,8 +35,9 @@ from whiptool.extras import optional
 from whiptool.given_files import sha256, whole_file
 from whiptool.recording.camera import Camera
 from whiptool.recording.logs import check_pace, good_stamps
+from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, STAMPS, Sidecar
-from whiptool.recording.readers.table import JointLog, read_columns, time_column
+from whiptool.recording.readers.table import read_columns, time_column
 
 ROUNDED = 0.6e-3  # [s] by which stamps in whole milliseconds miss an even clock
 UNROUNDED = 4e-3  # [s] between frames from which that can be detected

@@ -1,12 +1,11 @@
-"""Folders of LeRobotDataset v3: one episode as a recording, or its cameras as images for the tracker.
+"""Folders of LeRobotDataset v2 and v3: one episode as a recording, or its cameras as images for the tracker.
 
-The reader uses `meta/info.json` (version, rate, names of features), `meta/episodes/chunk-*/file-*.parquet` (positions
-of an episode's rows and images), its rows of `data/chunk-*/file-*.parquet`, and the MP4 files that `video_path` names,
-which hold several episodes each. Features, besides `timestamp` and `episode_index`:
+For the files of a dataset see `whiptool.recording.readers.lerobot_dataset`. Features, besides `timestamp` and
+`episode_index`:
 
 - `observation.state`: joints of the arm, by their `names` in `info.json`, without those of grippers. Names that end
   with `.pos` are those of LeRobot's motors, whose units `joint_units` has to state: `deg`, or `normalized` (-100 to
-  100).
+  100), unless positions beyond 100, or names that begin with `main_`, say that they are in degrees.
 - `observation.whip` (or `observation.markers`): positions of markers; its `names` in `info.json` are columns such as
   `tip_x, tip_y, handle_x, handle_y`, optionally with `tip_sigma`. Without it the images have to be tracked.
 
@@ -17,94 +16,22 @@ those of `whiptool.recording.readers.footage`.
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.extras import optional
-from whiptool.given_files import parsing, read_json, read_toml, sha256, whole_file
+from whiptool.given_files import parsing, read_toml, sha256
 from whiptool.recording.readers.footage import VideoSource, clock_of_rows, frame_clock, segment, source, video_frames
+from whiptool.recording.readers.joint_log import JointLog, Logs
+from whiptool.recording.readers.lerobot_dataset import STATE, Episode, joints_of, lerobot_episode
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, Sidecar
-from whiptool.recording.readers.table import JointLog, joint_log, split_columns
+from whiptool.recording.readers.table import split_columns
 from whiptool.recording.strike_recording import StrikeRecording
 
-DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 MARKERS = ("observation.whip", "observation.markers")
 KEYS = (*SPACE, *CLOCK, *PIXELS, "sigma", "markers_feature", "joints_feature")
-
-
-@dataclass(frozen=True, eq=False)
-class Episode:
-    """One episode of a dataset, of T rows.
-
-    Args:
-        t: Times (`timestamp`) [s], (T,), 0 at the episode's first row.
-        columns: Numeric features by name, (T, n), such as `observation.state` and `action`.
-        names: Names of the n columns of each feature, if `info.json` states them.
-        videos: For each camera its MP4 file, and the time at which the episode begins in it [s].
-        fps: Rate of rows and images [1/s].
-        files: Files that were read.
-    """
-
-    t: np.ndarray
-    columns: dict[str, np.ndarray]
-    names: dict[str, list[str]]
-    videos: dict[str, tuple[Path, float]]
-    fps: float
-    files: tuple[Path, ...]
-
-
-def lerobot_episode(folder: Path | str, episode: int = 0) -> Episode:
-    """Read the rows of an episode, and the location of its images.
-
-    Raises:
-        InputError: The folder is not a dataset of version 3, is damaged, or has no such episode; or pyarrow is not
-            installed.
-    """
-    folder = Path(folder)
-    info_file = whole_file(folder / "meta/info.json")
-    parquet = optional("pyarrow.parquet", "LeRobot datasets")
-    with parsing(info_file, "LeRobot info.json"):
-        info = read_json(info_file)
-        version, fps, features = (info.get(key) for key in ("codebase_version", "fps", "features"))
-        if not re.fullmatch(r"v?3\.\d+", str(version)):
-            raise InputError("codebase_version", version, "v3.0", "convert it with LeRobot's own converter to v3.0")
-        if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not 1 <= fps <= 1e5:
-            raise InputError("fps", fps, "rows per second from 1 to 100000")
-        if not isinstance(features, dict) or not all(isinstance(x, dict) for x in features.values()):
-            raise InputError("features", str(features)[:80], "a table of features")
-    row, index_file = _episode_row(parquet, folder, episode)
-    data_file = whole_file(_inside(folder, info.get("data_path", DATA), row, "data"))
-    with parsing(data_file, "Parquet"):
-        kinds = {name: str(feature.get("dtype")) for name, feature in features.items()}
-        numbers = [name for name, kind in kinds.items() if re.fullmatch(r"(float|int|uint)\d+", kind)]
-        present = set(parquet.read_schema(data_file).names)
-        for name in ("timestamp", "episode_index"):
-            if name not in present:
-                raise InputError("columns", ", ".join(sorted(present))[:120], f"a column {name}")
-        wanted = sorted(present & {*numbers, "timestamp", "episode_index"})
-        table = parquet.read_table(data_file, columns=wanted, filters=[("episode_index", "=", episode)])
-        if table.num_rows < 2 or table.num_rows != int(row.get("length", table.num_rows)):
-            raise InputError("rows", table.num_rows, f"{row.get('length', 'at least 2')}, as in the table of episodes")
-        columns = {name: _matrix(name, table.column(name)) for name in wanted}
-    videos = {
-        name: (_inside(folder, info.get("video_path", VIDEO), row, f"videos/{name}", name), _time(row, name))
-        for name, kind in kinds.items()
-        if kind == "video" and f"videos/{name}/chunk_index" in row
-    }
-    return Episode(
-        t=columns.pop("timestamp")[:, 0],
-        columns=columns,
-        names={name: _names(feature.get("names")) for name, feature in features.items()},
-        videos=videos,
-        fps=float(fps),
-        files=(info_file, index_file, data_file),
-    )
 
 
 def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> StrikeRecording:
@@ -186,65 +113,6 @@ def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
     return Sidecar(side.table, folder, f"{file if table or own else folder}: ")
 
 
-def _episode_row(parquet: Any, folder: Path, episode: int) -> tuple[dict[str, Any], Path]:
-    """The row of an episode in `meta/episodes`, and its file."""
-    files = sorted((folder / "meta/episodes").glob("chunk-*/file-*.parquet"))
-    known: list[int] = []
-    for path in files:
-        with parsing(path, "Parquet"):
-            wanted = [x for x in parquet.read_schema(path).names if not x.startswith("stats/")]
-            if "episode_index" not in wanted:
-                raise InputError("columns", ", ".join(wanted)[:120], "a column episode_index")
-            indices = parquet.read_table(path, columns=["episode_index"]).column(0).to_pylist()
-            known += indices
-            if episode in indices:
-                table = parquet.read_table(path, columns=wanted).slice(indices.index(episode), 1)
-                return table.to_pylist()[0], path
-    if not files:
-        raise InputError(str(folder / "meta/episodes"), "no files", "chunk-000/file-000.parquet and so on")
-    raise InputError(
-        f"{folder}: episode", episode, f"one of {len(known)} episodes" + (f", {known[:8]}" if known else "")
-    )
-
-
-def _inside(folder: Path, template: object, row: dict[str, Any], prefix: str, key: str = "") -> Path:
-    """The file that a template of `info.json` names; it must lie in the folder."""
-    fields = {"chunk_index": row.get(f"{prefix}/chunk_index"), "file_index": row.get(f"{prefix}/file_index")}
-    plain = r"(?:[^{}]|\{(?:(?:chunk|file)_index(?::0\dd)?|video_key)\})+"  # format strings can do more than is wanted
-    if not isinstance(template, str) or not re.fullmatch(plain, template):
-        raise InputError(f"{folder}: path template", template, DATA)
-    if not all(isinstance(x, int) and 0 <= x < 10**6 for x in fields.values()):
-        raise InputError(f"{folder}: {prefix}/chunk_index, file_index", list(fields.values()), "two indices")
-    path = folder / template.format(**fields, video_key=key)
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise InputError(f"{folder}: path template", template, "a path inside the dataset")
-    return path
-
-
-def _time(row: dict[str, Any], camera: str) -> float:
-    """When the episode begins in the camera's file [s]."""
-    value = row.get(f"videos/{camera}/from_timestamp")
-    if not isinstance(value, (int, float)) or not 0 <= value < 1e7:
-        raise InputError(f"videos/{camera}/from_timestamp", value, "a time in s, 0 or more")
-    return float(value)
-
-
-def _matrix(name: str, column: Any) -> np.ndarray:
-    """A column of numbers or of lists of one length as (T, n)."""
-    try:
-        table = np.array(column.to_pylist(), float)
-    except (TypeError, ValueError):
-        raise InputError(name, "rows of different lengths, or no numbers", "as many numbers in each row") from None
-    return table.reshape(len(table), -1)
-
-
-def _names(names: object) -> list[str]:
-    """Names of columns; LeRobot has them as a list, or as lists in a table."""
-    if isinstance(names, dict):
-        names = [name for listed in names.values() if isinstance(listed, list) for name in listed]
-    return [str(x) for x in names] if isinstance(names, list) else []
-
-
 def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -> str | None:
     """The feature that a key names, or the first default that is there."""
     if key in side.table:
@@ -254,13 +122,24 @@ def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -
 
 def _joints(data: Episode, side: Sidecar) -> JointLog | None:
     """Return the joint log of an episode, if it has one."""
-    feature = _feature(data, side, "joints_feature", ("observation.state",))
+    feature = _feature(data, side, "joints_feature", (STATE,))
     if feature is None or "joints" in side.table:
         return None
-    table, names = data.columns[feature], data.names.get(feature, [])
-    names = names if len(names) == table.shape[1] else []
-    log = joint_log(data.t, table, names, side.joint_columns, feature, of="timestamp")
-    if any(name.endswith(".pos") for name in log.columns) and "joint_units" not in side.table:
-        rule = "deg, or normalized with joint_ranges: the dataset does not say in which units LeRobot drove its motors"
-        raise InputError(f"{side.place}joint_units", None, rule, "state it in the sidecar, whiptool.toml in the folder")
-    return log
+    try:
+        return joints_of(data, feature, side.joint_columns, stated="joint_units" in side.table)
+    except InputError as error:
+        raise (error.within(side.place) if error.name == "joint_units" else error) from None
+
+
+def read_lerobot_logs(folder: Path | str, *, episode: int = 0) -> Logs:
+    """Read the log of joints of one episode of a dataset without markers and images.
+
+    Raises:
+        InputError: See `lerobot_episode`; or it has no joints.
+    """
+    data = lerobot_episode(folder, episode)
+    with parsing(Path(folder), "LeRobot dataset"):
+        log = _joints(data, _sidecar(Path(folder), episode, {}))
+    if log is None:
+        raise InputError(f"{folder}: features", ", ".join(data.columns)[:120], "markers, images or joints")
+    return Logs(log)

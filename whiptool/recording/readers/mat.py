@@ -26,8 +26,9 @@ from whiptool.errors import InputError
 from whiptool.given_files import parsed_apart, parsing, whole_file
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.footage import clock_of_rows
+from whiptool.recording.readers.joint_log import JointLog, joint_log
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import HDF5, JointLog, joint_log
+from whiptool.recording.readers.table import HDF5
 from whiptool.recording.strike_recording import StrikeRecording
 
 SPREAD = ("sigma", "t_points")  # variables with one number for each point, or for all

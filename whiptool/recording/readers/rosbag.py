@@ -1,7 +1,7 @@
-"""Images from ROS 2 bags in SQLite (`.db3`): recordings of RealSense, and of `ros2 bag record`.
+"""Images from ROS bags: recordings of RealSense, and of `ros2 bag record` and `rosbag record`.
 
-A bag is one `.db3` file or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` next to the file or
-`whiptool.toml` in the folder; in addition to the keys of `whiptool.recording.readers.footage` it can name the `topic`.
+A bag is a `.db3`, `.mcap` or `.bag` file, or a folder with `metadata.yaml`. Its sidecar is `NAME.toml` next to the file
+or `whiptool.toml` in the folder; besides the keys of `whiptool.recording.readers.footage` it can name the `topic`.
 Times are those of the camera (RealSense writes them to a metadata topic), the stamps of the images, or those of the
 bag: the first of these that nearly always increase. An image with a bad stamp is left out. `start` refers to that
 clock; without it the first image is at 0. A key `timestamps` overrides these times.
@@ -12,23 +12,18 @@ Only `sensor_msgs/Image` as defined by rosbags is decoded; definitions in the ba
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.extras import optional
-from whiptool.given_files import parsing, sha256, whole_file
-from whiptool.recording.logs import good_stamps
+from whiptool.given_files import parsing, sha256
+from whiptool.recording.readers.bag_files import bag_messages, bag_parts, bag_topics, best_clock, stamp_of
 from whiptool.recording.readers.footage import VideoSource, frame_clock, source
-from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, SPACE, Sidecar
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
-ZSTD = b"\x28\xb5\x2f\xfd"  # RealSense compresses message by message
-LARGEST_MESSAGE = 1 << 28  # [bytes]
 ENCODINGS = {  # type of a number, how many a pixel, whether red comes first
     "mono8": ("u1", 1, False),
     "8UC1": ("u1", 1, False),
@@ -48,8 +43,7 @@ def db3_topics(path: Path | str) -> dict[str, int]:
     Raises:
         InputError: The file is not a bag or is damaged; or rosbags is not installed.
     """
-    with _opened(path) as bag:
-        return {c.topic: c.msgcount for c in bag.connections if c.msgtype == IMAGE}
+    return {name: topic.count for name, topic in bag_topics(path).items() if topic.kind == IMAGE}
 
 
 def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[float, np.ndarray]]:
@@ -68,10 +62,10 @@ def db3_frames(path: Path | str, topic: str | None = None) -> Iterator[tuple[flo
             encoding than 16UC1, mono16, 8UC1, mono8, rgb8, bgr8, rgba8 or bgra8; or rosbags is not installed.
     """
     topic = _one_topic(path, topic)
-    for _, message in _messages(path, topic, IMAGE):
-        with parsing(Path(path), "ROS 2 bag"):
+    for _, _, message in bag_messages(path, [topic], [IMAGE]):
+        with parsing(Path(path), "ROS bag"):
             image = decode_image(message)
-        yield _stamp(message), image
+        yield stamp_of(message), image
 
 
 def decode_image(message: Any) -> np.ndarray:
@@ -108,14 +102,13 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
             allowed.
     """
     path = Path(path)
-    folder = path.is_dir()
-    side = Sidecar.of(path, options, *CLOCK, *PIXELS, *FILM, "topic", file=path / "whiptool.toml" if folder else None)
+    side = bag_sidecar(path, options)
     topic = _one_topic(path, side.table.get("topic"))
     own = _camera_times(path, topic)
     shapes, stamps, bag_times = set(), [], []
-    for bag_time, message in _messages(path, topic, IMAGE):
+    for _, bag_time, message in bag_messages(path, [topic], [IMAGE]):
         shapes.add((message.height, message.width, message.encoding))
-        stamps.append(_stamp(message))
+        stamps.append(stamp_of(message))
         bag_times.append(bag_time)
     if len(stamps) < 2:
         raise InputError(str(path), f"{len(stamps)} images on {topic}", "at least two")
@@ -124,7 +117,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
     if "timestamps" in side.table:
         clock = frame_clock(side, len(stamps))
     else:
-        times, whose = _best_clock(
+        times, whose = best_clock(
             {
                 "the camera's own stamps": [own.get(time, np.nan) for time in bag_times] if own else [],
                 "the images' header stamps": stamps,
@@ -134,69 +127,15 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
         )
         origin = 0.0 if "start" in side.table else float(np.nanmin(times))
         clock = frame_clock(side, len(stamps), stamps=times - origin, of=whose)
-    files = sorted(path.glob("*.db3")) if folder else [path]
+    files = bag_parts(path)
     frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
     return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files))
 
 
-def _best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray, str]:
-    """Return the first of several clocks of which nearly all stamps can be right, NaN for the others, and its name."""
-    said = []
-    for whose, times in clocks.items():
-        if not times:
-            continue
-        stamps = np.array(times)
-        try:
-            keep, _ = good_stamps(stamps, whose)
-        except InputError as error:
-            said.append(f"{whose}: {error.given}")
-            continue
-        others = "".join(f"; not by {other}" for other in said)
-        return np.where(keep, stamps, np.nan), whose + others
-    fix = "state the key timestamps in the sidecar"
-    raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing stamps", fix)
-
-
-@contextmanager
-def _opened(path: Path | str) -> Iterator[Any]:
-    path = Path(path)
-    rosbag2 = optional("rosbags.rosbag2", "ROS 2 bags")
-    if path.is_dir():
-        whole_file(path / "metadata.yaml")
-    else:
-        path = whole_file(path, largest=np.inf)
-        with path.open("rb") as file:
-            if file.read(16) != b"SQLite format 3\0":
-                raise InputError(str(path), "no SQLite file", "a ROS 2 bag in SQLite (.db3)")
-    with parsing(path, "ROS 2 bag"), rosbag2.Reader(path) as bag:
-        yield bag
-
-
-def _messages(path: Path | str, topic: str, kind: str) -> Iterator[tuple[int, Any]]:
-    """The bag's time [ns] and the message, for each message of a topic."""
-    with _opened(path) as bag:
-        chosen = [c for c in bag.connections if c.topic == topic and c.msgtype == kind]
-        for _, time, data in bag.messages(chosen) if chosen else ():
-            yield time, _types().deserialize_cdr(_unpacked(bytes(data)), kind)
-
-
-@cache
-def _types() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
-def _unpacked(data: bytes) -> bytes:
-    """A message without the compression that RealSense may have put around it."""
-    if not data.startswith(ZSTD):
-        return data
-    zstd = optional("backports.zstd", "compressed bags")  # rosbags brings it
-    return zstd.ZstdDecompressor().decompress(data, LARGEST_MESSAGE)
-
-
-def _stamp(message: Any) -> float:
-    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+def bag_sidecar(path: Path, options: dict[str, Any]) -> Sidecar:
+    """Return the sidecar of a bag: `NAME.toml` next to the file, or `whiptool.toml` in the folder."""
+    keys = (*CLOCK, *PIXELS, *FILM, *SPACE, "topic", "markers", "sigma")
+    return Sidecar.of(path, options, *keys, file=path / "whiptool.toml" if path.is_dir() else None)
 
 
 def _one_topic(path: Path | str, topic: str | None) -> str:
@@ -204,7 +143,8 @@ def _one_topic(path: Path | str, topic: str | None) -> str:
     if topic is None and len(topics) == 1:
         return next(iter(topics))
     if topic not in topics:
-        raise InputError(f"{path}: topic", topic, "one of the topics of images: " + (", ".join(topics) or "none"))
+        name = f"{path}: topic" if topics else f"{path}: topics"
+        raise InputError(name, topic, "one of the topics of images: " + (", ".join(topics) or "none"))
     return topic
 
 
@@ -214,7 +154,7 @@ def _camera_times(path: Path, topic: str) -> dict[int, float]:
     if last != "data":
         return {}
     times = {}
-    for bag_time, message in _messages(path, f"{head}/metadata", TEXT):
+    for _, bag_time, message in bag_messages(path, [f"{head}/metadata"], [TEXT]):
         pairs = dict(pair.partition("=")[::2] for pair in message.data.split(";"))
         try:
             times[bag_time] = 1e-3 * float(pairs["timestamp"])

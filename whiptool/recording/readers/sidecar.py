@@ -15,6 +15,11 @@ precedence. Common to all formats:
     joints_start = 1.25              # when the command started by that file's clock [s]; default: start
     hand = "NAME.hand.csv"           # the hand's measured poses: t [s], hand_x, ... hand_z [m], hand_qx, ... hand_qw
     hand_start = 1.25                # likewise; default: start
+    joints_topic = "/joint_states"   # where joints is a ROS bag with several topics of joints
+    hand_topic = "/tool/pose"        # likewise of poses; or, for poses from tf, the base's and the hand's frame:
+    hand_frames = ["base_link", "tool0"]
+    hand_axes = ["x", "-y", "-z"]    # axes of the logged frame that are the hand's x, y, z; the whip is along its -z
+    hand_offset = [0, 0, 0.3]        # where the whip is held, in the logged frame [m], as at the end of a stick
 
     [strike]                         # what was commanded
     q_i = [-1.36, 0.47]              # [rad]
@@ -34,22 +39,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml, sha256
-from whiptool.models.joint_trajectory import POSE
 from whiptool.models.strike import Strike
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
 from whiptool.recording.logs import order_of
-from whiptool.recording.readers.table import AXES, JointLog, read_joint_log, stacked
+from whiptool.recording.readers.joint_log import JointLog
+from whiptool.recording.readers.robot_logs import read_hand, read_joints
+from whiptool.recording.readers.table import AXES, stacked
 from whiptool.recording.strike_recording import StrikeRecording
 
 COMMON = (
     "camera", "exposure", "target", "t_stay", "start", "joints", "joint_columns", "joint_units", "joint_ranges",
-    "joints_start", "hand", "hand_start", "strike", "controller",
+    "joints_start", "joints_topic", "hand", "hand_start", "hand_topic", "hand_frames", "hand_axes", "hand_offset",
+    "strike", "controller",
 )  # fmt: skip
-SPACE = ("units", "axes", "origin")  # of readers whose files hold places in space
+SPACE = ("units", "axes", "origin", "up")  # of readers whose files hold places in space
 VIEW = ("cameras", "sigma", "depth_units", "baseline", "subpixel")  # of readers whose files hold what a camera saw
 PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic")  # of readers whose files hold pixels
 FILM = ("cameras",)  # of readers whose files hold frames that a camera in space may have taken
@@ -57,6 +65,7 @@ CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 KINDS = ("color", "infrared")  # of light
 ANGLES = ("rad", "deg", "normalized")
+SIGNS = {"": 1.0, "-": -1.0}
 TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
 
@@ -152,10 +161,12 @@ class Sidecar:
         return dict(value)
 
     def file(self, key: str) -> Path | None:
-        """Return the path of a file in the sidecar's folder; None if the key is missing."""
+        """Return the path of a file in the sidecar's folder, or of any file if an option gives a path; None if the key
+        is missing.
+        """
         name = self.table.get(key)
-        if name is None:
-            return None
+        if name is None or isinstance(name, Path):
+            return name
         if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
             raise self.refuse(key, "the name of a file next to it, without folders")
         return self.folder / name
@@ -171,7 +182,9 @@ class Sidecar:
         Raises:
             InputError: A value is not allowed.
         """
-        fields: dict[str, Any] = {key: self.table[key] for key in ("target", "t_stay", "exposure") if key in self.table}
+        fields: dict[str, Any] = {
+            key: self.table[key] for key in ("target", "t_stay", "exposure", "up") if key in self.table
+        }
         camera, strike, controller = (self.table.get(key) for key in ("camera", "strike", "controller"))
         if camera is not None:
             fields["camera"] = str(camera)
@@ -194,7 +207,8 @@ class Sidecar:
             fields["controller"] = dict(controller)
         said = list(notes)
         if (file := self.file("joints")) is not None:
-            log = read_joint_log(file, self.joint_columns)
+            stated = "joint_units" in self.table
+            log = read_joints(file, self.joint_columns, self.table.get("joints_topic"), stated=stated)
         if log is not None:
             angles, units = self.angles(log)
             start = self.number("joints_start", self.start)
@@ -202,10 +216,39 @@ class Sidecar:
             fields |= {"joint_names": log.names, "joints_listed": log.listed}
             said += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
-            hand = read_joint_log(file, list(POSE))
-            fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": hand.q}
-            said += [note.replace("joints:", "hand:") for note in hand.notes]
+            hand = read_hand(file, self.table.get("hand_topic"), self._hand_frames)
+            poses, axes = self._held(hand.q)
+            fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": poses}
+            said += [*hand.notes, *axes]
         return fields | {"notes": tuple(said)}
+
+    @property
+    def _hand_frames(self) -> tuple[str, str] | None:
+        """Names of the base's and the hand's frame in `tf`; None without the key."""
+        given = self.table.get("hand_frames")
+        if given is None:
+            return None
+        if not isinstance(given, (list, tuple)) or len(given) != 2 or not all(isinstance(x, str) for x in given):
+            raise self.refuse("hand_frames", 'two names, the base\'s frame and the hand\'s, as ["base_link", "tool0"]')
+        return given[0], given[1]
+
+    def _held(self, poses: np.ndarray) -> tuple[np.ndarray, list[str]]:
+        """Poses (S, 7) of the model's hand, from those of the logged frame, and a sentence on its axes."""
+        axes, offset = self.table.get("hand_axes"), self.array("hand_offset", 3)
+        if axes is None and offset is None:
+            return poses, [
+                "hand: the whip is taken to be along -z of the logged frame, where it is (else say hand_axes)"
+            ]
+        known = {sign + name: sign_of * np.eye(3)[i] for i, name in enumerate("xyz") for sign, sign_of in SIGNS.items()}
+        named = ["x", "y", "z"] if axes is None else axes
+        if not isinstance(named, (list, tuple)) or len(named) != 3 or not all(x in known for x in named):
+            raise self.refuse("hand_axes", f"three of {', '.join(known)}")
+        turn = np.column_stack([known[x] for x in named])
+        if not np.isclose(np.linalg.det(turn), 1):
+            raise self.refuse("hand_axes", "three axes at right angles, right-handed")
+        logged = Rotation.from_quat(poses[:, 3:])
+        place = poses[:, :3] + logged.apply(np.zeros(3) if offset is None else offset)
+        return np.hstack([place, (logged * Rotation.from_matrix(turn)).as_quat()]), []
 
     def recording(
         self,
@@ -239,7 +282,7 @@ class Sidecar:
         name, cameras = self.table.get("camera"), self.table.get("cameras")
         if cameras is None:
             raise self.refuse("cameras", "the file of cameras in space, for a recording in pixels", "see write_cameras")
-        known = read_cameras(cameras if isinstance(cameras, Path) else self.file("cameras") or "")
+        known = read_cameras(self.file("cameras") or "")
         if not isinstance(name, str) or name not in known:
             raise self.refuse("camera", f"the camera that saw it, one of {', '.join(known)}")
         return known[name]

@@ -41,10 +41,10 @@ from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera, to_plane, writ
 from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.logs import TIME, Column
 from whiptool.recording.readers.footage import clock_of_rows, frame_clock
-from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, UNITS, VIEW, Sidecar
+from whiptool.recording.readers.joint_log import PREFIX, Logs, reads_back
+from whiptool.recording.readers.sidecar import ANGLES, CLOCK, PIXELS, SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import (
     AXES,
-    PREFIX,
     cells,
     csv_rows,
     read_columns,
@@ -125,6 +125,8 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
     For a recording in pixels, the camera is written as `NAME.cameras.toml`, and the times of points are computed from
     the camera's rows.
 
+    Angles of a free arm's links become a table of angles, see `whiptool.recording.readers.angles`.
+
     The original source is not written; when read back, the source is this file.
 
     Returns:
@@ -141,12 +143,13 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
         raise InputError("marker", bad[0], "a name without commas, quotes, line breaks or outer blanks")
     table = _said(recording)
     files = [path, path.with_suffix(".toml")]
+    columns = _angles(recording) if recording.angular else _columns(recording)
     try:
         if (view := recording.view) is not None:
             files.append(path.with_suffix(".cameras.toml"))
             table |= {"camera": view.name, "cameras": files[-1].name}
             write_cameras(files[-1], {view.name: view})
-        _write_columns(path, *_columns(recording))
+        _write_columns(path, *columns)
         for key, suffix, names, log in _logs(recording):
             files.append(path.with_suffix(suffix))
             table[key] = files[-1].name
@@ -159,13 +162,35 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
 
 def _said(recording: StrikeRecording) -> dict[str, Any]:
     """What the sidecar of a recording says, except for the files that belong to it."""
+    if recording.angular:
+        return {"sigma": float(recording.sigma.flat[0])}
     table: dict[str, Any] = {"units": "m"} if recording.view is None else {}
+    table |= {"up": recording.up} if recording.up else {}
+    if recording.joints_q is not None:
+        table["joint_units"] = "rad"
+        if (names := recording.joint_names) and recording.joints_listed:
+            table["joint_columns"] = list(names)
+        elif names and not reads_back(names):
+            table["joint_columns"] = {name: f"q_{i + 1}" for i, name in enumerate(names)}
     table |= {"t_stay": recording.t_stay, "exposure": recording.exposure}
     table |= {"camera": recording.camera} if recording.camera else {}
     table |= {} if recording.target is None else {"target": list(recording.target)}
     if (s := recording.strike) is not None:
         table["strike"] = {"q_i": list(s.q_i), "q_f": list(s.q_f), "D": s.D}
     return table | ({} if recording.controller is None else {"controller": recording.controller})
+
+
+def _angles(recording: StrikeRecording) -> tuple[list[str], np.ndarray]:
+    """Names and numbers (T, columns) of the times and angles of links, and of their rates, which are at the start."""
+    links = len(recording.markers)
+    names = ["t", *(f"angle{i + 1}" for i in range(links))]
+    table = np.column_stack([recording.t, recording.points[..., 0]])
+    begun = recording.first_state
+    if begun is None or (begun[0] != recording.points[0, :, 0]).any():  # the rates were computed from the angles
+        return names, table
+    rates = np.full((len(table), links), np.nan)
+    rates[0] = begun[1]
+    return [*names, *(f"velocity{i + 1}" for i in range(links))], np.column_stack([table, rates])
 
 
 def _columns(recording: StrikeRecording) -> tuple[list[str], np.ndarray]:
@@ -188,10 +213,51 @@ def _logs(recording: StrikeRecording) -> Iterator[tuple[str, str, list[str], np.
     """What was logged in addition to the frames: its key, the suffix of its file, names and numbers of its columns."""
     if recording.joints_t is not None and recording.joints_q is not None:
         angles = recording.joints_q
-        named = [PREFIX + name for name in recording.joint_names] or [f"q_{i + 1}" for i in range(angles.shape[1])]
-        yield "joints", JOINT_LOG, ["t", *named], np.column_stack([recording.joints_t, angles])
+        yield "joints", JOINT_LOG, _joint_columns(recording), np.column_stack([recording.joints_t, angles])
     if recording.hand_t is not None and recording.hand_pose is not None:
         yield "hand", ".hand.csv", ["t", *POSE], np.column_stack([recording.hand_t, recording.hand_pose])
+
+
+def _joint_columns(recording: StrikeRecording) -> list[str]:
+    """Names of the columns of a recording's joint log."""
+    assert recording.joints_q is not None
+    names = recording.joint_names
+    if names and recording.joints_listed:
+        return ["t", *names]
+    if names and reads_back(names):
+        return ["t", *(PREFIX + name for name in names)]
+    return ["t", *(f"q_{i + 1}" for i in range(recording.joints_q.shape[1]))]
+
+
+def write_logs(logs: Logs, path: Path | str) -> list[Path]:
+    """Write a robot's logs as `NAME.csv`; poses of the hand at other times than the joints' go to `NAME.hand.csv`.
+
+    Returns:
+        The written files.
+
+    Raises:
+        InputError: The joints are not in rad or degrees, or a file cannot be written.
+    """
+    path, joints, hand = Path(path), logs.joints, logs.hand
+    files: list[tuple[Path, list[str], np.ndarray]] = []
+    if joints is not None:
+        if joints.unit not in ("", *ANGLES[:2]):
+            raise InputError("joints", joints.unit, "angles in rad or deg", "state joint_units and joint_ranges")
+        q = np.deg2rad(joints.q) if joints.unit == "deg" else joints.q
+        named = [PREFIX + name for name in joints.names] or [f"q_{i + 1}" for i in range(q.shape[1])]
+        files.append((path, ["t", *named], np.column_stack([joints.t, q])))
+    if hand is not None and joints is not None and np.array_equal(hand.t, joints.t):
+        file, names, table = files.pop()
+        files.append((file, [*names, *POSE], np.column_stack([table, hand.q])))
+    elif hand is not None:
+        place = path if joints is None else path.with_suffix(".hand.csv")
+        files.append((place, ["t", *POSE], np.column_stack([hand.t, hand.q])))
+    try:
+        for file, names, table in files:
+            _write_columns(file, names, table)
+    except OSError as error:
+        raise InputError("path", str(path), f"a file that can be written ({error.strerror})") from None
+    return [file for file, _, _ in files]
 
 
 def _write_columns(path: Path, names: list[str], table: np.ndarray) -> None:

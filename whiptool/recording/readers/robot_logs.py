@@ -1,0 +1,67 @@
+"""Logs of joints and of the hand that a sidecar names, in any of their formats: CSV, ROS bags, LeRobot datasets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from whiptool.errors import InputError
+from whiptool.models.joint_trajectory import POSE
+from whiptool.recording.readers.bag_files import is_bag
+from whiptool.recording.readers.bag_logs import bag_hand, bag_joints
+from whiptool.recording.readers.joint_log import JointLog, read_joint_log
+from whiptool.recording.readers.lerobot_dataset import STATE, joints_of, lerobot_episode
+
+
+def read_joints(
+    path: Path,
+    columns: Mapping[str, str] | Sequence[str] | None = None,
+    topic: str | None = None,
+    *,
+    stated: bool = False,
+) -> JointLog:
+    """Read a log of joint positions.
+
+    Args:
+        path: A CSV file, a ROS bag, or the folder of a LeRobot dataset (`FOLDER#3` is its episode 3).
+        columns: Columns of the arm's joints, see `asked` of `whiptool.recording.readers.joint_log.joint_log`.
+        topic: Topic of a bag; None: the only one with joints.
+        stated: Whether the user states the unit of the joints.
+
+    Raises:
+        InputError: The file has another format or is damaged, lacks a column, or a topic is given for another format.
+    """
+    found = None if path.exists() else re.fullmatch(r"(.+)#(\d+)", path.name)
+    folder = path.with_name(found[1]) if found else path
+    if (folder / "meta/info.json").is_file():
+        _no_topic(topic, path)
+        return joints_of(lerobot_episode(folder, int(found[2]) if found else 0), STATE, columns, stated=stated)
+    if is_bag(path, b""):
+        return bag_joints(path, topic, columns)
+    _no_topic(topic, path)
+    return read_joint_log(path, columns)
+
+
+def read_hand(path: Path, topic: str | None = None, frames: Sequence[str] | None = None) -> JointLog:
+    """Read a log of the hand's poses, (S, 7): place [m] and quaternion (x, y, z, w).
+
+    Args:
+        path: A CSV file with the columns `POSE`, or a ROS bag.
+        topic: Topic of a bag; None: the only one with poses, or whose name holds `hand`.
+        frames: Names of the base's and the hand's frame in a bag, for poses from `tf`.
+
+    Raises:
+        InputError: The file has another format or is damaged, or a topic or frames are given for CSV.
+    """
+    if is_bag(path, b""):
+        return bag_hand(path, topic, frames)
+    _no_topic(topic or frames, path)
+    log = read_joint_log(path, list(POSE))
+    return replace(log, notes=tuple(note.replace("joints:", "hand:") for note in log.notes))
+
+
+def _no_topic(given: object, path: Path) -> None:
+    if given is not None:
+        raise InputError(f"{path}: topic", given, "none, except for ROS bags")
