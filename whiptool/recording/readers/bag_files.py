@@ -23,7 +23,8 @@ from whiptool.recording.logs import good_stamps
 BEGINNINGS = {".bag": b"#ROSBAG V2.0", ".db3": b"SQLite format 3\0", ".mcap": b"\x89MCAP0\r\n"}  # by suffix
 ZSTD = b"\x28\xb5\x2f\xfd"  # RealSense compresses message by message
 LARGEST_MESSAGE = 1 << 28  # [bytes]
-_SAME_AS = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}  # kinds of messages that were renamed
+FRAMES = "tf2_msgs/msg/TFMessage"
+_SAME_AS = {"tf/msg/tfMessage": FRAMES}  # kinds of messages that were renamed
 
 
 @dataclass(frozen=True)
@@ -131,9 +132,12 @@ def _opened(path: Path | str) -> Iterator[tuple[Any, int]]:
 
 @cache
 def _types(ros: int) -> Any:
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    types = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    if FRAMES not in types.types:  # rosbags has it for ROS 2 alone
+        types.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", FRAMES))
+    return types
 
 
 def _unpacked(data: bytes) -> bytes:

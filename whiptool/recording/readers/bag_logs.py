@@ -19,14 +19,13 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from whiptool.errors import InputError
 from whiptool.recording.logs import Column, good_stamps
-from whiptool.recording.readers.bag_files import bag_messages, bag_topics, best_clock, stamp_of
+from whiptool.recording.readers.bag_files import FRAMES, bag_messages, bag_topics, best_clock, stamp_of
 from whiptool.recording.readers.joint_log import JointLog, Logs, joint_log
 
 STATE = "sensor_msgs/msg/JointState"
 POSE, ARRAY, MOVED, POINT = (
     f"geometry_msgs/msg/{name}" for name in ("PoseStamped", "PoseArray", "TransformStamped", "PointStamped")
 )
-FRAMES = "tf2_msgs/msg/TFMessage"
 STATIC = "/tf_static"
 HEADER, WRITTEN = "the messages' header stamps", "the times at which the bag was written"
 

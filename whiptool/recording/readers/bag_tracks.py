@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, sha256
+from whiptool.given_files import parsing
 from whiptool.recording.readers.bag_files import bag_parts, bag_topics
 from whiptool.recording.readers.bag_logs import ARRAY, MOVED, POINT, POSE, STATE, posed
 from whiptool.recording.readers.footage import clock_of_rows
@@ -64,7 +64,7 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
             points=side.metres(points[clock.keep]),
             markers=tuple(found),
             sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
-            sha256=sha256(bag_parts(path)),
+            files=bag_parts(path),
             up="" if "axes" in side.table else "z",
         )
 

@@ -83,7 +83,8 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
     if camera is None and len(data.videos) == 1:
         camera = next(iter(data.videos))
     if camera not in data.videos:
-        raise InputError("camera", camera, "one of the cameras " + (", ".join(data.videos) or "(it has none)"))
+        known = ", ".join(data.videos) or "(it has none)"
+        raise InputError("camera" if data.videos else "features", camera, f"one of the cameras {known}")
     path, first = data.videos[camera]
     count = len(data.t)
     stream = video_frames(path)
