@@ -143,8 +143,9 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
     asked = layout.columns(names) if layout is not None and own else columns
     log = joint_log(table[:, at] * scale, np.delete(table, at, axis=1), others, asked, str(path), of=names[at])
     if layout is not None and set(log.columns) <= set(layout.columns(names)):
-        # numbered columns have no names of joints, unless the user gives them
-        log = replace(log, unit="rad", **({"names": (), "listed": False} if own else {}))
+        log = replace(log, unit="rad")
+    if own:  # numbered columns have no names of joints
+        log = replace(log, names=(), listed=False)
     notes = [f"joints: {said}"]
     notes += [f"joints: left out {repeated} rows that repeat the one before"] if repeated else []
     return replace(log, notes=(*notes, *log.notes))
