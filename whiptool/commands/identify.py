@@ -243,7 +243,7 @@ class FitRun:
         """Fit the parameters for every number of nodes that is to be tried."""
         from whiptool.identification.fit import best_nodes, fit
         from whiptool.identification.results import root_mean_square
-        from whiptool.identification.summary import error_words
+        from whiptool.identification.summary import coverage_words, error_words
 
         self.tried: list[tuple[int, float, float]] = []
         fits: dict[int, Fit] = {}
@@ -255,7 +255,8 @@ class FitRun:
             fits[N] = fit(self.recordings, plant, self.free, held_out=self.held_out, options=self.how)
             inside, outside = (root_mean_square(x) for x in (fits[N].recordings, fits[N].held_out))
             assert inside is not None
-            held_out = f", held out {error_words(fits[N].held_out)}" if self.held_out else ""
+            outer = fits[N].held_out
+            held_out = f", held out {error_words(outer)} ({coverage_words(outer)})" if outer else ""
             self._say(f"{fits[N].status.value}; RMS {error_words(fits[N].recordings)}{held_out}")
             if self.options.nodes:
                 assert outside is not None

@@ -73,12 +73,15 @@ class Packed:
         hanging: For a prescribed motion of the base: the structure with which the equilibrium of the hanging whip is
             computed, its parameters, and their derivatives as in `dp`.
         turning: For a prescribed motion of the base: the derivatives of the clamp's angle by the free parameters, (m,).
+        zeros: For a pendulum: angles that its encoders read while it hangs [rad], and in the following rows their
+            derivatives by the m free parameters, (1 + m, n).
     """
 
     p: np.ndarray
     dp: np.ndarray
     hanging: tuple[Structure, np.ndarray, np.ndarray] | None = None
     turning: np.ndarray | None = None
+    zeros: np.ndarray | None = None
 
 
 @dataclass
@@ -94,6 +97,7 @@ class Shot:
         moving: Derivatives of u by the consecutive unknowns that change it, (unknowns, I, 7 or 21).
         first: Index of the first of these unknowns.
         place, dplace: Position of the base [m] and its derivatives, (I, d), (D, I, d).
+        zero, dzero: Angles that encoders read while the links hang [rad] and their derivatives, (n,), (D, n).
     """
 
     p: np.ndarray
@@ -105,6 +109,8 @@ class Shot:
     first: int = 0
     place: np.ndarray | None = None
     dplace: np.ndarray | None = None
+    zero: np.ndarray | None = None
+    dzero: np.ndarray | None = None
 
 
 class Drive:
@@ -466,15 +472,19 @@ class FreeDrive(Drive):
 
     def pack(self, plant: Plant, slopes: Sequence[Quantities]) -> Packed:
         assert isinstance(self.structure, SwingStructure)
-        p, *dp = (self.structure.pack(numbers) for numbers in (plant.quantities(), *slopes))
-        return Packed(p, np.reshape(dp, (len(slopes), len(p))))
+        every = (plant.quantities(), *slopes)
+        p, *dp = (self.structure.pack(numbers) for numbers in every)
+        return Packed(p, np.reshape(dp, (len(slopes), len(p))), zeros=np.array([of["zero"] for of in every]))
 
     def shot(self, plant: Plant, packed: Packed, unknowns: np.ndarray) -> Shot:
-        m = len(packed.dp)
+        assert packed.zeros is not None
+        m, n = len(packed.dp), len(self._start) // 2
         dp = np.vstack([packed.dp, np.zeros((len(unknowns), len(packed.p)))])
-        dx0 = np.zeros((len(dp), len(self._start)))
-        dx0[m:] = np.eye(len(self._start))[: len(unknowns)]
-        return Shot(packed.p, dp, self._start + (unknowns if len(unknowns) else 0), dx0)
+        zeros = np.vstack([packed.zeros, np.zeros((len(unknowns), n))])
+        start = np.hstack([-np.diff(zeros, axis=1, prepend=0.0), np.zeros_like(zeros)])  # of the links, not encoders
+        start[0] += self._start + (unknowns if len(unknowns) else 0)
+        start[1 + m :] = np.eye(2 * n)[: len(unknowns)]
+        return Shot(packed.p, dp, start[0], start[1:], zero=zeros[0], dzero=zeros[1:])
 
     def link_of(self, marker: str) -> int | None:
         return _numbered(marker, "link", self.structure.n)

@@ -9,6 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError, expect
 from whiptool.identification.beginnings import check_beginnings
+from whiptool.identification.forecast import Forecast
 from whiptool.identification.inputs import check_controllers, common_controller, full_name
 from whiptool.identification.plant import BareArm, Plant
 from whiptool.identification.problem import FitOptions, Problem
@@ -16,15 +17,13 @@ from whiptool.identification.readings import NEUTRAL
 from whiptool.identification.results import Fit, FittedStart, RecordingFit, is_explained, judge_starts
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import DOUBT, ClockFault
-from whiptool.identification.uncertainty import classify
+from whiptool.identification.uncertainty import Uncertainty, classify
 from whiptool.identification.variables import units, variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
-
-_KNOWN = 0.5  # share of a held-out recording's frames that its own unknowns are fitted to, if it has any
 
 __all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "fit", "predict"]
 
@@ -141,7 +140,7 @@ def _found(
         nuisance=nuisance,
         uncertainty=uncertainty,
         recordings=compared,
-        held_out=tuple(predict(held_out, fitted, nuisance, options)) if held_out else (),
+        held_out=tuple(_held_out(problem, held_out, best, uncertainty)) if held_out else (),
         runs=tuple(runs),
         wall_time=time.perf_counter() - began,
         clock_fault=clock_fault,
@@ -197,8 +196,8 @@ def predict(
     """Return recordings that were not fitted, with the plant's predictions.
 
     The drive (command, measured joints or tracked handle) is taken from the recording. If a recording has separate
-    unknowns (initial state, a robot's lag, nuisance parameters), they are fitted to the first half of its frames and
-    the second half is predicted. A pendulum's free swing starts from its first sample.
+    unknowns (initial state, a robot's lag, nuisance parameters), they are fitted to the first half of its frames, of a
+    pendulum's free swing to the first tenth, and the others are predicted.
 
     Args:
         recordings: Recordings to predict.
@@ -207,32 +206,41 @@ def predict(
         options: Options of the fit.
 
     Returns:
-        Each recording with its residuals, without the readings to which its unknowns were fitted.
+        Each recording with its residuals, without the readings to which its unknowns were fitted. Those that
+            `fit(..., held_out=...)` returns have predictive intervals, too.
 
     Raises:
         InputError: A recording has no readings left to predict.
     """
-    own = options.per_recording
-    if options.drive == "free":  # encoders saw how it began
-        own = tuple(name for name in own if name != "start")
-    changed = FitOptions(
-        drive=options.drive, per_recording=own, loss=options.loss, timestep=options.timestep, knots=options.knots
-    )
-    problem = Problem(
-        recordings, plant, tuple(nuisance), variables_of(nuisance, tuple(nuisance), {}, {}), changed, starting=False
-    )
-    z = np.array([v.z(nuisance[v.name]) for v in problem.variables])
-    start = problem.predictor.start
-    every, unknown = range(len(start)), bool(own) or problem.starts_free or options.drive == "robot"
-    if not unknown and options.drive != "handle":  # the motion begins as the joints alone tell it
-        return problem.compare(Solution(z, start, 0.0, Ending.CONVERGED))
-    known = [problem.first(i, _KNOWN if unknown else 0.0) for i in every]
-    if options.drive == "handle":
-        known = [np.maximum(x, problem.of_marker(i, "handle")) for i, x in zip(every, known, strict=True)]
-    for recording, x in zip(recordings, known, strict=True):
+    variables = variables_of(nuisance, tuple(nuisance), {}, {})
+    problem = Problem(recordings, plant, tuple(nuisance), variables, _predicting(options))
+    return _predicted(problem, np.array([v.z(nuisance[v.name]) for v in variables]), None)
+
+
+def _held_out(
+    fitted: Problem, recordings: Sequence[StrikeRecording], best: Solution, uncertainty: Uncertainty
+) -> list[RecordingFit]:
+    """Return the predictions of held-out recordings with their standard errors."""
+    options = _predicting(fitted.options)
+    problem = Problem(recordings, fitted.plant, fitted.free, fitted.variables, options)
+    return _predicted(problem, best.z, fitted.forecast(best, uncertainty))
+
+
+def _predicting(options: FitOptions) -> FitOptions:
+    """Return the options of a fit that hold for predictions, too."""
+    kept = ("drive", "per_recording", "loss", "timestep", "knots")
+    return FitOptions(**{name: getattr(options, name) for name in kept})
+
+
+def _predicted(problem: Problem, z: np.ndarray, forecast: Forecast | None) -> list[RecordingFit]:
+    """Return a problem's recordings, each predicted from its first readings."""
+    known, P = problem.beginnings(), problem.predictor
+    if not problem.fits_beginnings and problem.options.drive != "handle":  # the motion begins as the joints alone say
+        return problem.compare(Solution(z, P.start, 0.0, Ending.CONVERGED), forecast=forecast)
+    for recording, x in zip(P.recordings, known, strict=True):
         if x.all():
             raise InputError("held-out recording", recording.source, "a recording whose last frames also show the whip")
-    return problem.compare(problem.solve(z, fixed=True, known=known), known)
+    return problem.compare(problem.solve(z, fixed=True, known=known), known, forecast)
 
 
 def best_nodes(fits: Mapping[int, Fit]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +22,7 @@ from whiptool.models.profile import WhipProfile
 from whiptool.models.whip import WhipParameters
 from whiptool.whole_files import write_whole
 
-EACH = ("dry_friction", "drag")  # numbers per link in addition to those of a link itself
+EACH = ("dry_friction", "drag", "zero")  # numbers per link in addition to those of a link itself
 SHARED = ("gravity", "friction_velocity")  # numbers of the whole arm
 
 
@@ -37,6 +38,7 @@ class BareArm:
         drag: Quadratic air drag at each link's end [N s^2/m^2], one per link; empty: none.
         gravity: Gravity [m/s^2].
         name: A label only.
+        zero: What each link's encoder reads while the link hangs straight down [rad], one per link; empty: 0.
 
     Raises:
         InputError: A value is not allowed.
@@ -48,6 +50,7 @@ class BareArm:
     drag: tuple[float, ...] = ()
     gravity: float = 9.81
     name: str = dataclasses.field(default="pendulum", compare=False)
+    zero: tuple[float, ...] = ()
 
     dimension: ClassVar = 1  # of its readings, which are angles
 
@@ -56,7 +59,8 @@ class BareArm:
             values = tuple(getattr(self, name)) or (0.0,) * self.arm.n
             if len(values) != self.arm.n:
                 raise InputError(name, values, f"{self.arm.n} numbers, one per link")
-            object.__setattr__(self, name, tuple(number(f"{name}[{i}]", x, low=0) for i, x in enumerate(values)))
+            low = -math.inf if name == "zero" else 0.0
+            object.__setattr__(self, name, tuple(number(f"{name}[{i}]", x, low=low) for i, x in enumerate(values)))
         for name in SHARED:
             strict = name == "friction_velocity"
             object.__setattr__(self, name, number(name, getattr(self, name), low=0, strict=strict))

@@ -233,15 +233,17 @@ class Predictor:
         for s, i, count in zip(shots, which, D, strict=True):
             read, some = self._read[i], range(len(s.dp) if derivatives else 0)
             none = [None] * len(some)
+            placed_by = none if s.dplace is None else s.dplace
+            zeros_by = none if s.dzero is None else s.dzero
             moved = [
-                self._lay_out(dy[lane + k], place, read)
-                for k, place in zip(some, none if s.dplace is None else s.dplace, strict=False)
+                self._lay_out(dy[lane + k], place, zero, read)
+                for k, place, zero in zip(some, placed_by, zeros_by, strict=False)
             ]
-            found.append((self._lay_out(y[lane], s.place, read), np.array(moved)))
+            found.append((self._lay_out(y[lane], s.place, s.zero, read), np.array(moved)))
             lane += count
         return found
 
-    def _lay_out(self, y: np.ndarray, place: np.ndarray | None, read: Reading) -> np.ndarray:
+    def _lay_out(self, y: np.ndarray, place: np.ndarray | None, zero: np.ndarray | None, read: Reading) -> np.ndarray:
         """Rolled columns (S, columns) as the recording's markers, (S, markers, width)."""
         laid = np.zeros((len(y), len(read.links), read.width))
         by_link = y.reshape(len(y), -1, read.width)
@@ -250,6 +252,8 @@ class Predictor:
                 laid[:, j] = by_link[:, self._links.index(link)]
             if link != ORIGIN and place is not None:
                 laid[:, j] += place[: len(y) * self.stride : self.stride]
+            if zero is not None:
+                laid[:, j] += zero[link]
         return laid
 
 

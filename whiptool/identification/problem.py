@@ -9,6 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.drives import pieces
+from whiptool.identification.forecast import Forecast, Readings, calibrated
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import NEUTRAL, NUISANCE
@@ -25,6 +26,7 @@ HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Hu
 _OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5} | {f"rotation_{x}": 0.5 for x in "xyz"}
 _OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
+_KNOWN, _KNOWN_OF_SWING = 0.5, 0.1  # shares of frames that a predicted recording's own unknowns are fitted to
 _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
 
 
@@ -91,7 +93,6 @@ class Problem:
         free: Names of the G shared free parameters.
         variables: The solver's variables of these parameters, in the same order.
         options: Options of the fit.
-        starting: For the drive `free`, whether the initial states are unknown.
     """
 
     def __init__(
@@ -101,11 +102,9 @@ class Problem:
         free: Sequence[str],
         variables: list[Variable],
         options: FitOptions,
-        *,
-        starting: bool = True,
     ) -> None:
         own = tuple(options.per_recording)
-        if (options.drive == "passive" or (options.drive == "free" and starting)) and "start" not in own:
+        if options.drive in ("passive", "free") and "start" not in own:
             own = (*own, "start")
         self.plant, self.free, self.variables, self.options = plant, tuple(free), variables, options
         self._own, self._recordings = own, list(recordings)
@@ -170,6 +169,31 @@ class Problem:
         frame = self.predictor.channels[i][:, 0]
         frames = np.unique(frame)
         return (frame < frames[min(int(np.ceil(share * len(frames))), len(frames) - 1)]).astype(float)
+
+    @property
+    def fits_beginnings(self) -> bool:
+        """Whether recordings have unknowns that a prediction fits to their first readings."""
+        return bool(self._own) or self.options.drive == "robot"
+
+    def beginnings(self) -> list[np.ndarray]:
+        """Return for each recording a mask (K,) of the readings to which a prediction fits the recording's own
+        unknowns before it predicts the others: the first half of the frames, of a free swing the first tenth; all
+        readings of a tracked handle; no readings without such unknowns."""
+        share = _KNOWN_OF_SWING if self.options.drive == "free" else _KNOWN
+        every = range(len(self._recordings))
+        known = [self.first(i, share if self.fits_beginnings else 0.0) for i in every]
+        if self.options.drive == "handle":
+            known = [np.maximum(x, self.of_marker(i, "handle")) for i, x in zip(every, known, strict=True)]
+        return known
+
+    def forecast(self, solution: Solution, uncertainty: Uncertainty) -> Forecast:
+        """Return the distribution of the errors of predictions, calibrated with these recordings."""
+        return calibrated(self._predicted(solution, self.beginnings()), self._pseudo(solution), uncertainty)
+
+    def _predicted(self, solution: Solution, known: Sequence[np.ndarray]) -> list[Readings]:
+        P = self.predictor
+        blocks = self._evaluator(P)(solution.z, solution.own, True)
+        return [Readings(*x) for x in zip(blocks[: len(known)], known, self._series, self._times, strict=True)]
 
     def of_marker(self, i: int, marker: str) -> np.ndarray:
         """Return a mask (K,) of recording i's readings: 1 for readings of this marker, else 0."""
@@ -334,18 +358,24 @@ class Problem:
         wider._judged = own
         return wider
 
-    def compare(self, solution: Solution, known: Sequence[np.ndarray] | None = None) -> list[RecordingFit]:
+    def compare(
+        self, solution: Solution, known: Sequence[np.ndarray] | None = None, forecast: Forecast | None = None
+    ) -> list[RecordingFit]:
         """Return every recording with its prediction at a solution; readings with `known` = 1 are not among the
-        residuals.
+        residuals, and the others have standard errors if there is a forecast.
         """
         plant, nuisance = self.split(solution.z)
         P, found = self.predictor, []
+        spread: Sequence[np.ndarray | None] = [None] * len(P.recordings)
+        if forecast is not None:
+            known = [np.zeros(len(x)) for x in P.measured] if known is None else known
+            spread = [forecast.standard_errors(x) for x in self._predicted(solution, known)]
         predictions = P(plant, nuisance, solution.own, derivatives=False)
         for i, p in enumerate(predictions):
             judged = np.full(len(p.value), True) if known is None else known[i] == 0
             channels = P.channels[i][judged]
             residuals, frames = (p.value - P.measured[i])[judged], P.channels[i][:, 0]
-            first = channels[:, 0].min()
+            first, stated = channels[:, 0].min(), spread[i]
             t, path = P.path(i, plant, nuisance, solution.own[i])
             found.append(
                 RecordingFit(
@@ -362,6 +392,8 @@ class Problem:
                     size=p.size[judged],
                     view=P.recordings[i].view,
                     predicted_from=float(P.recordings[i].t[first]) if first > frames.min() else None,
+                    spread=None if stated is None else (stated * P.sigma[i])[judged],
+                    freedom=np.inf if forecast is None else forecast.freedom,
                 )
             )
         return found

@@ -11,12 +11,14 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaincinv
 
+from whiptool.errors import InputError
+from whiptool.identification.forecast import half_width
 from whiptool.identification.plant import Plant
 from whiptool.identification.solver import Ending, Solution
 from whiptool.identification.time_base import ClockFault
 from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
 from whiptool.identification.variables import names_of, with_unit
-from whiptool.models.numbers import NoArray
+from whiptool.models.numbers import NoArray, number
 from whiptool.models.parameters import Model
 from whiptool.recording.camera import Camera
 
@@ -46,6 +48,9 @@ class RecordingFit:
         size: For a camera in space, the smallest displacement of a point that changes the reading by one unit
             [m/pixel], for depth [m^2], (K,); else None.
         view: Camera of a recording in pixels; else None.
+        spread: Standard errors of the residuals as a prediction states them, before the readings are seen, (K,): those
+            of parameters, first state and readings; None for a fitted recording.
+        freedom: Degrees of freedom of their Student's t distribution.
     """
 
     source: str
@@ -61,6 +66,26 @@ class RecordingFit:
     predicted_from: float | None = None
     size: np.ndarray | None = None
     view: Camera | None = None
+    spread: np.ndarray | None = None
+    freedom: float = math.inf
+
+    def half_widths(self, level: float) -> np.ndarray:
+        """Return half the widths of the predictive intervals of the readings, in their units, (K,).
+
+        Args:
+            level: Level of the intervals, such as 0.9.
+
+        Raises:
+            InputError: The recording was fitted, so that nothing was predicted.
+        """
+        number("level", level, low=0, high=1, strict=True)
+        if self.spread is None:
+            raise InputError("recording", self.source, "a held-out recording, whose readings were predicted")
+        return half_width(level, self.freedom) * self.spread
+
+    def coverage(self, level: float) -> float:
+        """Return the share of the readings that lie within their predictive intervals of this level."""
+        return float(np.mean(np.abs(self.residuals) <= self.half_widths(level)))
 
     @property
     def deep(self) -> np.ndarray:

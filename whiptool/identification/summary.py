@@ -176,6 +176,13 @@ def error_words(found: Sequence[RecordingFit]) -> str:
     return f"{1e3 * (metres or 0.0):.3g} {unit}" + (f" ({', '.join(said)})" if said else "")
 
 
+def coverage_words(found: Sequence[RecordingFit]) -> str:
+    """Return as text which shares of the readings of held-out recordings lie within their predictive intervals."""
+    counts = [len(r.residuals) for r in found]
+    half, most = (np.average([r.coverage(level) for r in found], weights=counts) for level in (0.5, 0.9))
+    return f"{half:.0%} of the readings within their 50 % intervals, {most:.0%} within their 90 % intervals"
+
+
 def flat_directions(uncertainty: Uncertainty) -> list[str]:
     """Return each direction in parameter space on which the recordings have no information, as text."""
     U, said = uncertainty, []
@@ -320,6 +327,13 @@ def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: 
         "n_residuals": len(found.residuals),
         "down_weighted": int((found.weight < 1).sum()),
         "own": own,
+        "predictive": None
+        if found.spread is None
+        else {
+            "coverage_50": found.coverage(0.5),
+            "coverage_90": found.coverage(0.9),
+            "half_width_90": float(np.sqrt(np.mean(found.half_widths(0.9) ** 2))),
+        },
         "similarity": None if alike is None else {k: _plain(x) for k, x in dataclasses.asdict(alike).items()},
     }
 

@@ -36,6 +36,7 @@ class Uncertainty:
         stated: Covariance of z for errors with the autocorrelation `errors`, from which intervals are computed, (G, G).
         whiteness: Correlation of successive residuals of one channel; 0 if independent.
         errors: Autocorrelation of the errors of one channel, estimated from the residuals.
+        error_variance: Variance of these errors, in units of the stated one.
     """
 
     variables: tuple[Variable, ...]
@@ -52,6 +53,7 @@ class Uncertainty:
     stated: np.ndarray
     whiteness: float
     errors: Autoregression
+    error_variance: float = 1.0
 
     @property
     def correlated(self) -> bool:
@@ -148,7 +150,7 @@ def assess(
     kept = directions[~flat]
     covariance = (kept.T / s[~flat] ** 2) @ kept * np.outer(units, units)
     root = (kept.T / s[~flat]) * units[:, None]
-    errors, freedom, stated = _sandwich(blocks, channels, times, root, variance, freedom, prior)
+    errors, level, freedom, stated = _sandwich(blocks, channels, times, root, variance, freedom, prior)
     return Uncertainty(
         variables=tuple(variables),
         z=z,
@@ -164,6 +166,7 @@ def assess(
         stated=stated,
         whiteness=_whiteness(blocks, channels),
         errors=errors,
+        error_variance=level,
     )
 
 
@@ -211,8 +214,8 @@ def _sandwich(
     variance: float,
     freedom: float,
     prior: np.ndarray | None,
-) -> tuple[Autoregression, float, np.ndarray]:
-    """How errors correlate, degrees of freedom of their variance, and the covariance of z, (G, G).
+) -> tuple[Autoregression, float, float, np.ndarray]:
+    """How errors correlate, their variance and its degrees of freedom, and the covariance of z, (G, G).
 
     Args:
         blocks, channels, times, prior: As for `assess`.
@@ -230,12 +233,12 @@ def _sandwich(
     residuals = [block.r[: len(channel)] for block, channel in zip(blocks, channels, strict=True)]
     errors, level = error_correlation(grids, residuals, followed, root.shape[1], freedom)
     if not len(errors.coefficients):
-        return errors, freedom, root @ root.T
+        return errors, variance, freedom, root @ root.T
     scatter = level * spread(grids, residuals, seen, errors) + variance * sum(x.T @ x for x in rest)
     scatter = scatter / variance**2
     if prior is not None:
         scatter += (prior @ root).T @ (prior @ root)
-    return errors, errors.independent(freedom, grids), root @ scatter @ root.T
+    return errors, level, errors.independent(freedom, grids), root @ scatter @ root.T
 
 
 def _whiteness(blocks: Sequence[Block], channels: Sequence[np.ndarray]) -> float:

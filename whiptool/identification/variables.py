@@ -23,7 +23,7 @@ _UNITS = {
         "cubic_stiffness": "N m/rad^3", "rest_angle_x": "rad", "node_inertia": "kg m^2",
     },
     "arm": _LINK,
-    "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2"},
+    "link": {**_LINK, "dry_friction": "N m", "drag": "N s^2/m^2", "zero": "rad"},
     "profile": {
         "length": "m", "linear_density": "kg/m", "bending_stiffness": "N m^2", "bending_damping": "N m^2 s",
         "rest_curvature": "1/m", "drag": "N s^2/m^3", "tip_mass": "kg", "bead_mass": "kg",
@@ -101,14 +101,14 @@ _ZERO_OR_MORE = {
     "bending_damping": 1e-3, "bead_mass": 1e-2, "bead_place": 0.1,
 }  # fmt: skip
 _ANY_SIGN = {
-    "rest_angle": 0.1, "rest_angle_x": 0.1, "rest_curvature": 0.1, "delay": 0.01, "clamp": 0.1,
+    "rest_angle": 0.1, "rest_angle_x": 0.1, "rest_curvature": 0.1, "delay": 0.01, "clamp": 0.1, "zero": 0.01,
     "rotation": 0.01, "rotation_x": 0.01, "rotation_y": 0.01, "rotation_z": 0.01,
     "shift_x": 0.01, "shift_y": 0.01, "shift_z": 0.01,
     "density_waves": 0.1, "stiffness_waves": 0.1, "K": 1.0, "B": 0.1,
 }  # fmt: skip
 _AT_MOST = {"bead_place": 1.0}
 _ARBITRARY_ZERO = (  # whose smallness says nothing
-    "delay", "rotation", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z", "clamp",
+    "delay", "rotation", "rotation_x", "rotation_y", "rotation_z", "shift_x", "shift_y", "shift_z", "clamp", "zero",
 )  # fmt: skip
 _ROOM = 10.0  # a number that may be zero is seen up to so many times its usual size: its interval still says something
 _AT_BOUND = 1e-6  # of z, within which a fit ended at a bound
@@ -130,7 +130,7 @@ class Variable:
     @property
     def arbitrary_zero(self) -> bool:
         """Whether the zero of the parameter is arbitrary: a position or time that was chosen by hand."""
-        return self.name in _ARBITRARY_ZERO
+        return _quantity(self.name) in _ARBITRARY_ZERO
 
     def value(self, z: float) -> float:
         """Return the parameter's value for a value of the solver's variable."""
@@ -156,6 +156,11 @@ class Variable:
         return float(np.clip(z, self.lower + margin, self.upper - margin))
 
 
+def _quantity(name: str) -> str:
+    """Return the quantity in a parameter's name: `zero` of `link.zero[1]`."""
+    return name.split(".")[-1].split("[")[0]
+
+
 def variable(name: str, value: float, bounds: tuple[float, float] | None = None, unit: str | None = None) -> Variable:
     """Return the solver's variable of a parameter with this name, starting value and bounds; the default unit is that
     with revolute joints.
@@ -163,7 +168,7 @@ def variable(name: str, value: float, bounds: tuple[float, float] | None = None,
     Raises:
         InputError: The bounds are not ordered or the value has no logarithm.
     """
-    quantity = name.split(".")[-1].split("[")[0]
+    quantity = _quantity(name)
     if bounds is not None and not bounds[0] < bounds[1]:
         raise InputError(f"bounds of {name}", bounds, "lower < upper")
     low, high = (-np.inf, np.inf) if bounds is None else bounds
