@@ -60,13 +60,12 @@ def test_standard_errors_are_those_of_simulated_predictions(a):
 
 
 def test_parameters_that_differ_between_recordings_are_found_and_covered():
-    """Each recording has a parameter of its own, whose effect grows: standard errors that do not are too large at first
-    and too small at the end."""
+    """Each recording has its own value of the parameter, whose effect grows with time, and so do standard errors."""
     rng, b, late = np.random.default_rng(1), block(), slice(KNOWN, None)
     A, B = b.A[:120, 0], b.B[:120]
     across = np.eye(120) - B @ np.linalg.pinv(B)  # what the own unknowns cannot take up
-    covered, alone = [], []
-    for _ in range(30):
+    covered, grown = [], []
+    for _ in range(20):
         *made, new = 0.3 * A * rng.standard_normal((9, 1)) - rng.standard_normal((9, 120))
         z = -np.mean([A @ across @ r for r in made]) / (A @ across @ A)
         left = [across @ (r + A * z) for r in made]
@@ -76,11 +75,11 @@ def test_parameters_that_differ_between_recordings_are_found_and_covered():
         new -= B @ np.linalg.lstsq(B[:KNOWN], new[:KNOWN], rcond=None)[0]
         errors, plain = (x.standard_errors(readings())[late] for x in (forecast, Forecast(U, np.zeros((1, 1)))))
         covered.append(np.abs(new[late]) < half_width(0.9, forecast.freedom) * errors)
-        alone.append(np.abs(new[late]) < half_width(0.9, np.inf) * plain)
-    for part in (slice(0, 30), slice(30, 60), slice(60, 90)):
-        assert 0.8 < np.mean(np.array(covered)[:, part]) < 0.98
-    assert np.mean(np.array(alone)[:, :30]) > 0.93
-    assert np.mean(np.array(alone)[:, 60:]) < 0.86
+        grown.append([errors[-1] / errors[0], plain[-1] / plain[0]])
+    assert 0.78 < np.mean(covered) < 0.98
+    true, ours, fits = 0.3 * A[-1], *np.median(grown, axis=0)
+    assert 0.5 * true < ours < 2 * true
+    assert fits < 0.3 * true
 
 
 def test_one_recording_cannot_say_how_recordings_differ():
