@@ -132,7 +132,7 @@ assert wt.draw_twin("soft", 3, wt.preset("lemon2024"), wt.Controller(wt.OIAC()))
 words = "--minimise Brief --limits strong --max-trials 3 --no-video --json --out run --method random".split()
 assert main(words) == 0
 for _ in range(2):
-    assert len(wt.read_recording("strike.trc").t) == 50
+    assert len(wt.read_recording("strike.bvh").t) == 50
 """
 
 
@@ -141,7 +141,7 @@ def test_all_that_an_installed_package_adds_is_found(monkeypatch, tmp_path):
     install(monkeypatch, tmp_path, LAB, POINTS)
     rows = [f"{0.01 * i},{0.01 * i},{0.5}" for i in range(50)]
     (tmp_path / "strike.csv").write_text("\n".join(["t,tip_x,tip_y", *rows]))
-    (tmp_path / "strike.trc").write_text("PathFileType\t4\t(X/Y/Z)\tstrike.trc\n")
+    (tmp_path / "strike.bvh").write_text("HIERARCHY\n")
     path = os.pathsep.join(map(str, (tmp_path, ROOT / "docs" / "examples", ROOT)))
     done = subprocess.run(
         [sys.executable, "-c", USED],

@@ -24,7 +24,7 @@ EXTRAS = {
     "rig": {"dynamixel_sdk": "dynamixel-sdk", "pyrealsense2": "pyrealsense2"},
     "ur": {"rtde_control": "ur-rtde", "rtde_receive": "ur-rtde", "dashboard_client": "ur-rtde"},
     "franka": {"pylibfranka": "pylibfranka"},
-    "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d", "mcap": "mcap"},
+    "io": {"pyarrow": "pyarrow", "rosbags": "rosbags", "ezc3d": "ezc3d", "mcap": "mcap", "h5py": "h5py"},
     "cluster": {"ray": "ray"},
     "oracle": {"elastica": "pyelastica", "numba": "numba"},
     "human": {"h5py": "h5py", "statsmodels": "statsmodels"},
@@ -163,5 +163,7 @@ def _package(module: str) -> str:
 
 def _command(modules: list[str]) -> str:
     """Return what installs the extras that hold some modules."""
-    extras = [extra for extra, packages in EXTRAS.items() if packages.keys() & set(modules)]
+    wanted = set(modules)
+    extras = [extra for extra, packages in EXTRAS.items() if packages.keys() & wanted]
+    extras = next(([extra] for extra in extras if wanted <= EXTRAS[extra].keys()), extras)  # one that has all
     return f"pip install 'whiptool[{','.join(extras)}]'" if extras else f"pip install {' '.join(modules)}"

@@ -19,12 +19,12 @@ __all__ = [
     "Brief",
     "HardeningImpedance",
     "LaggingRobot",
+    "bvh",
     "cross_entropy",
     "hanging",
     "short_whip",
     "soft",
     "strong",
-    "trc",
 ]
 
 
@@ -57,4 +57,4 @@ short_whip = wt.preset("lemon2024").with_whip(length=0.5)
 hanging = replace(wt.preset("ur5e"), arm=mounted(wt.preset("ur5e").arm, "ceiling"), name="hanging")
 strong = wt.MotorLimits("strong motor", stall_torque=9.0, no_load_speed=8.0, stall_current=5.0)
 soft = Family(7, softer)
-trc = Format("TRC", lambda path, head: path.suffix == ".trc", lambda path: wt.read_recording("strike.csv"))
+bvh = Format("BVH", lambda path, head: path.suffix == ".bvh", lambda path: wt.read_recording("strike.csv"))

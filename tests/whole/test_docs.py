@@ -211,8 +211,7 @@ def test_every_option_of_a_strike_is_in_the_tables_of_formats():
 
     text = (DOCS / "file-formats.md").read_text(encoding="utf-8")
     listed = [row[2].split(".")[-1].rstrip("`") for row in tables(text, "| format | recognised by | reader |")]
-    homes = {"csv": "tracks", "deeplabcut": "tracks", "npz": "strike_recording", "video": "footage"}
-    homes |= {"rosbag": "rosbag", "log": "joint_log"}
+    homes = {"csv": "tracks", "npz": "strike_recording", "video": "footage", "log": "joint_log"}
     assert sorted(listed) == sorted(homes.get(name, name) for name in READERS)
 
 

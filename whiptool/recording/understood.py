@@ -21,6 +21,7 @@ from whiptool.words import counted
 
 UNEVEN = 0.1  # of the usual step: frames or samples whose steps scatter by more are not at one rate
 KNOWN = ("tip", "handle", "shoulder", "elbow")  # markers that a fit predicts, besides node1, node2, ...
+NOT_STATED = "the file does not"  # in a note of a reader on what it assumed
 _IN_METRES = ("npz",)  # formats of whiptool, whose units and axes are fixed
 
 
@@ -188,7 +189,8 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
     if "units" in said:
         yield Finding("units", str(said["units"]), STATED, "key units", numbers={"units": said["units"]})
     elif reason or form in (*_IN_METRES, "c3d"):
-        yield Finding("units", "converted to m", STATED, reason or READERS[form].what)
+        how = ASSUMED if NOT_STATED in reason else STATED
+        yield Finding("units", "converted to m", how, reason or READERS[form].what)
     else:
         fix = 'say units = "mm" (m, cm, in) in the sidecar if they are not metres'
         yield Finding("units", "m", ASSUMED, "neither file nor sidecar says it", fix, {"units": "m"})
@@ -198,7 +200,8 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
     if "axes" in said:
         yield Finding("axes", f"the file's {', '.join(map(str, said['axes']))}", STATED, "key axes")
     elif recording.up or form in _IN_METRES:
-        yield Finding("axes", f"{up} is up", STATED, reason, numbers={"up": up})
+        how = ASSUMED if NOT_STATED in reason else STATED
+        yield Finding("axes", f"{up} is up", how, reason, numbers={"up": up})
     else:
         rest = "x forward, y up" if d == 2 else "x forward, y to the left, z up (for a model in the plane y up)"
         yield Finding("axes", rest, ASSUMED, reason or "neither file nor sidecar says it", numbers={"up": up})

@@ -96,7 +96,7 @@ def test_units_of_the_file_are_heard(tmp_path, units, factor):
     ("written", "options", "said"),
     [
         ({"units": ""}, {}, "UNITS.*units in the sidecar"),
-        ({"screen": None}, {}, "the axis that points up"),
+        ({"screen": None}, {}, r"axes point forward, up and out \(no POINT:Y_SCREEN\)"),
         ({"units": "m"}, {}, "millimetres"),
         ({"rate": 0.5}, {}, "RATE"),
         ({}, {"markers": {"tip": "toe"}}, "TIP, Hand"),

@@ -19,7 +19,7 @@ def test_registry(tmp_path):
     for path in (tmp_path / "absent.csv", tmp_path, "a\0b"):
         with pytest.raises(InputError):
             read_recording(path)
-    with pytest.raises(InputError, match="allowed: deeplabcut"):
+    with pytest.raises(InputError, match="allowed: motive, nexus"):
         read_recording(tmp_path / "a.xyz", format="xyz")
     full().save(tmp_path / "a.npz")
     with pytest.raises(InputError, match="fps"):

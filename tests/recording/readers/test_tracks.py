@@ -156,7 +156,7 @@ def test_deeplabcut(tmp_path):
         (lambda r: r, {"homography": np.diag([1.0, 1.0, 1.0]), "fps": FPS}, "millimetres or pixels"),
         (lambda r: r[:3], {"homography": H, "fps": FPS}, "at least two frames"),
         (lambda r: [r[0], r[2], r[1], *r[3:]], {"homography": H, "fps": FPS}, "bodyparts"),
-        (lambda r: [r[0], ["individuals"], *r[1:]], {"homography": H, "fps": FPS}, "one animal"),
+        (lambda r: [r[0], ["individuals"], *r[1:]], {"homography": H, "fps": FPS}, "begins with individuals"),
         (lambda r: [*r[:5], *[r[4]] * 4, *r[5:]], {"homography": H, "fps": FPS}, "later than"),
         (lambda r: [*r[:5], [*r[5][:-1], "high"], *r[6:]], {"homography": H, "fps": FPS}, "row 6, column 7"),
     ],

@@ -1,7 +1,9 @@
 """Recordings from files: tracks become a `StrikeRecording`, images a `VideoSource` for the tracker.
 
-The module of each format describes it: `tracks` (CSV, also of DeepLabCut), `angles`, `mat`, `c3d`, `lerobot`, `rosbag`,
-`bag_tracks`, `footage`, and `StrikeRecording.save` (NPZ); `sidecar` describes the TOML file next to a recording.
+The module of each format describes it: `tracks` (CSV), `angles`, `mat`, of motion capture `c3d`, `motive`, `nexus`,
+`qualisys`, `trc`, of pose estimation `deeplabcut`, `sleap`, `anipose`, `nwb`, of films `tracker`, `rosbag`, `footage`,
+of robots `lerobot`, `bag_tracks`, and `StrikeRecording.save` (NPZ); `sidecar` describes the TOML file next to a
+recording.
 """
 
 from __future__ import annotations
@@ -19,19 +21,28 @@ from typing import Any
 from whiptool.errors import InputError, expect
 from whiptool.extras import Registry
 from whiptool.given_files import whole_file
+from whiptool.recording.readers import programs
 from whiptool.recording.readers.angles import holds_angles, read_angles
+from whiptool.recording.readers.anipose import read_anipose
 from whiptool.recording.readers.bag_files import is_bag
 from whiptool.recording.readers.bag_logs import read_bag_logs
 from whiptool.recording.readers.bag_tracks import read_bag
 from whiptool.recording.readers.c3d import read_c3d
+from whiptool.recording.readers.deeplabcut import holds_table, read_deeplabcut
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames
+from whiptool.recording.readers.hdf5 import read_hdf5
 from whiptool.recording.readers.joint_log import Logs, holds_log, read_csv_logs
 from whiptool.recording.readers.lerobot import lerobot_video, read_lerobot, read_lerobot_logs
 from whiptool.recording.readers.lerobot_dataset import lerobot_episode
 from whiptool.recording.readers.mat import read_mat
+from whiptool.recording.readers.motive import read_motive
+from whiptool.recording.readers.nexus import read_nexus
+from whiptool.recording.readers.qualisys import read_qualisys
 from whiptool.recording.readers.rosbag import db3_frames, db3_topics, read_db3
-from whiptool.recording.readers.table import refuse_foreign
-from whiptool.recording.readers.tracks import JOINT_LOG, read_csv, read_deeplabcut, write_csv
+from whiptool.recording.readers.sleap import read_sleap
+from whiptool.recording.readers.tracker import read_tracker
+from whiptool.recording.readers.tracks import JOINT_LOG, read_csv, write_csv
+from whiptool.recording.readers.trc import read_trc
 from whiptool.recording.strike_recording import StrikeRecording
 
 
@@ -60,10 +71,6 @@ def _named(*suffixes: str) -> Callable[[Path, bytes], bool]:
     return lambda path, _: path.is_file() and path.suffix.lower() in suffixes
 
 
-def _deeplabcut(path: Path, head: bytes) -> bool:
-    return path.suffix.lower() == ".csv" and head.removeprefix(b"\xef\xbb\xbf").lstrip(b'"').startswith(b"scorer")
-
-
 def _log(path: Path, head: bytes) -> bool:
     """Whether a CSV file with these first bytes is a log of a robot's joints or hand."""
     if path.suffix.lower() not in (".csv", ".txt", ".log"):
@@ -77,12 +84,20 @@ READERS: Registry[Format] = Registry(
     "readers",
     Format,
     {
-        "deeplabcut": Format("DeepLabCut CSV", _deeplabcut, read_deeplabcut),
+        "motive": Format("CSV of OptiTrack Motive", programs.MOTIVE.matches, read_motive),
+        "nexus": Format("CSV of Vicon Nexus", programs.NEXUS.matches, read_nexus),
+        "qualisys": Format("TSV of Qualisys Track Manager", programs.QUALISYS.matches, read_qualisys),
+        "trc": Format("TRC of OpenSim", programs.TRC.matches, read_trc),
+        "tracker": Format("text of Tracker", programs.TRACKER.matches, read_tracker),
+        "anipose": Format("CSV of Anipose", programs.ANIPOSE.matches, read_anipose),
+        "sleap": Format("CSV of SLEAP", programs.SLEAP.matches, read_sleap),
+        "hdf5": Format("HDF5 of DeepLabCut, SLEAP or NWB", programs.POSES.matches, read_hdf5, needs="h5py"),
+        "deeplabcut": Format("DeepLabCut CSV", holds_table, read_deeplabcut),
         "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
         "log": Format("log of a robot's joints or hand, CSV", _log, logs=read_csv_logs),
         "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
         "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
-        "mat": Format("MAT version 5", _named(".mat"), read_mat),
+        "mat": Format("MAT version 5, also of Qualisys Track Manager", _named(".mat"), read_mat),
         "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
         "lerobot": Format(
             "folder of a LeRobotDataset v2 or v3",
@@ -125,7 +140,7 @@ def find_format(path: Path | str) -> str:
             raise
         raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
     try:
-        refuse_foreign(path, head)
+        programs.refuse_others(path, head)
     except InputError:
         if installed := _installed_format(path, head):
             return installed

@@ -5,9 +5,7 @@ command's `start`), units from POINT:UNITS. POINT:X_SCREEN and Y_SCREEN say whic
 screen: the former is taken to point forward, and positions are rotated to the upward axis of the model
 (`StrikeRecording.for_model`). A point with a negative residual, or at exactly (0, 0, 0), is missing.
 
-Keys of the sidecar in addition to the common keys: `markers` (labels of the markers, such as `{tip = "WHIP5"}`;
-default: all, under their names, and those that name a part of arm or whip in lower case), `units`, `axes` and `origin`
-(the shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+The sidecar has the keys of `whiptool.recording.readers.mocap`.
 """
 
 from __future__ import annotations
@@ -22,11 +20,10 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import parsed_apart, parsing, whole_file
-from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers import mocap
+from whiptool.recording.readers.mocap import Capture
+from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
-
-SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
-PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 
 
 def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
@@ -41,61 +38,25 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
             value is not allowed; or ezc3d is not installed.
     """
     path = whole_file(path)
-    side = Sidecar.of(path, options, *SPACE, "markers", "sigma")
+    side = Sidecar.of(path, options, *mocap.KEYS)
     optional("ezc3d", "C3D files")
     _check_header(path)
     data = parsed_apart(path, "c3d", parse)
     with parsing(path, "C3D"):
-        labels = [str(x).strip() for x in data["labels"]]
-        own = {x.lower() if PARTS.fullmatch(x.lower()) else x: x for x in labels if x}
-        names = side.names("markers") or own
-        for label in names.values():
-            if label not in labels:
-                raise InputError("markers", label, "one of the labels " + ", ".join(labels)[:300])
-        points = data["points"][:, [labels.index(label) for label in names.values()]]
-        rate = float(data["rate"])
-        if not 1 <= rate <= 1e5:
-            raise InputError("POINT:RATE", rate, "frames per second from 1 to 100000")
-        units = str(data["units"]).strip().lower()
-        units = SPELLED.get(units.rstrip("s"), units)
-        if units not in UNITS and "units" not in side.table:
-            raise InputError("POINT:UNITS", units, "one of " + ", ".join(UNITS), "state units in the sidecar file")
+        rate = mocap.rate_of(data["rate"], "POINT:RATE")
         forward, up = (str(data[key]).strip() for key in ("forward", "up"))
-        axes = _axes(forward, up)
-        if axes is None and "axes" not in side.table:
-            raise InputError(
-                "POINT:Y_SCREEN",
-                None,
-                "the axis that points up",
-                'state axes in the sidecar file, such as axes = ["x", "z", "-y"]',
-            )
-        t = (int(data["first_frame"]) + np.arange(len(points))) / rate - side.start
-        nowhere = (points == 0).all(axis=2)
-        points = np.where(nowhere[..., None], np.nan, points)
-        notes = [f"times by frame number at POINT:RATE, {rate:g} a second"]
-        if "axes" not in side.table:
-            notes.append(f"axes: {up} is up (POINT:Y_SCREEN), {forward} (X_SCREEN) taken as forward; else say axes")
-        notes += [f"{nowhere.sum()} points at (0, 0, 0) are taken as missing"] if nowhere.any() else []
-        return side.recording(
-            path,
-            notes=notes,
-            t=t,
-            points=side.metres(points, units if units in UNITS else "m", axes),
-            markers=tuple(names),
-            sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
-            up="" if "axes" in side.table else "y",
+        capture = Capture(
+            what="a C3D file",
+            t=(int(data["first_frame"]) + np.arange(len(data["points"]))) / rate,
+            clock=f"times by frame number at POINT:RATE, {rate:g} a second",
+            points=data["points"],
+            labels=[str(x).strip() for x in data["labels"]],
+            units=mocap.unit_of(str(data["units"]), "POINT:UNITS", side),
+            forward=forward,
+            up=up,
+            axes=f"{up} is up (POINT:Y_SCREEN), {forward} (X_SCREEN) taken as forward" if up else "no POINT:Y_SCREEN",
         )
-
-
-def _axes(forward: str, up: str) -> tuple[str, str, str] | None:
-    """Our three axes, right-handed, from those that point forward (x on the screen) and up (y); None if not said."""
-    unit = {sign + name: (1.0 if sign != "-" else -1.0) * np.eye(3)[i] for i, name in enumerate("xyz") for sign in "+-"}
-    x, y = (unit.get(name.strip().lower()) for name in (forward, up))
-    if x is None or y is None or abs(x @ y) > 0:
-        return None
-    out = np.cross(x, y)
-    third = next(name for name, vector in unit.items() if (vector == out).all())
-    return forward.strip().lower(), up.strip().lower(), third
+        return mocap.recorded(path, side, capture)
 
 
 def _check_header(path: Path) -> None:

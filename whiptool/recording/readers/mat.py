@@ -11,7 +11,8 @@
 | `t_points`, `exposure`, `joints_t` (S), `joints_q` (S, a), `target`, `t_stay`, `camera` | as in `StrikeRecording` |
 | `strike` | `[q_i, q_f, D]`, or a struct with these fields |
 
-Other variables are ignored. The sidecar can have the common keys, `fps`, `units`, `axes`, `origin` and `markers` (a
+Other variables are ignored. A file that Qualisys Track Manager wrote is read as `whiptool.recording.readers.qualisys`
+says. The sidecar can have the common keys, `fps`, `units`, `axes`, `origin` and `markers` (a
 list of M names).
 """
 
@@ -27,8 +28,9 @@ from whiptool.given_files import parsed_apart, parsing, whole_file
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.joint_log import JointLog, joint_log
+from whiptool.recording.readers.programs import HDF5
+from whiptool.recording.readers.qualisys import labelled, recording_of_mat
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import HDF5
 from whiptool.recording.strike_recording import StrikeRecording
 
 SPREAD = ("sigma", "t_points")  # variables with one number for each point, or for all
@@ -46,10 +48,12 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
             a variable, or a value is not allowed.
     """
     path = whole_file(path)
-    side = Sidecar.of(path, options, *SPACE, "markers", "fps")
     _check_version(path)
     flat = parsed_apart(path, "mat", parse)
     with parsing(path, "MAT"):
+        if "qualisys" in flat:
+            return recording_of_mat(path, options, flat)
+        side = Sidecar.of(path, options, *SPACE, "markers", "fps")
         data = _one_struct(flat)
         points = _points(data)
         count, n = points.shape[:2]
@@ -166,6 +170,8 @@ def parse(path: str) -> dict[str, np.ndarray]:
     flat: dict[str, np.ndarray] = {}
     for name, value in loadmat(path).items():
         if not name.startswith("__"):
+            if (tracks := labelled(value)) is not None:
+                return {**tracks, "qualisys": np.array(name)}
             _flatten(name, value, flat)
     return flat
 

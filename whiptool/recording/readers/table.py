@@ -1,4 +1,4 @@
-"""CSV files of numbers, every damaged cell named with its row; files of other programs, to be refused.
+"""CSV files of numbers, every damaged cell named with its row.
 
 Cells are separated by commas, or by semicolons or tabs where the first row has no comma; numbers may then have a
 decimal comma. The columns of Universal Robots' own recorder are separated by blanks.
@@ -10,7 +10,6 @@ import csv
 import io
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,64 +17,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
 from whiptool.recording.logs import SECONDS, TIME, Column
-
-_C3D = "export the take as C3D there, which is read as it is"
-_TABLE = "write it as CSV as DeepLabCut does, or with the columns t, tip_x, tip_y; see docs/file-formats.md"
-
-
-@dataclass(frozen=True)
-class Foreign:
-    """A file format that is recognised but not supported.
-
-    Args:
-        what: Description of the format.
-        cure: Advice to the user.
-        suffixes: File suffixes; empty: any.
-        head: Regular expression for the first bytes of a file.
-    """
-
-    what: str
-    cure: str
-    suffixes: tuple[str, ...] = ()
-    head: bytes = b""
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        """Whether a path with these first bytes has this format."""
-        right = not self.suffixes or path.suffix.lower() in self.suffixes
-        return right and re.match(self.head, head.removeprefix(b"\xef\xbb\xbf"), re.IGNORECASE | re.DOTALL) is not None
-
-
-HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of such a file
-FOREIGN = (
-    Foreign("a CSV export of OptiTrack Motive", _C3D, head=rb'"?Format Version"?,'),
-    Foreign(
-        "a CSV export of Vicon Nexus",
-        "read the trial's own C3D file, which Nexus keeps next to it",
-        head=rb'"?(Trajectories|Joints|Segments|Model Outputs|Devices)"?,*\s*\r?\n"?\d+"?,*\s*\r?\n',
-    ),
-    Foreign("a TSV export of Qualisys Track Manager", _C3D, head=rb"NO_OF_FRAMES[\t,;]"),
-    Foreign("a TRC file of OpenSim or Cortex", _C3D, head=rb"PathFileType\t"),
-    Foreign("a CSV export of SLEAP", _TABLE, head=rb'"?track"?,"?frame_idx"?,'),
-    Foreign("an HDF5 file of SLEAP", _TABLE, (".slp",), HDF5),
-    Foreign("an HDF5 file, as SLEAP and DeepLabCut write them", _TABLE, (".h5", ".hdf5"), HDF5),
-    Foreign(
-        "a text export of Tracker",
-        "name the columns t, tip_x, tip_y in one row, without the row of the mass, and save it as .csv",
-        head=rb'(#multi:\s*?\n)?[^\n]{0,200}\n#?"?t"?[\t,;] *"?(v_?)?\{?x\}?"?[\t,;]',
-    ),
-)
-
-
-def refuse_foreign(path: Path, head: bytes) -> None:
-    """Refuse a file of another program by its first bytes.
-
-    Raises:
-        InputError: The format is one of `FOREIGN`; the message advises the user.
-    """
-    for form in FOREIGN:
-        if form.matches(path, head):
-            raise InputError(str(path), form.what, "a recording in a supported format", form.cure)
-
+from whiptool.recording.readers.programs import EXPORTS, OTHERS, refuse_others
 
 _BY_BLANKS = re.compile(r"\w+( \w+)* actual_\w+( \w+)*")  # first row of Universal Robots' RTDE client
 AXES = ("x", "y", "z")  # of a marker's columns
@@ -130,7 +72,7 @@ def csv_rows(path: Path) -> list[list[str]]:
         InputError: The file has no columns, or another program's format is recognised.
     """
     data = path.read_bytes()
-    refuse_foreign(path, data[:4096])
+    refuse_others(path, data[:4096], EXPORTS + OTHERS)
     text = data.decode("utf-8-sig")
     first = text.lstrip().partition("\n")[0]
     mark = next((mark for mark in ";\t" if mark in first and "," not in first), ",")

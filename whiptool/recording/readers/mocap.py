@@ -1,0 +1,261 @@
+"""Recordings of motion capture: named markers at an even rate, in the units and axes of the laboratory.
+
+Each format's reader makes a `Capture` of what its file holds, and `recorded` makes the recording of it. What the file
+does not state is assumed, and said in the recording's notes. Keys of the sidecar of all these formats, in addition to
+the common ones: `markers` (names in the file, such as `{tip = "Whip:5"}`; default: all, under their names, and those
+that name a part of arm or whip in lower case and without the name of the subject before the colon), `units`, `axes` and
+`origin` (the shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.readers.footage import clock_of_rows
+from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.strike_recording import StrikeRecording
+
+KEYS = (*SPACE, "markers", "sigma")  # of the sidecar
+SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
+PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")
+FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
+LARGEST_RATE = 1e5  # [1/s]
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """What a motion capture file holds.
+
+    Args:
+        what: Description of the format, for messages.
+        t: Times by the file's own clock [s], (T,).
+        clock: A sentence on the source of the times.
+        points: Positions in the file's units and axes, NaN where missing, (T, M, 2 or 3).
+        labels: Names of the markers in the file, (M,).
+        units: One of m, cm, mm, in.
+        assumed: Whether the file does not state its units.
+        forward, up: Axes that point forward and up, such as `x` and `-y`; empty: unknown.
+        axes: A sentence on the source of these axes.
+        usual: Indices of the markers to read if the sidecar names none; None: all.
+        notes: Further assumptions, and data that were left out.
+    """
+
+    what: str
+    t: np.ndarray
+    clock: str
+    points: np.ndarray
+    labels: Sequence[str]
+    units: str
+    assumed: bool = False
+    forward: str = ""
+    up: str = ""
+    axes: str = ""
+    usual: Sequence[int] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
+    """Return the recording of a motion capture file.
+
+    Raises:
+        InputError: There are no markers or none was ever seen, the sidecar names a marker that is not there, axes or
+            units are unknown, or a value is not allowed.
+    """
+    if not len(capture.labels):
+        raise InputError(str(path), f"{capture.what} without markers", "at least one marker", "export the markers, too")
+    names = _named(side, capture)
+    points = capture.points[:, [list(capture.labels).index(label) for label in names.values()]]
+    nowhere = (points == 0).all(axis=2)
+    points = np.where(nowhere[..., None], np.nan, points)
+    if not np.isfinite(points).all(axis=2).any():
+        raise InputError(str(path), f"{capture.what} in which no marker was seen", "at least one position")
+    clock = clock_of_rows(side, capture.t, capture.clock, "times")
+    flat = points.shape[2] == 2
+    side, capture = _with_up(side, capture)
+    axes = None if flat else axes_of(capture.forward, capture.up)
+    notes = [*clock.notes]
+    if axes is None and not flat and "axes" not in side.table:
+        raise side.refuse(
+            "axes",
+            f"which of its axes point forward, up and out ({capture.axes})",
+            'such as axes = ["x", "z", "-y"]',
+        )
+    if "axes" not in side.table and capture.axes:
+        notes.append(f"axes: {capture.axes}; else say axes")
+    if "units" not in side.table:
+        stated = "for the file does not state them; else say units" if capture.assumed else "as the file states"
+        notes.append(f"units: taken as {capture.units}, {stated}")
+    notes += [f"{nowhere.sum()} points at (0, 0, 0) are taken as missing"] if nowhere.any() else []
+    return side.recording(
+        path,
+        notes=[*notes, *capture.notes],
+        t=clock.times,
+        points=side.metres(points[clock.keep], capture.units, axes),
+        markers=tuple(names),
+        sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
+        up="" if flat or "axes" in side.table else "y",
+    )
+
+
+def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
+    """The sidecar without the key `up`, and the capture with the file's axis that it names as the upward one."""
+    if "up" not in side.table:
+        return side, capture
+    up = side.word("up", ("y", "z"), "y")
+    said = f"{up} is up, as the sidecar says, {FORWARD[up]} taken as forward"
+    rest = {key: value for key, value in side.table.items() if key != "up"}
+    return replace(side, table=rest), replace(capture, forward=FORWARD[up], up=up, axes=said)
+
+
+def _named(side: Sidecar, capture: Capture) -> dict[str, str]:
+    """Labels in the file by the names of the markers."""
+    labels = list(capture.labels)
+    if (asked := side.names("markers")) is not None:
+        short = {label: label.rpartition(":")[2] for label in labels}
+        found = {}
+        for name, label in asked.items():
+            same = [x for x in labels if x == label] or [x for x in labels if short[x] == label]
+            if len(same) != 1:
+                raise InputError("markers", label, "one of the labels " + ", ".join(labels)[:300])
+            found[name] = same[0]
+        return found
+    usual = labels if capture.usual is None else [labels[i] for i in capture.usual]
+    parts = [label.rpartition(":")[2].lower() for label in usual]
+    clear = {part for part in parts if PARTS.fullmatch(part) and parts.count(part) == 1}
+    return {part if part in clear else label: label for part, label in zip(parts, usual, strict=True) if label}
+
+
+def axes_of(forward: str, up: str) -> tuple[str, str, str] | None:
+    """Return the file's axes that are the model's x, y and z, right-handed, from those that point forward and up; None
+    if these do not say it.
+    """
+    unit = {sign + name: (1.0 if sign != "-" else -1.0) * np.eye(3)[i] for i, name in enumerate("xyz") for sign in "+-"}
+    forward, up = (axis.strip().lower() for axis in (forward, up))
+    x, y = (unit.get(axis if axis[:1] in ("+", "-") else "+" + axis) for axis in (forward, up))
+    if x is None or y is None or abs(x @ y) > 0:
+        return None
+    out = np.cross(x, y)
+    return forward, up, next(name for name, vector in unit.items() if (vector == out).all())
+
+
+def unit_of(name: str, what: str, side: Sidecar) -> str:
+    """Return the unit of length for its name in a file.
+
+    Raises:
+        InputError: The name is unknown, and the sidecar does not state `units`.
+    """
+    units = name.strip().lower()
+    units = SPELLED.get(units.rstrip("s"), units)
+    if units in UNITS:
+        return units
+    if "units" not in side.table:
+        raise InputError(what, name, "one of " + ", ".join(UNITS), "state units in the sidecar file")
+    return "m"
+
+
+def rate_of(value: object, what: str) -> float:
+    """Return a rate [1/s] that a file states.
+
+    Raises:
+        InputError: It is not a number from 1 to 100000.
+    """
+    try:
+        rate = float(str(value))
+    except ValueError:
+        rate = np.nan
+    if not 1 <= rate <= LARGEST_RATE:
+        raise InputError(what, str(value)[:40], "frames per second from 1 to 100000")
+    return rate
+
+
+def even_times(t: np.ndarray, number: np.ndarray, rate: float, what: str) -> tuple[np.ndarray, str]:
+    """Return the times [s] of frames, and a sentence on their source.
+
+    Where the written times are those of an even clock, rounded to few digits, the clock's own times count: at 120
+    frames per second times in whole milliseconds are wrong by up to 0.5 ms, and a whip's tip moves by 1 cm in that.
+
+    Args:
+        t: Written times [s], (T,).
+        number: Numbers of the frames, (T,).
+        rate: Rate that the file states [1/s].
+        what: Source of the times.
+    """
+    late = t - number / rate
+    digits = next((k for k in range(3, 9) if np.abs(t * 10**k - np.round(t * 10**k)).max() < 1e-3), 9)
+    if np.ptp(late) <= 1.01 * 10.0**-digits:
+        shift = 0.0 if np.abs(late).max() <= 10.0**-digits else late[0]
+        return number / rate + shift, f"times by frame number at {rate:g} a second, with which {what} agrees"
+    return t, f"times [s] from {what}, which does not go evenly at the {rate:g} a second that the file states"
+
+
+def text_rows(path: Path, mark: str) -> list[list[str]]:
+    """Return all rows of a text table of another program without trailing empty cells, blank rows included.
+
+    Args:
+        path: The file, in UTF-8 or Windows' encoding of western languages.
+        mark: What separates cells.
+    """
+    data = path.read_bytes()
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
+    found = []
+    for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark):
+        cells = [_number(cell.strip()) for cell in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        found.append(cells)
+    return found
+
+
+def _number(cell: str) -> str:
+    """A cell, with a decimal comma as a point."""
+    comma = "," in cell and re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
+    return cell.replace(",", ".") if comma else cell
+
+
+def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: int) -> np.ndarray:
+    """Return some columns of the rows from `first` on as numbers (rows, columns); empty cells and `NaN` are NaN.
+
+    Args:
+        rows: Rows without trailing empty cells; blank rows are left out.
+        first: Index of the first row of numbers.
+        columns: Indices of the columns.
+        width: Number of columns of the table.
+
+    Raises:
+        InputError: There are no rows, a row is too long, or a cell is not a number.
+    """
+    table: list[list[float]] = []
+    for i, row in enumerate(rows[first:], first + 1):
+        if len(row) > width:
+            raise InputError(f"row {i}", f"{len(row)} cells", f"at most {width} cells, as the row of names has")
+        if row:
+            table.append([_cell(row[j] if j < len(row) else "", i, j) for j in columns])
+    if len(table) < 2:
+        raise InputError("rows", len(table), "at least two frames")
+    return np.array(table)
+
+
+def _cell(cell: str, row: int, column: int) -> float:
+    try:
+        return float(cell) if cell else np.nan
+    except ValueError:
+        raise InputError(f"row {row}, column {column + 1}", cell[:40], "a number or empty") from None
+
+
+def announced(said: Mapping[str, str], key: str, count: int) -> tuple[str, ...]:
+    """Return a sentence if a file holds another number of frames than its header announces."""
+    number = said.get(key, "")
+    if not number.isdigit() or int(number) == count:
+        return ()
+    return (f"the file holds {count} frames, and announces {number} ({key})",)

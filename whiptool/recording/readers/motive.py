@@ -1,0 +1,126 @@
+"""CSV exports of OptiTrack Motive, format versions 1.1 to 3.
+
+The first row states rate and unit of length; rows of types, names and quantities describe the columns. Measured markers
+and the positions of rigid bodies are read; of a rigid body's markers as Motive solved them only those that were not
+measured. Unlabeled markers are read if there are no others, or if `markers` names them; bones are left out. An empty
+cell is a missing point. Motive does not write its axes: y is up, as is Motive's own convention, unless the first row
+says otherwise, and x is taken to point forward.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
+from whiptool.recording.readers import mocap
+from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.programs import MOTIVE
+from whiptool.recording.readers.sidecar import Sidecar
+from whiptool.recording.readers.table import AXES, LARGEST_TABLE
+from whiptool.recording.strike_recording import StrikeRecording
+
+MEASURED, BODY = "marker", "rigid body"  # types of columns
+SOLVED = ("rigid body marker", "bone marker", "trained markerset marker")
+KNOWN = (1.0, 4.0)  # format versions
+
+
+def read_motive(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read a CSV export of Motive.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar file, whose values they override.
+
+    Raises:
+        InputError: The file is damaged, holds no markers or rigid bodies, is in the axes of its bodies, or a value is
+            not allowed.
+    """
+    path = whole_file(path, largest=LARGEST_TABLE)
+    side = Sidecar.of(path, options, *mocap.KEYS)
+    with parsing(path, "Motive CSV"):
+        rows = text_rows(path, ",")
+        said = dict(zip(rows[0][::2], rows[0][1::2]))
+        at = next((i for i, row in enumerate(rows) if row[:1] == ["Frame"]), None)
+        if at is None:
+            raise InputError("rows", "no row that begins with Frame", f"that row, as in {MOTIVE.what}")
+        if said.get("Coordinate Space", "Global") != "Global":
+            raise InputError("Coordinate Space", said["Coordinate Space"], "Global", "export in global coordinates")
+        columns, usual, notes = _markers(rows[1:at], rows[at])
+        read = _capture(rows, at, said, columns, side)
+        notes = (*_unfamiliar(said), *mocap.announced(said, "Total Exported Frames", len(read["t"])), *notes)
+        return mocap.recorded(path, side, Capture(what=MOTIVE.what, usual=usual, notes=notes, **read))
+
+
+def _capture(
+    rows: list[list[str]], at: int, said: dict[str, str], columns: dict[str, list[int]], side: Sidecar
+) -> dict[str, Any]:
+    """Times, places, units and axes, as arguments of `Capture`."""
+    table = numbers(rows, at + 1, [0, 1, *(i for found in columns.values() for i in found)], len(rows[at]))
+    rate = mocap.rate_of(said.get("Export Frame Rate") or said.get("Capture Frame Rate"), "Export Frame Rate")
+    t, clock = mocap.even_times(table[:, 1], table[:, 0], rate, "the column Time")
+    stated = re.search(r"\b([xyz])[- ]?up\b|up axis,\+?([xyz])\b", ",".join(rows[0]), re.IGNORECASE)
+    up = (stated[1] or stated[2]).lower() if stated else "y"
+    source = "as the file says" if stated else "as is Motive's own convention, for the file does not say it"
+    units = said.get("Length Units")
+    return {
+        "t": t,
+        "clock": clock,
+        "points": table[:, 2:].reshape(len(table), len(columns), 3),
+        "labels": list(columns),
+        "units": "m" if units is None else mocap.unit_of(units, "Length Units", side),
+        "assumed": units is None,
+        "forward": mocap.FORWARD[up],
+        "up": up,
+        "axes": f"{up} is up, {source}, {mocap.FORWARD[up]} taken as forward",
+    }
+
+
+def _markers(above: list[list[str]], axes: list[str]) -> tuple[dict[str, list[int]], list[int], list[str]]:
+    """Columns x, y, z of each marker and body by its label, the indices of those to read, and what was left out."""
+    types, names, marks, what = _described(above)
+    found: dict[tuple[str, str, str], dict[str, int]] = {}
+    for i in range(2, len(axes)):
+        kind, name, mark, quantity = (row[i] if i < len(row) else "" for row in (types, names, marks, what))
+        if quantity.lower() == "position" and axes[i].lower() in AXES:
+            found.setdefault((kind.lower(), name, mark), {}).setdefault(axes[i].lower(), i)
+    known = {key: list(c.values()) for key, c in found.items() if len(c) == 3 and key[0] in (MEASURED, BODY, *SOLVED)}
+    order = sorted(known, key=lambda key: key[0] in SOLVED)  # those that were measured first
+    columns: dict[str, list[int]] = {}
+    solved = bodies = 0
+    for kind, name, mark in order:
+        if kind in SOLVED and name in columns:
+            solved += 1
+            continue
+        bodies += kind == BODY
+        columns[name if name not in columns else f"{name} {mark}"] = known[kind, name, mark]
+    loose = [bool(re.match(r"unlabell?ed", label, re.IGNORECASE)) for label in columns]
+    usual = [i for i, one in enumerate(loose) if not one] or list(range(len(loose)))
+    others = {kind for kind, _, _ in found if kind not in (MEASURED, BODY, *SOLVED)}
+    notes = [f"left out {solved} markers as Motive solved them, for they were measured, too"] if solved else []
+    notes += [f"left out the rotations of {bodies} rigid bodies"] if bodies else []
+    notes += [f"left out {len(loose) - len(usual)} unlabeled markers; name them in markers"] if sum(loose) else []
+    notes += [f"left out columns of the types {', '.join(sorted(others))}"] if others else []
+    return columns, usual, notes
+
+
+def _described(above: list[list[str]]) -> tuple[list[str], list[str], list[str], list[str]]:
+    """The rows of types, names, identifiers and quantities between the first row and that of axes."""
+    rows = [row for row in above if row]
+    named = {row[1].lower(): row for row in rows if len(row) > 1 and row[1]}
+    if "type" in named and "name" in named:
+        return named["type"], named["name"], named.get("id", []), rows[-1]
+    if len(rows) < 3:
+        raise InputError("rows", len(rows), f"rows of types, names and quantities, as in {MOTIVE.what}")
+    return rows[0], rows[1], rows[2] if len(rows) > 3 else [], rows[-1]
+
+
+def _unfamiliar(said: dict[str, str]) -> list[str]:
+    """A sentence on the format's version, if it is unknown."""
+    try:
+        familiar = KNOWN[0] <= float(said["Format Version"]) < KNOWN[1]
+    except (KeyError, ValueError):
+        familiar = False
+    return [] if familiar else [f"format version {said.get('Format Version')}: read as versions 1.1 to 3 are"]

@@ -1,0 +1,128 @@
+"""Recordings of pose estimation: body parts in the pixels of one camera, frame by frame.
+
+Each format's reader makes `Poses` of what its file holds, and `recorded` makes the recording of it. Keys of the sidecar
+of all these formats, in addition to the common ones: the clock (`fps`, or `timestamps` with one time per row; not
+needed where the file has times), the way to metres (`homography`, `known_points`, or `scale` and `origin`), `markers`
+(which body parts are what, as in `{tip = "whip_end"}`; default: all by their own names), `individual` (which animal, if
+there are several), `likelihood` (below it a point is missing), `sigma_pixels` (standard error per coordinate; default
+1), and, for a rolling shutter, `readout` with `rows`, the height of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.recording.camera import to_plane
+from whiptool.recording.homography import metres_per_pixel
+from whiptool.recording.readers.footage import frame_clock
+from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
+from whiptool.recording.strike_recording import StrikeRecording
+
+KEYS = (*CLOCK, *PIXELS, "markers", "individual", "likelihood", "sigma_pixels", "rows")  # of the sidecar
+HIGH = 1e6  # the largest limit of a likelihood; SLEAP's scores may exceed 1
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """What a file of pose estimation holds of one animal.
+
+    Args:
+        what: Description of the format, for messages.
+        pixels: Pixels (u to the right, v down) of the body parts, NaN where missing, (T, M, 2).
+        parts: Names of the body parts, (M,).
+        likelihood: Likelihood or score of each point, (T, M); None: the file has none.
+        usual: Likelihood below which a point is missing if the sidecar does not say.
+        numbers: Numbers of the frames, (T,); None: from 0 on.
+        stamps: Time stamps in the file [s], (T,); None: it has none.
+        of: Source of the stamps.
+        notes: Assumptions, and data that were left out.
+    """
+
+    what: str
+    pixels: np.ndarray
+    parts: Sequence[str]
+    likelihood: np.ndarray | None = None
+    usual: float = 0.0
+    numbers: np.ndarray | None = None
+    stamps: np.ndarray | None = None
+    of: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
+    """Return the recording of a file of pose estimation.
+
+    Raises:
+        InputError: There are no body parts or fewer than two frames, none was ever seen, the sidecar names a part that
+            is not there, the times or the way to metres are missing, or a value is not allowed.
+    """
+    parts = list(poses.parts)
+    if not parts:
+        raise InputError(str(path), f"{poses.what} without body parts", "at least one body part")
+    if len(poses.pixels) < 2:
+        raise InputError(str(path), f"{poses.what} with {len(poses.pixels)} frames", "at least two frames")
+    names = side.names("markers") or {part: part for part in parts}
+    for part in names.values():
+        if part not in parts:
+            raise InputError("markers", part, "one of the body parts " + ", ".join(parts)[:300])
+    which = [parts.index(part) for part in names.values()]
+    pixels, notes = poses.pixels[:, which].copy(), list(poses.notes)
+    if poses.likelihood is not None:
+        least = side.number("likelihood", poses.usual, low=0.0, high=HIGH)
+        unlikely = ~(poses.likelihood[:, which] >= least) & np.isfinite(pixels).all(axis=2)
+        pixels[unlikely] = np.nan
+        notes += [f"{unlikely.sum()} points with a likelihood below {least:g} are missing"] if unlikely.any() else []
+    if not np.isfinite(pixels).all(axis=2).any():
+        raise InputError(str(path), f"{poses.what} in which no body part was seen", "at least one position")
+    if (homography := side.homography()) is None:
+        raise InputError(
+            "homography", None, "homography, known_points, or scale and origin", "write them into the sidecar .toml"
+        )
+    clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
+    notes.append("units: pixels, taken to metres in the strike plane as the sidecar says")
+    pixels, t = pixels[clock.keep], clock.times
+    readout = side.readout()
+    if readout and "rows" not in side.table:
+        raise InputError(
+            "rows", None, "the height of the image [pixels], with the key readout", "state it in the sidecar"
+        )
+    height = side.number("rows", 2.0, low=2, high=1e5)
+    late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
+    return side.recording(
+        path,
+        notes=[*clock.notes, *notes],
+        t=t,
+        points=to_plane(homography, pixels),
+        markers=tuple(names),
+        sigma=side.number("sigma_pixels", 1.0, low=1e-6, high=1e3) * metres_per_pixel(homography, pixels),
+        t_points=t[:, None] + late,
+    )
+
+
+def _numbers(side: Sidecar, poses: Poses) -> np.ndarray | None:
+    """The number of each frame (T,); None where each has its own timestamp."""
+    frames = poses.numbers
+    if frames is None or poses.stamps is not None or "timestamps" in side.table:
+        return None
+    if not (np.isfinite(frames).all() and (frames >= 0).all() and (frames < 1e7).all() and (frames % 1 == 0).all()):
+        raise InputError("first column", frames[:3].tolist(), "the numbers of the frames")
+    return frames
+
+
+def individual(side: Sidecar, known: Sequence[str], what: str) -> int:
+    """Return the index of the animal to read: that of the key `individual`, or the only one.
+
+    Raises:
+        InputError: There are several or none, or none of that name.
+    """
+    if "individual" in side.table:
+        return list(known).index(side.word("individual", tuple(known), ""))
+    if len(known) != 1:
+        given = f"{what} of {len(known)} individuals, {', '.join(known)}"
+        raise InputError("individual", given[:300], "one individual", "state individual in the sidecar file")
+    return 0

@@ -1,0 +1,108 @@
+"""Text exports of Tracker (physlets): the data tables of one or several point masses in a plane.
+
+The row of the masses' names, the row of variables, and a row for each frame; cells are separated by tabs, semicolons or
+commas. The variables `t`, `x` and `y` are read, in s and m unless a variable's name states another unit. Positions are
+in the coordinate system that was set in Tracker: x to the right is taken as forward, y as up, and its origin as the
+shoulder, unless `axes` and `origin` say otherwise. An empty cell is a missing point.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
+from whiptool.recording.logs import SECONDS
+from whiptool.recording.readers import mocap
+from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.programs import TRACKER
+from whiptool.recording.readers.sidecar import Sidecar
+from whiptool.recording.readers.table import LARGEST_TABLE
+from whiptool.recording.strike_recording import StrikeRecording
+
+TOO_FINE = 1e-8  # [s] of a digit, below which rounding of times does not matter
+_VARIABLE = re.compile(r"#?\{?(\w+)\}?\s*(?:[(\[](\w+)[)\]])?")
+
+
+def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read a text export of Tracker.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar file, whose values they override.
+
+    Raises:
+        InputError: The file is damaged, holds no positions, or a value is not allowed.
+    """
+    path = whole_file(path, largest=LARGEST_TABLE)
+    side = Sidecar.of(path, options, *mocap.KEYS)
+    with parsing(path, "Tracker's text"):
+        rows = text_rows(path, _mark(path))
+        rows = rows[1:] if rows[0][:1] and rows[0][0].startswith("#multi") else rows
+        names, variables = rows[0], [_variable(cell) for cell in rows[1]]
+        columns = _columns(names, variables)
+        if not columns:
+            raise InputError(str(path), f"{TRACKER.what} without x and y", "the variables t, x and y of a point mass")
+        units = {unit for i in columns.values() for _, unit in (variables[j] for j in i)} - {""}
+        if len(units) > 1 or not units <= set(mocap.UNITS):
+            raise InputError("units", ", ".join(sorted(units)), "one of " + ", ".join(mocap.UNITS))
+        table = numbers(rows, 2, [i for found in columns.values() for i in found], len(variables))
+        t, clock = _even([row[0] for row in rows[2:] if row], SECONDS[variables[0][1] or "s"])
+        capture = Capture(
+            what=TRACKER.what,
+            t=t,
+            clock=clock,
+            points=table.reshape(len(table), len(columns), 2),
+            labels=list(columns),
+            units=next(iter(units), "m"),
+            assumed=not units,
+            axes="x is taken as forward, y as up, and the origin as the shoulder, as they were set in Tracker",
+        )
+        return mocap.recorded(path, side, capture)
+
+
+def _mark(path: Path) -> str:
+    """What separates the cells: what follows the variable t."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        head = file.read(4096)
+    found = re.search(r'^#?"?t"?(?: *[(\[]\w+[)\]])?([\t,;])', head, re.MULTILINE)
+    return found[1] if found else "\t"
+
+
+def _variable(cell: str) -> tuple[str, str]:
+    """Name and unit of a variable."""
+    found = _VARIABLE.fullmatch(cell)
+    return (found[1], found[2] or "") if found else (cell, "")
+
+
+def _columns(names: list[str], variables: list[tuple[str, str]]) -> dict[str, list[int]]:
+    """Columns x and y by the masses' names, each of which stands over its first column or, of one mass, anywhere."""
+    alone = [name for name in names if name]
+    columns: dict[str, dict[str, int]] = {}
+    name = alone[0] if alone else "tip"
+    for i, (variable, _) in enumerate(variables):
+        if len(alone) > 1 and i < len(names) and names[i]:
+            name = names[i]
+        if variable in ("x", "y"):
+            columns.setdefault(name.replace(" ", "_"), {}).setdefault(variable, i)
+    return {name: [found["x"], found["y"]] for name, found in columns.items() if len(found) == 2}
+
+
+def _even(written: list[str], unit: float) -> tuple[np.ndarray, str]:
+    """Times [s], and their source; those with few digits are those of the even clock that they belong to, if any."""
+    t = unit * np.array([float(cell) for cell in written])
+    last = unit * np.array([10.0 ** int(Decimal(cell).as_tuple().exponent) for cell in written])  # digit of each [s]
+    plain = t, "times [s] from the variable t"
+    if len(t) < 3 or not (step := float(np.median(np.diff(t)))) > 0:
+        return plain
+    number = np.round((t - t[0]) / step)
+    step, first = np.polyfit(number, t, 1, w=1 / last)
+    even = first + step * number
+    if not (np.abs(t - even) <= 0.6 * last).all() or last.max() < TOO_FINE:
+        return plain
+    return even, f"times from the variable t, whose digits are those of {1 / step:.6g} even frames a second"

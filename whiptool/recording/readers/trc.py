@@ -1,0 +1,58 @@
+"""TRC files, as OpenSim, Cortex and Pose2Sim write markers' trajectories.
+
+Rate and units come from the header. Empty cells, `NaN` and exactly (0, 0, 0) are missing points. The format does not
+state its axes: y is taken as up, as OpenSim has it, and x as forward.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from whiptool.errors import InputError
+from whiptool.given_files import parsing, whole_file
+from whiptool.recording.readers import mocap
+from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.programs import TRC
+from whiptool.recording.readers.sidecar import Sidecar
+from whiptool.recording.readers.table import LARGEST_TABLE
+from whiptool.recording.strike_recording import StrikeRecording
+
+
+def read_trc(path: Path | str, **options: Any) -> StrikeRecording:
+    """Read a TRC file.
+
+    Args:
+        path: The file.
+        options: Keys of the sidecar file, whose values they override.
+
+    Raises:
+        InputError: The file is damaged, has no markers, or a value is not allowed.
+    """
+    path = whole_file(path, largest=LARGEST_TABLE)
+    side = Sidecar.of(path, options, *mocap.KEYS)
+    with parsing(path, "TRC"):
+        rows = text_rows(path, "\t")
+        said = dict(zip(rows[1], rows[2]))
+        head = next((i for i, row in enumerate(rows) if row[:1] == ["Frame#"]), None)
+        if head is None:
+            raise InputError("rows", "no row that begins with Frame#", f"that row, as in {TRC.what}")
+        names = [name for name in rows[head][2:] if name]
+        if len(set(names)) < len(names):
+            raise InputError("markers", ", ".join(names)[:200], "different names")
+        table = numbers(rows, head + 2, range(2 + 3 * len(names)), 2 + 3 * len(names))
+        rate = mocap.rate_of(said.get("DataRate"), "DataRate")
+        t, clock = mocap.even_times(table[:, 1], table[:, 0], rate, "the column Time")
+        capture = Capture(
+            what=TRC.what,
+            t=t,
+            clock=clock,
+            points=table[:, 2:].reshape(len(table), len(names), 3),
+            labels=names,
+            units=mocap.unit_of(said.get("Units", ""), "Units", side),
+            forward="x",
+            up="y",
+            axes="y is up, as OpenSim has it, for the file does not say it, x taken as forward",
+            notes=mocap.announced(said, "NumFrames", len(table)),
+        )
+        return mocap.recorded(path, side, capture)
