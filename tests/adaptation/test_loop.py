@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import whiptool as wt
-from whiptool.adaptation.adapter import OUTCOME, Adapter, Options
+from whiptool.adaptation import adapter
+from whiptool.adaptation.adapter import OUTCOME, Adapter, NoPlan, Options
 from whiptool.adaptation.plan_search import Plan
 from whiptool.adaptation.ports import RigPort
 from whiptool.adaptation.prior import default_prior
@@ -86,6 +88,34 @@ def test_a_refused_strike_is_told_and_the_next_one_is_made() -> None:
     assert all("lengthen D" in step.outcome.refused and step.judged is None for step in steps)
 
 
+def test_a_strike_that_must_not_be_made_is_not_handed_over(tmp_path: Path, monkeypatch) -> None:
+    """The run ends in one line, and nothing counts."""
+    planned = [replace(PLAN, probability=0.9, reason="below the floor", allowed=False)] * 3
+    monkeypatch.setattr(adapter, "plan", lambda *args, **named: planned.pop())
+    port, options = Robot(Seen(None, None)), Options(still=False, adapt=False, retries=2)
+    run = wt.Adaptation(default_prior(MODEL, CONTROLLER), port, TARGET, options, tmp_path)
+    with pytest.raises(NoPlan, match="no plan for strike 1, which is not made: below the floor"):
+        run.run()
+    assert (port.numbers, planned) == ([], [])  # each search was made
+    assert not (tmp_path / "strike-0001").exists()
+
+
+def test_what_a_port_would_refuse_is_not_planned() -> None:
+    class Careful(Robot):
+        def refusal(self, strike, believed=None):
+            return None if strike.D > 1 else "too fast"
+
+    def own(strike, believed) -> None:
+        return None
+
+    careful, prior = Careful(Seen(None, None)), default_prior(MODEL, CONTROLLER)
+    check = wt.Adaptation(prior, careful, TARGET).adapter().options.demands(MODEL).check
+    assert check is not None
+    assert (check(STRIKE), check(replace(STRIKE, D=0.9))) == (None, "too fast")
+    assert wt.Adaptation(prior, careful, TARGET, Options(check=own)).adapter().options.check is own
+    assert wt.Adaptation(prior, Robot(Seen(None, None)), TARGET).adapter().options.check is None
+
+
 def test_bad_set_up_of_a_rig_is_no_refused_strike() -> None:
     class Unfit:
         def strike(self, strike, *, folder=None, believed=None):
@@ -99,10 +129,10 @@ def test_nothing_is_learned_from_a_strike_that_was_broken_off() -> None:
     t = np.arange(30) / 60
     film = StrikeRecording(t, np.tile([1.0, 0.0], (30, 1, 1)), ("tip",), np.array(0.005), strike=STRIKE)
     prior = default_prior(MODEL, CONTROLLER)
-    adapter = Adapter(prior, TARGET, Options(still=False), opening=PLAN)
-    adapter.ask()
-    step = adapter.tell(Seen(film, 0.01, fault="a cable came loose"))
+    one = Adapter(prior, TARGET, Options(still=False), opening=PLAN)
+    one.ask()
+    step = one.tell(Seen(film, 0.01, fault="a cable came loose"))
     assert step.learned is None
     assert step.judged is None
-    assert adapter.belief is prior
-    assert not adapter.done
+    assert one.belief is prior
+    assert not one.done

@@ -57,6 +57,13 @@ class Toy:
             diverged=stretch > self.lost,
         )
 
+    def trajectory(self, strike, *, t_stay):
+        torque = 2 * np.abs(np.asarray(getattr(strike, "vector", strike))[None, :2])
+        return types.SimpleNamespace(t=np.zeros(1), v=np.zeros((1, 2)), tau=torque, diverged=False)
+
+    def trajectories(self, strikes, *, t_stay):
+        return [self.trajectory(strike, t_stay=t_stay) for strike in strikes]
+
     def gradient(self, strikes, target, *, t_stay):
         near = self.approach(strikes, target, t_stay=t_stay)
         unit = (near.tip - target) / np.maximum(near.distance, 1e-12)[:, None]
@@ -288,14 +295,15 @@ def test_limits_speed_and_checks_are_obeyed_where_they_can_be():
     assert 4 * fast.strike[4] >= 5.5
     assert fast.allowed
     beyond = planned(0.05, speed=7.0)  # 6 m/s is the most
-    assert not beyond.allowed
+    assert beyond.allowed  # it may be made, and teaches
     assert "no faster strike was found, although 7 m/s is required" in beyond.reason
     feeble = MotorLimits("feeble", stall_torque=0.1, no_load_speed=10.0, stall_current=1.0)
     none = planned(0.05, limits=(feeble,), bounds=StrikeBounds((-1.0, 0.2, 0.0, 0.0, 0.5), (-0.2, 1.0, 2.0, 1.0, 1.5)))
     assert not none.allowed
     assert none.usage is not None
     assert none.usage > 1
-    assert f"and this one uses {none.usage:.0%} of them" in none.reason
+    said = f"using {none.usage:.0%} of the motors' limits; it must not be made, and none was found that may: "
+    assert said in none.reason
 
 
 def test_what_is_refused_leaves_more_of_the_motors_free():
@@ -313,7 +321,20 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
     assert not never.allowed
     without: list[Strike] = []
     planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
-    assert len(without) == planner.CHECKED
+    assert len(without) == planner.CHECKED + 1 + 3 * NEXT.polished  # the best, why not, and others
+
+
+def test_where_no_aimed_strike_may_be_made_a_random_one_is():
+    """It is far from a hit, and keeps what the check asks."""
+
+    def check(strike: Strike) -> str | None:
+        return None if strike.q_i[0] > -0.3 else "too far back"
+
+    aimed, found = planned(0.02), planned(0.02, limits=(MOTOR,), check=check)
+    assert check(Strike.from_vector(aimed.strike)) is not None
+    assert found.allowed
+    assert check(Strike.from_vector(found.strike)) is None
+    assert "must not be made" not in found.reason
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import subprocess
 import sys
 import termios
 import threading
@@ -13,7 +12,6 @@ from typing import get_args
 import pytest
 from ports import sdk
 from processes import HANG
-from servos import OK
 
 from whiptool.commands import servos as command
 from whiptool.rig.dynamixel.control_table import BAUD_RATES
@@ -95,28 +93,3 @@ def test_a_servo_that_does_not_answer_is_named(twin, monkeypatch, capsys):
 
 def test_baud_rates_are_those_of_the_control_table():
     assert sorted(get_args(command.Baud)) == sorted(BAUD_RATES.values())
-
-
-def test_command_line_serves_a_linked_device(tmp_path):
-    link = tmp_path / "tty"
-    faults = ("--faults", "sag:volts=11", "same_id:at=3600:servo=1", "--reboot-time", "3600")
-    command = [sys.executable, "-m", "whiptool.rig.emulator", "--link", str(link), *faults]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        assert "emulated servos [1, 2] at 1000000 baud" in process.stdout.readline()
-        assert "and on" in process.stdout.readline()
-        port, handler = sdk.PortHandler(str(link)), sdk.Protocol2PacketHandler()
-        assert port.setBaudRate(1_000_000)
-        while handler.ping(port, 2) != (1020, *OK):  # the SDK gives up after 34 ms, a busy machine does not
-            assert process.poll() is None
-        while handler.read2ByteTxRx(port, 2, 144) != (110, *OK):  # [0.1 V]
-            assert process.poll() is None
-        handler.reboot(port, 2)
-        while handler.ping(port, 1) != (1020, *OK):  # so that the reboot was heard
-            assert process.poll() is None
-        assert handler.ping(port, 2)[1] == sdk.COMM_RX_TIMEOUT  # for an hour
-        port.closePort()
-    finally:
-        process.terminate()
-        process.wait(HANG)

@@ -35,6 +35,21 @@ def test_commands_that_lead_are_followed_exactly_and_later():
     assert np.abs(LAG.following(WAY) - late).max() > 0.1  # without the lead
 
 
+@pytest.mark.parametrize("numbers", [(0.1, 300.0, 0.005), (0.02, 1e4, 0.0), (0.02, 1e8, 0.003), (0.3, 2e3, 0.0)])
+def test_behind_a_minimum_jerk_path_is_the_response_of_the_linear_system(numbers):
+    """Of oscillating, critically damped, stiff (of first order) and slow joints; rates are those of differences."""
+    lag, D, t = ServoLag(*numbers), 0.6, np.linspace(0, 1.2, 12_001)
+    late = np.clip((t - lag.delay) / D, 0, 1)
+    _, other, _ = lsim(([1.0], [1 / lag.stiffness, lag.lag, 1.0]), QUINTIC(late), t)
+    found = lag.behind(t, D)
+    np.testing.assert_allclose(found[0], other, atol=1e-6)
+    smooth = (np.abs(t - lag.delay - D) > 2e-3) & (np.abs(t - lag.delay) > 2e-3)
+    for i in (0, 1):
+        rate = np.gradient(found[i], t)
+        np.testing.assert_allclose(found[i + 1][smooth], rate[smooth], atol=1e-3 * np.abs(found[i + 1]).max())
+    np.testing.assert_allclose(lag.behind(np.array([0.0, 30.0]), D), [[0, 1], [0, 0], [0, 0]], atol=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_fit_finds_the_numbers_within_their_standard_errors(seed):
     rng = np.random.default_rng(seed)

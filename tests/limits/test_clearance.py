@@ -196,3 +196,27 @@ def test_a_whip_of_a_hundred_nodes_needs_little_memory():
 def test_distances_in_millimetres_are_asked_about(wrong):
     with pytest.raises(InputError, match=rf"^{next(iter(wrong))}: .*are these millimetres\?$"):
         Clearance(preset("ur5e"), **wrong)
+
+
+def test_a_whip_must_not_drag_over_the_floor_on_the_way():
+    """Where it lies at the beginning it may, until it is lifted; the whip that counts is the one that is given."""
+    model, t = preset("ur5e"), np.linspace(0, 2, 21)
+    hand = lambda q: joint_points(model, start_posture(model, q))[:, 6, 2]  # noqa: E731
+    high, low = np.array([-1.5, -1.2, -0.2, -0.5, 2.0, 0.4]), np.array([-1.5, -0.3, -0.2, -0.5, 2.0, 0.4])
+    down = high + np.linspace(0, 1, 21)[:, None] * (low - high)
+    length, heights = model.whip.length, hand(down)
+    assert (np.diff(heights) < 0).all()
+    floor = float(heights[[8, 9]].mean()) - length  # reached between the two
+    kept = Clearance(model, floor)
+    assert kept.whip_on_way(t[:9], down[:9], model) is None
+    said = kept.whip_on_way(t, down, model)
+    assert said is not None
+    assert said.startswith(
+        f"at 2.000 s the hanging whip is {1e3 * (floor + length - heights[-1]):.0f} mm below the floor"
+    )
+    assert kept.whip_on_way(t, down[::-1], model) is None
+    again = np.vstack([down[::-2], down[2::2]])
+    assert kept.whip_on_way(t[: len(again)], again, model) is not None
+    short = replace(model, whip=replace(model.whip, l=model.whip.per_node("l") / 4))
+    assert kept.whip_on_way(t, down, short) is None
+    assert Clearance(model, None).whip_on_way(t, down, model) is None

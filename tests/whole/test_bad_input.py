@@ -52,8 +52,8 @@ OPTIONS = {
     "strike": ("whiptool.commands.rig", "RigStrikeOptions"),
     "learn": ("whiptool.commands.rig", "LearnOptions"),
     "servos": ("whiptool.commands.servos", "ServoOptions"),
-    "emulator": ("whiptool.commands.servos", "EmulatorOptions"),
-    "ur_emulator": ("whiptool.commands.ur_emulator", "UrEmulatorOptions"),
+    "emulator": ("whiptool.commands.emulators", "EmulatorOptions"),
+    "ur_emulator": ("whiptool.commands.emulators", "UrEmulatorOptions"),
 }
 NEEDS = {
     "strike": f"--strike {STRIKE}",

@@ -15,11 +15,11 @@ import numpy as np
 
 from whiptool.adaptation.first_look import Sag, choose_wiggle, expected_sag, hanging
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
-from whiptool.adaptation.planner import FIRST, NEXT, plan, surest
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan, surest
 from whiptool.adaptation.posterior import AFTER, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief, Learned
 from whiptool.adaptation.steps import Seen, Step, Steps, checked, judge, judge_seen, seen_of
-from whiptool.errors import InputError
+from whiptool.errors import InputError, WhiptoolError
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target
 from whiptool.identification.beginnings import check_beginnings
@@ -55,8 +55,8 @@ class Options:
         check: Function of a strike and the posterior mean of whip and arm that returns the reason why the strike is not
             allowed, or None.
         first, later: Planning effort before and after the first recording that was used for identification.
-        retries: Largest number of searches with effort `first` for a later strike whose hit probability is below 50 %,
-            or that breaks a limit.
+        retries: Largest number of further searches with effort `first` for a strike that must not be made, or a later
+            one whose hit probability is below 50 %.
     """
 
     max_strikes: int = 6
@@ -87,6 +87,18 @@ class Options:
         check = self.check
         asked = None if check is None else lambda strike: check(strike, believed)
         return Demands(self.bounds, self.limits, asked, self.t_stay)
+
+
+class NoPlan(WhiptoolError):
+    """Raised if no strike was found that may be made; none was made, and none counts.
+
+    Args:
+        number: Number of the strike in the run.
+        reason: Reason of the best plan, which says why it must not be made.
+    """
+
+    def __init__(self, number: int, reason: str) -> None:
+        super().__init__(f"no plan for strike {number}, which is not made: {reason}")
 
 
 class Adapter:
@@ -151,6 +163,7 @@ class Adapter:
         """Return the strike to be made next, the same until its recording is reported; None after the last strike.
 
         Raises:
+            NoPlan: Limits or `check` forbid every strike that was found.
             InputError: The folder is damaged.
         """
         self._catch_up()
@@ -269,12 +282,14 @@ class Adapter:
         o, number, began = self.options, self.number, time.perf_counter()
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
-            keeps = o.limits if self.prior.plant.model.dimension == 3 else ()  # a rig rehearses it
+            in_space = self.prior.plant.model.dimension == 3  # in the plane a rig rehearses it
+            check = o.demands(self.belief.at().model).check if in_space else None
+            kept: dict[str, Any] = {"t_stay": o.t_stay, "keeps": o.limits if in_space else (), "check": check}
             if o.wiggle:
-                strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, t_stay=o.t_stay, keeps=keeps)
+                strike, gain = choose_wiggle(self.belief, rng=rng, bounds=o.bounds, **kept)
                 reason = f"a movement from which {gain:.1f} nat are learned about the whip"
             else:
-                strike = hanging(self.belief, o.bounds, rng=rng, t_stay=o.t_stay, keeps=keeps)
+                strike = hanging(self.belief, o.bounds, rng=rng, **kept)
                 reason = "the whip as it hangs: how long it is"
             return Plan(tuple(map(float, strike.vector)), None, None, None, None, reason, time.perf_counter() - began)
         if number > 1 and not o.adapt:
@@ -282,8 +297,12 @@ class Adapter:
         if number == 1 and self.opening is not None:
             return self.opening
         sag = self._expected_sag()
-        efforts = (o.later, *[o.first] * o.retries) if self._taught else (o.first,)
-        return surest(lambda effort: self._sought(rng, effort, sag), efforts)
+        efforts = (o.later if self._taught else o.first, *[o.first] * o.retries)
+        enough = UNSURE if self._taught else 0.0  # before the first recording whatever may be made is enough
+        found = surest(lambda effort: self._sought(rng, effort, sag), efforts, enough=enough)
+        if not found.allowed:
+            raise NoPlan(number, found.reason)
+        return found
 
     def _expected_sag(self) -> Sag | None:
         controller = self.prior.plant.controller

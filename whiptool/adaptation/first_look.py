@@ -6,6 +6,7 @@ An impedance law carries weight only with a position error, so that the arm at r
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -24,6 +25,7 @@ DURATION = (0.4, 0.8)  # [s]
 FASTEST = 8.0  # [m/s] of the tip: a strike has it at 10 to 40
 CANDIDATES = 32  # random movements or postures that are compared
 ROUNDS = 16  # of random movements that are drawn before none is found
+Check: TypeAlias = Callable[[Strike], str | None] | None
 STILL = 0.5  # [s] that a hanging whip is filmed, and `t_stay` more
 WIDEST = 0.35  # [m], largest standard error of the tip's place, to which a linearised prior is used in space
 FPS, NOISE = 60.0, 0.005  # [1/s], [m] of the camera that is expected
@@ -70,6 +72,7 @@ def hanging(
     rng: np.random.Generator,
     t_stay: float = T_STAY,
     keeps: Given = (),
+    check: Check = None,
 ) -> Strike:
     """Return a strike without movement, during which the length of the hanging whip can be measured: in the middle of
     the start postures or, if it breaks a limit there, in the nearest of random start postures that keep the limits.
@@ -80,6 +83,7 @@ def hanging(
         rng: Random generator of the start postures.
         t_stay: As in `information`.
         keeps: Limits that the arm and the hanging whip have to keep, judged with the mean of the belief.
+        check: Function that returns why a strike must not be made, or None; it is called for postures within `keeps`.
 
     Raises:
         InputError: None of the postures keeps the limits.
@@ -89,14 +93,15 @@ def hanging(
     middle, width = (lower[:a] + upper[:a]) / 2, upper[:a] - lower[:a]
     at_rest = lambda q: np.hstack([q, q, np.full((len(q), 1), STILL)])  # noqa: E731
     strikes = at_rest(middle[None])
-    if not keeps:
+    if not keeps and check is None:
         return Strike.from_vector(strikes[0])
     striker = _striker(belief, bounds, keeps, t_stay)
     for _ in range(ROUNDS):
         kept = strikes[striker.keep(strikes)]
-        if len(kept):
-            distance = np.linalg.norm((kept[:, :a] - middle) / width, axis=1)
-            return Strike.from_vector(kept[distance.argmin()])
+        distance = np.linalg.norm((kept[:, :a] - middle) / width, axis=1)
+        for strike in map(Strike.from_vector, kept[distance.argsort()]):
+            if check is None or check(strike) is None:
+                return strike
         strikes = at_rest(rng.uniform(lower[:a], upper[:a], (CANDIDATES, a)))
     raise InputError(
         "postures for filming the hanging whip",
@@ -114,6 +119,7 @@ def choose_wiggle(
     t_stay: float = T_STAY,
     candidates: int = CANDIDATES,
     keeps: Given = (),
+    check: Check = None,
 ) -> tuple[Strike, float]:
     """Return the random short movement with a slow tip that has the largest `information` gain, and this gain [nat].
 
@@ -128,6 +134,7 @@ def choose_wiggle(
         candidates: Number of random movements that are compared. While none of them keeps the limits with a slow tip,
             as many are drawn again, up to `ROUNDS` times.
         keeps: Limits that the movement has to keep, judged with the mean of the belief.
+        check: Function that returns why a strike must not be made, or None; it is called for movements with a slow tip.
 
     Raises:
         InputError: No movement keeps the limits, or none has a slow tip.
@@ -150,10 +157,11 @@ def choose_wiggle(
         gain = np.where(fastest <= FASTEST, gain, -np.inf)
         foreseen = gain if belief.plant.model.dimension == 2 else np.where(widest <= WIDEST, gain, -np.inf)
         gain = foreseen if np.isfinite(foreseen).any() else gain
-        if np.isfinite(gain).any():
-            best = int(gain.argmax())
-            return Strike.from_vector(strikes[best]), float(gain[best])
-        slowest = min(slowest, fastest.min())
+        for best in np.argsort(-gain)[: np.isfinite(gain).sum()]:
+            strike = Strike.from_vector(strikes[best])
+            if check is None or check(strike) is None:
+                return strike, float(gain[best])
+        slowest = min(slowest, fastest.min(where=fastest > FASTEST, initial=np.inf))
     if np.isfinite(slowest):
         given = f"movements in which the tip reaches {slowest:.1f} m/s or more"
         raise InputError("wiggle", given, f"at most {FASTEST:g} m/s", "leave it out")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from whiptool.adaptation.adapter import Adapter, Options
@@ -73,11 +73,17 @@ class Adaptation:
             raise InputError("target", self.target.position, rule, "give both the same")
 
     def adapter(self) -> Adapter:
-        """Return the `Adapter`, which plans the strikes and identifies the whip, without the port."""
+        """Return the `Adapter`, which plans the strikes and identifies the whip, without the port.
+
+        Strikes that the port would refuse are not planned; `options.check` replaces the port's own judgement.
+        """
+        options = self.options
+        if options.check is None:
+            options = replace(options, check=getattr(self.port, "refusal", None))
         return Adapter(
             self.prior,
             self.target,
-            self.options,
+            options,
             self.folder,
             recordings=self.recordings,
             known=self.known,
@@ -100,6 +106,7 @@ class Adaptation:
         Raises:
             StrikeStopped: A fault interrupted a strike, from which nothing was learned.
             KeyboardInterrupt: A signal came.
+            NoPlan: No strike was found that may be made; those made before are kept.
             Locked: The session was stopped before, and no person has released it.
             InputError: The folder is damaged.
         """

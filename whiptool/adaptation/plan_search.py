@@ -25,6 +25,7 @@ SURE = 0.25  # of the hit radius and the cone: a strike that misses all whips by
 _FAST = 10.0  # [m/s] of the tip of such a strike; where a speed is asked for, at least twice that
 BLUR = 0.005  # [m] by which the search smoothes where strikes pass, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits; and half a turn off the direction
+_SAFE = 3  # rounds of random strikes, where no aimed one may be made
 _FAR = 0.5  # [m], beyond which a miss is as good as any other
 
 
@@ -60,8 +61,7 @@ class Demands:
 
     Args:
         bounds: Bounds of strikes; default: `default_bounds`.
-        limits: One or several limits that the strike has to keep with the belief's mean; a strike that breaks them is
-            only chosen if no strike keeps them.
+        limits: One or several limits that the strike has to keep with the belief's mean.
         check: Function that returns the reason why a strike must not be made, or None; it is called for the best
             strikes in turn.
         t_stay: Time after the movement's end for which the tip is still observed [s].
@@ -86,7 +86,7 @@ class Plan:
             limit; None: no limits were given, or the arm is in space.
         reason: Why this strike was chosen, in words.
         wall_time: Time that planning took [s].
-        allowed: Whether limits, least speed and `check` all allow the strike; if not, no allowed one was found.
+        allowed: Whether limits and `check` allow the strike; if not, no allowed one was found, and it must not be made.
         misses: Predictive sample of the miss distance [m], ascending: one per sampled whip, with a random model error;
             None where the simulation diverges. Empty for a movement that is not a strike at the target.
         contact: Time of the closest approach with the mean of the belief [s].
@@ -178,9 +178,39 @@ class Search(ABC):
         a strike keeps the limits.
         """
 
+    @abstractmethod
+    def spare(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
+        """Return random strikes (B, m), first those within the limits with the belief's mean, as near to the goal as
+        random strikes pass, from which a strike is chosen where no aimed one may be made.
+        """
+
     def allows(self, strike: np.ndarray) -> bool:
         """Whether a strike (m,) may be chosen."""
         return self.check is None or self.check(Strike.from_vector(strike)) is None
+
+    def refusal(self, strike: np.ndarray) -> str | None:
+        """Return why a strike (m,) must not be made: what `check` says, or the limit that it exceeds; None: it may."""
+        made = Strike.from_vector(strike)
+        said = None if self.check is None else self.check(made)
+        if said is None and not self.striker.keep(strike[None])[0]:
+            path = self.rollout.trajectory(made, t_stay=self.striker.t_stay)
+            said = self.striker.limits.explain(path, self.rollout.model.arm.joints, made) or "its simulation diverges"
+        return said
+
+    def safe(
+        self, rng: np.random.Generator, effort: PlanningEffort, whips: Sequence[Plant]
+    ) -> tuple[np.ndarray | None, int]:
+        """Return the best of random strikes that may be made, from whose recording the whip is learned, and the number
+        of strikes that were tried; None: none of them may be made.
+        """
+        for count in range(1, _SAFE + 1):
+            strikes = self.spare(rng, effort)
+            strikes = strikes[self.striker.keep(strikes)]
+            scores = self.score(strikes, whips) if len(strikes) else np.empty(0)
+            for strike in strikes[np.argsort(-scores)]:
+                if self.allows(strike):
+                    return strike, count * effort.pool
+        return None, _SAFE * effort.pool
 
     def usage(self, near: Approach) -> float | None:
         """Return the usage of the motors' speed-torque line by one strike, whose closest approach is `near`: 1 at the
@@ -247,7 +277,7 @@ class Search(ABC):
         spent: float,
         tried: int,
         *,
-        allowed: bool,
+        refused: str | None,
     ) -> Plan:
         """Return the plan: the chosen strike, predictions of its outcome, and the reason for the choice.
 
@@ -257,7 +287,7 @@ class Search(ABC):
             rng: Random generator.
             spent: Time that the planner took [s].
             tried: Number of strikes that were tried.
-            allowed: Whether the strike keeps the limits and the `check`.
+            refused: Why the strike must not be made; None: it may be made.
         """
         passes, near = self.each(strike[None], whips), self.mean(strike[None])
         miss, known = passes.distance[0], np.isfinite(passes.distance[0])
@@ -276,17 +306,15 @@ class Search(ABC):
         )
         if speed < asked:
             reason += f"; no faster strike was found, although {asked:g} m/s is required"
-        if usage is not None and usage <= 1:
+        if usage is not None:
             reason += f", using {usage:.0%} of the motors' limits"
-        elif usage is not None:
-            reason += f"; no plan within the motors' limits was found, and this one uses {usage:.0%} of them"
-        elif not allowed:
-            reason += "; no plan within the limits was found"
+        if refused is not None:
+            reason += f"; it must not be made, and none was found that may: {refused}"
         drawn = np.sort(self.error.drawn(miss, rng))
         misses = tuple(x if np.isfinite(x) else None for x in drawn.tolist())
         vector = tuple(map(float, Strike.from_vector(strike).vector))
         nearest, contact = float(near.distance[0]), float(near.time[0])
-        return Plan(vector, probability, expected, nearest, usage, reason, spent, allowed, misses, contact)
+        return Plan(vector, probability, expected, nearest, usage, reason, spent, refused is None, misses, contact)
 
 
 def _arriving(goal: Goals, angle: float) -> np.ndarray:

@@ -58,6 +58,13 @@ class PlanarSearch(Search):
             tried = np.vstack([squeezed, self.polish(squeezed, _LAST_STEPS)])
         return tried, len(pool)
 
+    def spare(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
+        """Return the best of random strikes, those within the limits first; see `Search.spare`."""
+        strikes = self.striker.admissible(rng.uniform(*self.striker.bounds.box, (effort.pool, len(self.striker.lower))))
+        near = self.mean(strikes)
+        beyond = self._violation(near) > 0 if self.striker.limits else np.zeros(len(strikes), bool)
+        return strikes[np.lexsort((np.where(near.known, near.distance, np.inf), beyond))[: effort.polished]]
+
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
         """Return the `excess` of strikes (B, m) over the limits with the belief's mean, (B,); see `Search.beyond`."""
         if not self.striker.limits and self.goal.speed is None:
@@ -156,6 +163,10 @@ class AimedSearch(Search):
         """Whether a strike (m,) may be chosen: it keeps the limits at all times, and `check` allows it."""
         return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
+    def spare(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
+        """Return the random strikes that pass the goal best, those within the limits first; see `Search.spare`."""
+        return self.starts(rng, effort)
+
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
         """Return the random strikes whose tips pass the goal best with the belief's mean, those within the limits
         first, (B, m).
@@ -219,8 +230,10 @@ NEXT_IN_SPACE = PlanningEffort(pool=512, steps=20)
 RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is below 50 %
 
 
-def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort]) -> Plan:
-    """Return the best plan of successive searches; these end at an allowed plan whose hit probability is at least 50 %.
+def surest(
+    look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort], *, enough: float = UNSURE
+) -> Plan:
+    """Return the best plan of successive searches; these end at an allowed plan whose hit probability is high enough.
 
     After several searches the stated probability is the largest of several estimates, each over 64 sampled whips, and
     is therefore a few percent too high.
@@ -228,11 +241,12 @@ def surest(look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEff
     Args:
         look: Function that searches for a strike with a given effort.
         efforts: Efforts of the searches, at least one.
+        enough: Hit probability at which they end.
     """
     began, found = time.perf_counter(), list[Plan]()
     for effort in efforts:
         found.append(look(effort))
-        if found[-1].allowed and (found[-1].probability or 0.0) >= UNSURE:
+        if found[-1].allowed and (found[-1].probability or 0.0) >= enough:
             break
     best = max(found, key=lambda x: (x.allowed, x.probability or 0.0))
     return replace(best, wall_time=time.perf_counter() - began)
@@ -253,7 +267,9 @@ def plan(
     Candidates are found with the belief's mean, see `PlanarSearch` and, in space, `AimedSearch`. They are simulated
     with every sampled whip, and a search with a shrinking normal distribution refines the best (`CrossEntropy`). The
     miss with each sample is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at
-    least 5 mm. Probability and expected miss are computed with samples that the search has not used.
+    least 5 mm. If limits or `check` forbid all of them, the best of random strikes that may be made is returned, which
+    hardly hits, but from which the whip is learned; the plan is not `allowed` if none may be made.
+    Probability and expected miss are computed with samples that the search has not used.
 
     Args:
         belief: Distribution of the whip's parameters; an arm in space has to follow its command exactly.
@@ -282,6 +298,10 @@ def plan(
             break
     strike = first if chosen is None else chosen
     assert strike is not None
-    allowed = chosen is not None and bool(search.beyond(strike[None])[0] <= 0)
+    refused = search.refusal(strike)
+    if refused is not None:
+        safe, number = search.safe(rng, effort, whips)
+        tried += number
+        strike, refused = (strike, refused) if safe is None else (safe, None)
     fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
-    return search.report(strike, fresh, rng, time.perf_counter() - began, tried, allowed=allowed)
+    return search.report(strike, fresh, rng, time.perf_counter() - began, tried, refused=refused)

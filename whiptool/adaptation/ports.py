@@ -20,6 +20,7 @@ from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.goals.target import Target, as_target
 from whiptool.limits.all_limits import default_limits
 from whiptool.limits.robot_trajectory import Execution
+from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 from whiptool.models.trajectory import Approach
@@ -110,6 +111,12 @@ class RigPort:
 
     def __init__(self, make: Callable[[int], Rig], target: tuple[float, ...]) -> None:
         self._make, self.target = make, target
+        self._judge: Rig | None = None  # since the last strike
+
+    def refusal(self, strike: Strike, believed: Model | None = None) -> str | None:
+        """Return why the rig would refuse a strike from where its arm stands now; see `Port.refusal`."""
+        self._judge = self._judge or self._make(0)
+        return self._judge.refusal(strike, believed)
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Make a strike with the rig; see `Port.strike`.
@@ -118,6 +125,7 @@ class RigPort:
             StrikeStopped, StrikeInterrupted, Locked: See `whiptool.rig.session.Rig.strike`; it does not count as a
                 trial.
         """
+        self._judge = None
         try:
             struck = self._make(number).strike(strike, folder=folder, believed=believed)
         except StrikeRefused as error:
@@ -180,6 +188,10 @@ class RobotPort:
         self.model, self.target, self.t_stay = model, target, t_stay
         self.execution, self.rig = Execution() if execution is None else execution, rig
 
+    def refusal(self, strike: Strike, believed: Model | None = None) -> str | None:
+        """Return why a strike would be refused from where the robot stands; see `Port.refusal`."""
+        return self.rig.refusal(strike, believed) if self.rig is not None else self._planned(strike, believed)[1]
+
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Return the recording of a strike from the folder; see `Port.strike`.
 
@@ -193,7 +205,7 @@ class RobotPort:
         if file.exists():
             return seen_of(self.read(file, strike), self.target.position)
         if self.rig is None:
-            raise AwaitsRecording(strike, number, self._told(strike, folder), file)
+            raise AwaitsRecording(strike, number, self._told(strike, folder, believed), file)
         moved = folder / RECORDING
         if not moved.exists():
             try:
@@ -244,10 +256,14 @@ class RobotPort:
     def _about(self) -> dict[str, Any]:
         return {"t_stay": self.t_stay, "target": list(self.target.position)}
 
-    def _told(self, strike: Strike, folder: Path) -> Path:
-        """Write a strike's trajectory, and return its file."""
+    def _planned(self, strike: Strike, believed: Model | None) -> tuple[JointTrajectory, str | None]:
+        """The trajectory of a strike, and what it exceeds."""
         limits = default_limits(self.model, prescribed=True)
-        path, beyond = self.execution.of_strike(self.model, strike, self.t_stay, limits)
+        return self.execution.judged(self.model, strike, self.t_stay, limits, believed=believed)
+
+    def _told(self, strike: Strike, folder: Path, believed: Model | None) -> Path:
+        """Write a strike's trajectory, and return its file."""
+        path, beyond = self._planned(strike, believed)
         if beyond is not None:
             rule = "a posture from which a straight line of the joints leads to the strike's start within the limits"
             raise InputError("posture", self.execution.posture or "the strike's start", f"{rule}; {beyond}")

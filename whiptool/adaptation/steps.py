@@ -149,7 +149,11 @@ def seen_of(
 
 
 class Port(Protocol):
-    """Base class of ports, which make strikes and film them: a simulated twin, a whiptool rig, or a user's robot."""
+    """Base class of ports, which make strikes and film them: a simulated twin, a whiptool rig, or a user's robot.
+
+    A port may also have a method `refusal(strike, believed)`, which returns why it would refuse a strike if it were
+    made next, or None; strikes that it refuses are then not planned, unless `Options.check` is given.
+    """
 
     def strike(self, strike: Strike, number: int, folder: Path | None, believed: Model | None = None) -> Seen:
         """Make a strike, film it, and return the result.

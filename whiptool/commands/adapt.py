@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from tyro.conf import Positional
 
+from whiptool.adaptation.adapter import NoPlan
 from whiptool.adaptation.ports import AwaitsRecording, RobotPort, truth_of
 from whiptool.commands import cli, run_folders
 from whiptool.commands.cli import tell_when_interrupted
@@ -284,6 +285,8 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
                 adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
             return _ask(waits, folder.path, options)
+        except NoPlan as none:
+            note(str(none))
         summary = _summary(steps)
         folder.write_result(summary)
         options.tell(summary, _conclusion(summary, folder.path))

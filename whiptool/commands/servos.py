@@ -1,30 +1,21 @@
-"""Servos on a bus, and emulated servos.
-
-`python -m whiptool.rig.dynamixel` finds the servos and sets them up. `python -m whiptool.rig.emulator` emulates servos
-on a pseudo-terminal, for any client of Protocol 2.0.
-"""
+"""Servos on a bus: `python -m whiptool.rig.dynamixel` finds them, and sets them up."""
 
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from whiptool.commands import cli
-from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import Conditions, OptionGroup, renaming, unless, when, whole
+from whiptool.commands.options.option_group import Conditions, OptionGroup, unless, whole
 from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.rig.dynamixel.bus import DynamixelBus
-    from whiptool.rig.emulator.faults import Fault
 
 Baud = Literal[9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 LAST_ID = 252
 _SERVOS = "See which servos are there, and set them up."
-_EMULATED = "Emulated servos on a pseudo-terminal, for any program that speaks Protocol 2.0."
 # [s] that a reply may take, once. The SDK gives a ping up after 34 ms: two periods of a USB adapter's latency timer
 # (16 ms) and 2 ms. That is plenty for a servo, but no time for an emulated one that shares its processor with others,
 # nor for this process: with eight busy ones on two cores, fewer than half of the pings came back so soon. The SDK's own
@@ -149,71 +140,3 @@ def _refuse_taken(bus: DynamixelBus, o: ServoOptions) -> None:
 
 
 main = cli.command(ServoOptions, "rig.dynamixel", _SERVOS, _set_up, prog="python -m whiptool.rig.dynamixel")
-
-
-@dataclass(frozen=True, kw_only=True)
-class EmulatorOptions(ModelOptions):
-    """Options of `python -m whiptool.rig.emulator`, which emulates servos on a pseudo-terminal."""
-
-    only_with: ClassVar[Conditions] = {"period": when("lockstep")}
-    first: ClassVar[tuple[str, ...]] = ("baud", "friction", "lockstep", "link", "faults")
-
-    baud: Baud = 1_000_000
-    """Baud rate of the emulated servos."""
-    friction: bool = True
-    """Emulate the friction and the rotor inertia of real servos."""
-    lockstep: bool = False
-    """Advance the time with every write of Goal Current instead of with the wall clock."""
-    period: float = 0.002
-    """Control period in lock-step [s]."""
-    link: str | None = None
-    """Make a symbolic link with this name to the device."""
-    reboot_time: float | None = None
-    """Time for which a servo does not answer after a reboot [s]; default: 0.4, and 0 in lock-step."""
-    faults: tuple[str, ...] = ()
-    """Faults that happen, such as drop:at=2:count=10 (from 2 s on ten replies are lost). Each is KIND:NAME=NUMBER:..,
-    further examples are sag:at=2:volts=8:lasting=0.5 and same_id:servo=1. Kinds of the line are drop, corrupt, late,
-    split, duplicate, lose and unplug; kinds of servos are dead, hot, stuck, alert, sag, reboot and same_id. Names are
-    at [s], count (packets), servo (from 0), seed, volts, lasting [s]."""
-
-    def check(self) -> None:
-        super().check()
-        _faults(self)
-
-
-def _faults(o: EmulatorOptions) -> list[Fault]:
-    from whiptool.rig.emulator.faults import Fault
-
-    with renaming({"fault": "--faults"}):
-        return [Fault.parse(text) for text in o.faults]
-
-
-def _serve(o: EmulatorOptions) -> int:
-    from whiptool.rig.emulator.motor import HARDWARE, Motor
-    from whiptool.rig.emulator.physics import TwinOptions
-    from whiptool.rig.emulator.serving import serve_alone
-
-    options = TwinOptions(
-        o.build_model(),
-        HARDWARE if o.friction else Motor(),
-        lockstep=o.lockstep,
-        period=o.period,
-        baud=o.baud,
-        reboot_time=o.reboot_time,
-    )
-    serve_alone(options, o.link, _faults(o))
-    return 0
-
-
-_emulator = cli.command(EmulatorOptions, "rig.emulator", _EMULATED, _serve, prog="python -m whiptool.rig.emulator")
-
-
-def emulator(args: Sequence[str] | None = None) -> int:
-    """Run the command line of the emulator; return the exit status."""
-    words = list(sys.argv[1:] if args is None else args)
-    if words[:1] == ["--control"]:  # started by `Emulator`
-        from whiptool.rig.emulator.serving import serve_child
-
-        serve_child(int(words[1]))
-        return 0
-    return _emulator(words)

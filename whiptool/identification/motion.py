@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 
 from whiptool.dynamics.swing import BASE, SPATIAL_BASE, hand_motion
 from whiptool.errors import InputError
+from whiptool.identification.servo_lag import ServoLag
 from whiptool.models.parameters import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
@@ -339,15 +340,15 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
     return noise
 
 
-USUAL, SPREAD = 0.02, 0.05  # [s] a lag a priori, and its standard error: industrial arms lag by 5 to 50 ms
-_LEAST = 1e-5  # [s]
-_STEP = 1e-20  # of a complex number's imaginary part: derivatives without a difference
-_QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t / D
+# Lag [s], its shape and delay [s] a priori, and their standard errors: industrial arms lag by 5 to 100 ms, a critically
+# damped servo has a shape of 1/4, and a UR's commands have an effect after 4 to 6 ms.
+USUAL, SPREAD = np.array([0.02, 0.25, 0.004]), np.array([0.05, 0.25, 0.004])
+_LEAST = np.array([1e-5, 1e-6, 0.0])
+_DIFFERENCE = 1e-4  # of the standard errors a priori, for derivatives
 
 
 class LaggedReference:
-    """Motion of the whip's base with the hand of an arm whose joint positions q follow a strike's reference with a
-    first-order lag, `lag dq/dt = reference - q`, in closed form.
+    """Motion of the whip's base with the hand of an arm whose joints follow a strike's reference as a `ServoLag` says.
 
     Args:
         strike: The command in joint space.
@@ -355,41 +356,28 @@ class LaggedReference:
         instants: Times at which the hand's motion is computed [s], (I,), not below 0.
 
     Attributes:
-        start, rows, mean: As in `BaseMotion`; the one coefficient is the lag [s].
+        start, rows, mean: As in `BaseMotion`. The coefficients are the lag [s], the shape, which is
+            `1 / (stiffness lag^2)` (0 for a lag of first order), and the delay [s].
     """
 
     def __init__(self, strike: Strike, arm: SpatialArm, instants: np.ndarray) -> None:
         self._strike, self._arm, self._t = strike, arm, instants
-        self.start = np.array([USUAL])
-        self.rows, self.mean = np.array([[1 / SPREAD]]), np.array([USUAL / SPREAD])
+        self.start = USUAL.copy()
+        self.rows, self.mean = np.diag(1 / SPREAD), USUAL / SPREAD
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion for a lag c (1,) [s]; the sign of c is ignored."""
-        sign, lag = (-1.0 if c[0] < 0 else 1.0), max(abs(float(c[0])), _LEAST)
-        share = _lagging(self._t, self._strike.D, lag + 1j * _STEP)  # (3, I)
+        """Return the motion for coefficients c (3,), whose signs are ignored."""
         span = np.subtract(self._strike.q_f, self._strike.q_i)
-        joints = share.real[..., None] * span  # (3, I, a)
-        by_lag = sign * share.imag[..., None] / _STEP * span
+        joints = self._share(c)[..., None] * span  # (3, I, a)
+        steps = np.diag(_DIFFERENCE * SPREAD)
+        by_c = np.stack([(self._share(c + step) - self._share(c - step)) / (2 * step.sum()) for step in steps])
         found = hand_motion(self._arm, joints[0] + self._strike.q_i, joints[1], joints[2])
-        moved = np.einsum("ioka,kia->io", found.by_joints, by_lag)[None]  # (1, I, 24)
+        moved = np.einsum("ioka,cki,a->cio", found.by_joints, by_c, span, optimize=True)  # (3, I, 24)
         width = found.inputs.shape[1]
-        d_inputs, d_q_i = np.ascontiguousarray(moved[..., :width]), np.zeros((1, self._arm.n))
+        d_inputs, d_q_i = np.ascontiguousarray(moved[..., :width]), np.zeros((3, self._arm.n))
         return Moved(found.inputs, d_inputs, found.place, moved[..., width:], np.array(self._strike.q_i), d_q_i)
 
-
-def _lagging(t: np.ndarray, D: float, lag: complex) -> np.ndarray:
-    """Return how far of its way from q_i to q_f a joint is at times t (I,), and its first and second rates, (3, I).
-
-    While the reference is a polynomial, so is what follows it, except a part that fades: the sum of the reference's
-    derivatives times powers of -lag, less its value at the start.
-    """
-    powers = np.arange(len(_QUINTIC))
-    polynomial = np.polynomial.Polynomial(_QUINTIC / D**powers)
-    following = sum(((-lag) ** k * polynomial.deriv(k) for k in powers), np.polynomial.Polynomial([0.0]))
-    rates = [following, following.deriv(), following.deriv(2)]
-    s, over = np.minimum(t, D), np.maximum(t - D, 0.0)
-    fading = np.exp(-s / lag)
-    moving = [rate(s) - rates[0](0.0) * (-1 / lag) ** i * fading for i, rate in enumerate(rates)]
-    left = (moving[0] - 1) * np.exp(-over / lag)  # behind the end of the way
-    after = [1 + left, -left / lag, left / lag**2]
-    return np.where(t <= D, np.stack(moving), np.stack(after))
+    def _share(self, c: np.ndarray) -> np.ndarray:
+        """How far of its way a joint is, and its first and second rates, (3, I)."""
+        lag, shape, delay = np.maximum(np.abs(c), _LEAST)
+        return ServoLag(lag, 1 / (shape * lag**2), delay).behind(self._t, self._strike.D)

@@ -7,9 +7,11 @@ forward by a look-ahead time. With the time until a command has an effect, that 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import lfilter, ss2tf
@@ -20,6 +22,7 @@ from whiptool.models.numbers import number
 PERIOD = 0.002  # [s] of commands, by default
 _MEMORY = 0.1  # [s] over which residuals are taken to be correlated
 _LEAST = 20  # samples
+_QUINTIC = np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])  # Eq. 1, by powers of t / D
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,46 @@ class ServoLag:
             above, below = ss2tf(rest @ first, entry[:, :1], one[:1], np.zeros((1, 1)))
             found += lfilter(above[0], below, given, axis=0)
         return commands[0] + found
+
+    def behind(self, t: np.ndarray, D: float) -> np.ndarray:
+        """Return how far of its way a joint is whose command goes from 0 to 1 along a minimum-jerk path (Eq. 1), and
+        its first and second rates, (3, T), in closed form.
+
+        While the command is a polynomial, so is what follows it, except a part that fades.
+
+        Args:
+            t: Times since the command's start [s], (T,).
+            D: Duration of the command [s].
+        """
+        s = np.maximum(t - self.delay, 0.0)
+        path = following = Polynomial(_QUINTIC / D ** np.arange(6))
+        last, factor = 0.0, 1.0
+        for _ in range(5):  # the coefficients of the series of 1 / (1 + lag p + p^2 / stiffness)
+            last, factor = factor, -self.lag * factor - last / self.stiffness
+            path = path.deriv()
+            following = following + factor * path
+        rates = [following, following.deriv(), following.deriv(2)]
+        begins = np.array([rate(0.0) for rate in rates[:2]])
+        moving = np.stack([rate(np.minimum(s, D)) for rate in rates]) - self._free(begins, np.minimum(s, D))
+        ends = np.array([rate(D) for rate in rates[:2]]) - self._free(begins, np.array([D]))[:2, 0]
+        after = self._free(ends - (1.0, 0.0), np.maximum(s - D, 0.0))
+        after[0] += 1.0
+        return np.where(s <= D, moving, after)
+
+    def _free(self, state: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Positions behind a resting command, and their first and second rates, (3, T), after a state (2,) of these."""
+        w, m = self.stiffness, self.stiffness * self.lag / 2
+        square = m**2 - w
+        if square > 0:  # exponents together: each alone overflows where the joint is stiff
+            root = math.sqrt(square)
+            slow = np.exp(-w / (m + root) * t)
+            even, odd = slow * (1 + np.exp(-2 * root * t)) / 2, slow * -np.expm1(-2 * root * t) / (2 * root)
+        else:
+            root, fading = math.sqrt(-square), np.exp(-m * t)
+            even, odd = fading * np.cos(root * t), fading * t * np.sinc(root * t / np.pi)
+        x, v = state
+        position, rate = even * x + odd * (v + m * x), even * v - odd * (w * x + m * v)
+        return np.stack([position, rate, -w * position - 2 * m * rate])
 
 
 def fit_servo_lag(t: np.ndarray, commands: np.ndarray, q: np.ndarray, *, period: float = PERIOD) -> ServoLag:

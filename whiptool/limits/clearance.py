@@ -10,9 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.limits.limits import Limits
-from whiptool.models.kinematics import arm_poses
+from whiptool.models.kinematics import arm_poses, joint_points
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
@@ -273,6 +274,26 @@ class Clearance(Limits):
         if found is None or self._beyond(found) <= 0:
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"
+
+    def whip_on_way(self, t: np.ndarray, q: np.ndarray, model: Model) -> str | None:
+        """Return a description of how low a whip comes that hangs still from an arm on a slow path; None: it keeps the
+        clearance from the floor. Where the path begins the whip may lie on the floor, until the arm has lifted it.
+
+        Args:
+            t: Times [s], (T,).
+            q: Positions of the arm's joints [rad or m], (T, a).
+            model: Model of the whip that hangs.
+        """
+        if self.floor is None or model.dimension == 2:
+            return None
+        hanging = joint_points(model, start_posture(model, q))[:, model.arm.n :]  # from the hand to the tip
+        kept = hanging[..., 2].min(axis=1) - self.floor
+        lifted = np.flatnonzero(kept >= self.least)
+        first = int(lifted[0]) if len(lifted) else 0
+        at = first + int(kept[first:].argmin())
+        if kept[at] >= self.least:
+            return None
+        return f"at {t[at]:.3f} s {self._said(NearestPair(float(kept[at]), at, ('the hanging whip', 'the floor')))}"
 
     def _said(self, found: NearestPair) -> str:
         one, other = found.names

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
 
 from whiptool.dynamics.modes import hanging_modes
+from whiptool.impedance.controller import Controller
+from whiptool.impedance.laws import PositionControl
+from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
 from whiptool.models.joint_trajectory import RATE, REST, JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.smooth_path import LONGEST_SWAY
-from whiptool.models.strike import StrikePath
+from whiptool.models.strike import Strike, StrikePath
+from whiptool.rollout.compiled import CompiledRollout
+
+WAY = 0.1  # [s] between the instants of the way at which the hanging whip is looked at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,18 +41,25 @@ class Execution:
     prefix: str = ""
 
     def of_strike(
-        self, model: Model, strike: StrikePath, t_stay: float, limits: Sequence[Limits] = ()
+        self,
+        model: Model,
+        strike: StrikePath,
+        t_stay: float,
+        limits: Sequence[Limits] = (),
+        *,
+        believed: Model | None = None,
     ) -> tuple[JointTrajectory, str | None]:
         """Return the trajectory of a strike, and a description of what it exceeds.
 
-        It exceeds a limit of the joints, or on it the arm comes too close to itself or the floor; the motion of the
-        whip is not checked.
+        It exceeds a limit of the joints, on it the arm comes too close to itself or the floor, or on the way to the
+        strike's start the hanging whip does to the floor; the motion of the whip in the strike is not checked.
 
         Args:
             model: Model of arm and whip, whose arm's limits always count.
             strike: The strike.
             t_stay: Time after the strike [s].
             limits: Further limits.
+            believed: The posterior mean of whip and arm, of the whip that hangs; default: the model.
 
         Raises:
             InputError: A value is out of range, or the posture has another number of joints.
@@ -61,8 +77,33 @@ class Execution:
             sway=0.0 if self.posture is None else swing_period(model),
         )
         said = found.beyond(joints, slides=[joint in arm.slides for joint in arm.joints])
-        touches = (x.beyond_on_way(found.t, found.q) for x in limits if isinstance(x, Clearance))
-        return found, said or next((one for one in touches if one is not None), None)
+        clearances = [x for x in limits if isinstance(x, Clearance)]
+        of_arm = (x.beyond_on_way(found.t, found.q) for x in clearances)
+        way = found.t <= (found.strike_begins if self.posture is not None else 0.0)
+        way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
+        of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)
+        return found, said or next((one for one in chain(of_arm, of_whip) if one is not None), None)
+
+    def judged(
+        self, model: Model, strike: Strike, t_stay: float, limits: Sequence[Limits], *, believed: Model | None = None
+    ) -> tuple[JointTrajectory, str | None]:
+        """Return the trajectory of a strike and a description of what it exceeds as `of_strike` does, and judge the
+        simulated strike, too.
+
+        Args:
+            model, strike, t_stay, limits: As for `of_strike`.
+            believed: The posterior mean of whip and arm, with which the strike is simulated; default: the model.
+
+        Raises:
+            InputError: As `of_strike`.
+        """
+        found, said = self.of_strike(model, strike, t_stay, limits, believed=believed)
+        if said is None and limits:
+            rollout = CompiledRollout(believed or model, Controller(PositionControl()))
+            path = rollout.trajectory(strike, t_stay=t_stay)
+            diverged = "the simulation diverged"
+            said = diverged if path.diverged else AllLimits(limits).explain(path, model.arm.joints, strike)
+        return found, said
 
 
 def swing_period(model: Model) -> float:

@@ -27,7 +27,7 @@ from whiptool.rig.emulator.process import Emulator
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
 from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.rig.struck import Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
+from whiptool.rig.struck import Attempt, Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Rollout, Strikes, joined
@@ -82,16 +82,28 @@ class Rig:
         with closing(StopSignals()) as signals:
             return self._strike(strike, folder, believed, signals)
 
+    def refusal(self, strike: Strike, believed: Model | None = None) -> str | None:
+        """Return why a strike would be refused, as far as that is known before it is made; None: it may be made.
+
+        Args:
+            strike: The strike.
+            believed: As for `strike`.
+        """
+        return None
+
     def _ask(self, strike: Strike) -> None:
         """Ask a person whether the arm may move, where a person is asked."""
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         raise NotImplementedError
 
-    def _loop(self, bus: DynamixelBus, clock: Clock) -> RigLoop:
+    def _looped(self, bus: DynamixelBus, clock: Clock, attempt: Attempt) -> Run:
+        """Make a strike with servos in a control loop."""
         joints = Joints(bus)
         safety = Safety(joints, interlock=self.interlock)
-        return RigLoop(joints, self.model, self.controller, options=self.options, clock=clock, safety=safety)
+        loop = RigLoop(joints, self.model, self.controller, options=self.options, clock=clock, safety=safety)
+        a = attempt
+        return loop.run(a.strike, path=a.log, on_cycle=a.on_cycle, believed=a.believed, signals=a.signals)
 
     def _recorded(self, run: Run, folder: Path | None, track: StrikeRecording | None = None) -> StrikeRecording:
         """The recording of a strike, written at once: without a track the joints alone."""
@@ -168,8 +180,7 @@ class TwinRig(Rig):
                     began.append(float(twin.state()["t"]))
 
             log = None if folder is None else folder / CYCLES
-            loop = self._loop(bus, StepClock())
-            run = loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
+            run = self._looped(bus, StepClock(), Attempt(strike, log, believed, signals, on_cycle))
             moved = twin.trajectory()
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -231,16 +242,8 @@ class FilmedRig(Rig):
         """Return the connection to the arm, which moves nothing."""
         raise NotImplementedError
 
-    def _run(
-        self,
-        arm: Any,
-        strike: Strike,
-        log: Path | None,
-        believed: Model | None,
-        signals: StopSignals,
-        on_cycle: Callable[[int, Phase], None],
-    ) -> Run:
-        """Make the strike with a connected arm; `log` is the file for its cycles."""
+    def _run(self, arm: Any, attempt: Attempt) -> Run:
+        """Make a strike with a connected arm."""
         raise NotImplementedError
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
@@ -257,7 +260,8 @@ class FilmedRig(Rig):
                 if filming is not None:
                     filming.during(phase is Phase.STRIKE)
 
-            run = self._run(arm, strike, None if folder is None else folder / CYCLES, believed, signals, on_cycle)
+            log = None if folder is None else folder / CYCLES
+            run = self._run(arm, Attempt(strike, log, believed, signals, on_cycle))
             frames = [] if filming is None else filming.end()
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -288,18 +292,9 @@ class HardwareRig(FilmedRig):
         ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
         return DynamixelBus(self.port, list(ids), baud=self.line.baud)
 
-    def _run(
-        self,
-        arm: DynamixelBus,
-        strike: Strike,
-        log: Path | None,
-        believed: Model | None,
-        signals: StopSignals,
-        on_cycle: Callable[[int, Phase], None],
-    ) -> Run:
+    def _run(self, arm: DynamixelBus, attempt: Attempt) -> Run:
         arm.check(self.options.rate)
-        loop = self._loop(arm, WallClock())
-        return loop.run(strike, path=log, on_cycle=on_cycle, believed=believed, signals=signals)
+        return self._looped(arm, WallClock(), attempt)
 
 
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:

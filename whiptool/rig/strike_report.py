@@ -58,7 +58,7 @@ def sections(
         result.append(Picture(pictures["strike"], _tip_caption(struck)))
     found = [Section("Result", result)]
     if "joints" in pictures:
-        caption = "Joint angles of the robot during the strike, and the torques if it reports them."
+        caption = "Joint angles of the robot during the strike, and the torques or motor currents if it reports them."
         found.append(Section("Joints", [Picture(pictures["joints"], caption)]))
     if "servos" in pictures:
         caption = (
@@ -93,9 +93,10 @@ def draw(struck: Struck, model: Model, target: Target, *, limits: MotorLimits = 
             path, distance = pictures["strike"].subplots(1, 2, width_ratios=(1.25, 1.0))
             plot_tip(path, struck, model, target)
             plot_distance_seen(distance, struck, target)
-        a, servos = model.arm.n, bool(np.isfinite(during.current).any())
+        a, servos = model.arm.n, bool(np.isfinite(during.goal_current).any())
         if len(during) > 1 and not servos:
-            plots = (plot_angle, plot_torque) if np.isfinite(during.tau).any() else (plot_angle,)
+            known = np.isfinite(during.tau).any() or np.isfinite(during.current).any()
+            plots = (plot_angle, plot_effort) if known else (plot_angle,)
             pictures["joints"] = Figure((5.5 * len(plots), 1.2 + 2.4 * a), layout="constrained")
             axes = pictures["joints"].subplots(a, len(plots), squeeze=False)
             for i, name in enumerate(model.arm.names):
@@ -194,12 +195,14 @@ def plot_angle(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
     return ax
 
 
-def plot_torque(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
-    """Draw a joint's measured torque [N m] over the strike."""
-    tau = during.tau[:, joint]
-    ax.plot(during.t - during.t[0], tau, **_MEASURED)
-    title = f"{name}: up to {_largest(tau):.1f} N m"
-    ax.set(xlabel="time since the strike began [s]", ylabel="torque [N m]", title=title)
+def plot_effort(ax: Axes, during: Cycles, joint: int, name: str) -> Axes:
+    """Draw a joint's measured torque [N m] over the strike, or its motor's current [A] if no torque was measured."""
+    torque = bool(np.isfinite(during.tau).any())
+    values, unit = (during.tau, "N m") if torque else (during.current, "A")
+    ax.plot(during.t - during.t[0], values[:, joint], **_MEASURED)
+    what = f"torque [{unit}]" if torque else f"motor current [{unit}]"
+    title = f"{name}: up to {_largest(values[:, joint]):.1f} {unit}"
+    ax.set(xlabel="time since the strike began [s]", ylabel=what, title=title)
     return ax
 
 

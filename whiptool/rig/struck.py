@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from whiptool.recording.filmed_approach import (
 )
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Phase
-from whiptool.rig.stops import SafetyError, StrikeInterrupted, StrikeStopped
+from whiptool.rig.stops import SafetyError, StopSignals, StrikeInterrupted, StrikeStopped
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,25 @@ class Run:
     missed: int
     overruns: int
     torque: str
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a rig needs to make one strike.
+
+    Args:
+        strike: The strike.
+        log: File for the control cycles; None: they are kept in memory.
+        believed: The posterior mean of whip and arm, with which the strike is simulated before; None: the rig's model.
+        signals: Signals that stop the arm.
+        on_cycle: Called in every cycle with its number and phase.
+    """
+
+    strike: Strike
+    log: Path | None
+    believed: Model | None
+    signals: StopSignals
+    on_cycle: Callable[[int, Phase], None]
 
 
 @dataclass(frozen=True)

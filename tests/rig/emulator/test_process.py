@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from whiptool.commands.servos import emulator
+from whiptool.commands import emulators
 from whiptool.rig.emulator.serving import _link
 
 
@@ -23,7 +23,7 @@ def test_a_link_replaces_nothing_that_is_not_its_own(tmp_path, there, capsys):
         link.symlink_to(thesis)
     else:
         link = tmp_path / "none" / "tty"
-    assert emulator(["--link", str(link)]) == 2
+    assert emulators.servos(["--link", str(link)]) == 2
     error = capsys.readouterr().err.strip()
     assert error.startswith("whiptool: --link: got")
     assert "\n" not in error

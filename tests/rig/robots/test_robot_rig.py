@@ -128,12 +128,12 @@ def test_an_error_of_a_driver_locks_the_robot_and_is_not_hidden() -> None:
 
 def test_a_camera_that_is_lost_stops_the_robot() -> None:
     class Lost(RobotRig):
-        def _run(self, arm, strike, log, believed, signals, on_cycle):
+        def _run(self, arm, attempt):
             def lost(k, phase):
                 if k == 40:
                     raise SafetyError("camera", "it gave no frame")
 
-            return super()._run(arm, strike, log, believed, signals, lost)
+            return super()._run(arm, dataclasses.replace(attempt, on_cycle=lost))
 
     robot = Interrupted(0, None)
     with pytest.raises(StrikeStopped, match="camera: it gave no frame"):

@@ -89,8 +89,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """What drives the simulated whip: command (the commanded strike), joints (their measured angles), robot (the
     command with a fitted lag), hand (its measured pose), handle (a tracked marker) or passive (nothing after a release
     by hand), while free fits a pendulum and no whip. command simulates the controller. robot and hand are for models in
-    space; the lag is of first order. passive also fits the first state of the whip. free takes the measured angles of
-    the pendulum's links."""
+    space; the lag is of second order, with a delay. passive also fits the first state of the whip. free takes the
+    measured angles of the pendulum's links."""
     clamp: float | None = None
     """With --drive passive: angle at which the whip is clamped, 0 being straight down [rad]; a first guess if clamp is
     in --free. Default: the whip hangs from a free hinge."""

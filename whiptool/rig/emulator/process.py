@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import socket
-import subprocess
-import sys
-import threading
 from collections.abc import Sequence
-from contextlib import suppress
-from multiprocessing.connection import Connection
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
 
-from whiptool.errors import WhiptoolError
+from whiptool.rig.child_process import Emulated
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.physics import TwinOptions
-from whiptool.rig.stops import signals_held
 
 
 class Client(Protocol):
@@ -28,7 +20,7 @@ class Client(Protocol):
     received: int
 
 
-class Emulator:
+class Emulator(Emulated):
     """An emulated rig: a process that implements the servos' protocol on a pseudo-terminal.
 
     `port` is the device to open, as `/dev/ttyUSB0` would be. Use it as a context manager, or call `close`.
@@ -43,22 +35,8 @@ class Emulator:
     def __init__(self, options: TwinOptions | None = None) -> None:
         self.options = options or TwinOptions()
         self._client: Client | None = None
-        self._asking = threading.Lock()
-        ours, theirs = socket.socketpair()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "whiptool.rig.emulator", "--control", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for the client; the rig is another machine
-        )
-        theirs.close()
-        self._control: Connection = Connection(ours.detach())
-        try:
-            self._control.send(self.options)
-            self.port: str = self._control.recv()
-        except (EOFError, OSError) as error:
-            self.close()
-            raise WhiptoolError("the emulator did not start; its error stands above") from error
+        super().__init__("whiptool.rig.emulator", self.options)
+        self.port: str = self.begun
 
     def bus(
         self, *, ids: Sequence[int] = (), baud: int | None = None, timeout: float = 0.05, fast: bool = True
@@ -96,9 +74,8 @@ class Emulator:
             raise OSError("the emulator has ended") from error
 
     def _ask(self, *command: Any) -> Any:
-        with self._asking, signals_held():  # else an answer would be left for the next question
-            self._control.send((0 if self._client is None else self._client.sent, *command))
-            return self._control.recv()
+        """Send a command that is carried out after all bytes that the client has sent, and return the answer."""
+        return super()._ask(0 if self._client is None else self._client.sent, *command)
 
     def inject(self, *faults: Fault) -> None:
         """Schedule faults in the emulator.
@@ -128,22 +105,3 @@ class Emulator:
         self.port = self._ask("reset", None if start is None else tuple(map(float, start)))
         if self._client is not None:
             self._client.sent = self._client.received = 0
-
-    def close(self) -> None:
-        """End the emulator's process, and wait for it."""
-        with suppress(EOFError, OSError):  # it may have ended by itself
-            self._ask("quit")
-        self._control.close()
-        try:
-            self._process.wait(5)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def __enter__(self) -> Emulator:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

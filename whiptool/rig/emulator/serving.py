@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from whiptool.errors import InputError
+from whiptool.rig import child_process
 from whiptool.rig.emulator.faults import Fault
 from whiptool.rig.emulator.physics import TwinOptions
 from whiptool.rig.emulator.server import Server
 
 
 def serve_child(fd: int) -> None:
-    """Main function of the emulator's process: receive the options, send the port, then serve commands."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    control = Connection(fd)
-    server = Server(control.recv(), control)
-    control.send(server.port)
-    server.serve()
+    """Main function of the emulator's process; see `whiptool.rig.child_process.serve_child`."""
+
+    def make(options: TwinOptions, control: Connection) -> tuple[str, Callable[[], None]]:
+        server = Server(options, control)
+        return server.port, server.serve
+
+    child_process.serve_child(fd, make)
 
 
 def serve_alone(options: TwinOptions, link: str | None, faults: Sequence[Fault] = ()) -> None:

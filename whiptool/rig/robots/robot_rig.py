@@ -30,9 +30,8 @@ from whiptool.rig.robots.robot import Robot, Sample, payload_of
 from whiptool.rig.safety import State
 from whiptool.rig.session import FilmedRig
 from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
-from whiptool.rig.struck import Run, Struck
+from whiptool.rig.struck import Attempt, Run, Struck
 from whiptool.rig.virtual_film import VirtualFilm
-from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.servo_replay import replay_trajectory
 from whiptool.whole_files import write_whole
 
@@ -73,6 +72,7 @@ class RobotRig(FilmedRig):
         if robot.n != model.arm.n:
             raise InputError("robot", f"{robot.n} joints", f"{model.arm.n}, as the arm of {model.name} has")
         self.robot, self.port, self.limits, self._film = robot, port, AllLimits(limits), film
+        self._stands: np.ndarray | None = None  # where the arm stood when it was last asked; None: it has moved since
 
     def _connected(self) -> Robot:
         return self.robot
@@ -89,33 +89,41 @@ class RobotRig(FilmedRig):
             StrikeRefused: A command is beyond the limits of the joints or of the robot's controller, the arm comes too
                 close to itself or the floor, or the simulated strike breaks a limit; the message says which.
         """
-        o, limits = self.options, self.limits.members
-        execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
-        trajectory, said = execution.of_strike(self.model, strike, o.t_stay, limits)
-        said = said or trajectory.beyond(self.robot.limits)
-        if said is None and limits:
-            rollout = CompiledRollout(believed or self.model, self.controller)
-            path = rollout.trajectory(strike, t_stay=o.t_stay)
-            joints = self.model.arm.joints
-            said = "the simulation diverged" if path.diverged else self.limits.explain(path, joints, strike)
+        trajectory, said = self._judged(strike, posture, believed)
         if said is not None:
             raise StrikeRefused("strike", strike.vector.tolist(), "a strike within the limits of the robot", said)
         return trajectory
 
-    def _run(
-        self,
-        arm: Robot,
-        strike: Strike,
-        log: Path | None,
-        believed: Model | None,
-        signals: StopSignals,
-        on_cycle: Callable[[int, Phase], None],
-    ) -> Run:
-        trajectory = self.trajectory(strike, arm.posture(), believed)
+    def refusal(self, strike: Strike, believed: Model | None = None) -> str | None:
+        """Return why a strike would be refused from where the arm stands now, see `Rig.refusal`.
+
+        Where it stands is asked once between two strikes: the robot is connected, and nothing moves.
+
+        Raises:
+            InputError: The robot cannot be reached.
+        """
+        if self._stands is None:
+            with self.robot as arm:
+                self._stands = arm.posture()
+        return self._judged(strike, self._stands, believed)[1]
+
+    def _judged(
+        self, strike: Strike, posture: np.ndarray, believed: Model | None
+    ) -> tuple[JointTrajectory, str | None]:
+        """The movement from a posture, and what it exceeds."""
+        o, limits = self.options, self.limits.members
+        execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
+        trajectory, said = execution.judged(self.model, strike, o.t_stay, limits, believed=believed)
+        return trajectory, said or trajectory.beyond(self.robot.limits)
+
+    def _run(self, arm: Robot, attempt: Attempt) -> Run:
+        strike, log, signals = attempt.strike, attempt.log, attempt.signals
+        self._stands = None
+        trajectory = self.trajectory(strike, arm.posture(), attempt.believed)
         arm.set_payload(payload_of(self.model))
         begins = _beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
-        watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), on_cycle)
+        watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), attempt.on_cycle)
         self._recall_lag(log)
         fault: SafetyError | None = None
         self.interlock.torque = HELD
@@ -209,7 +217,9 @@ class _Watch:
         """Log a sample."""
         phase = self._phase(sample.t + self._step / 2)
         row = {"t": sample.t, "stamp": sample.t, "late": 0.0, "phase": phase, "state": State.RUNNING, "flags": 0}
-        self.log.append({**row, "q": sample.q, "v": sample.v, "tau": sample.tau, "q_d": sample.q_d})
+        self.log.append(
+            {**row, "q": sample.q, "v": sample.v, "tau": sample.tau, "q_d": sample.q_d, "current": sample.current}
+        )
         try:
             self._on_cycle(self._count, phase)
         except SafetyError as error:

@@ -7,9 +7,7 @@ be stopped in every cycle. Joint positions are those of URDF and preset. Poses a
 
 from __future__ import annotations
 
-import socket
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -23,13 +21,13 @@ from whiptool.identification.servo_lag import ServoLag
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.numbers import number
 from whiptool.models.spatial_arm import JointLimits
+from whiptool.rig.child_process import end_child, start_child
 from whiptool.rig.robots.robot import Payload, Record, Robot, Stop
 from whiptool.rig.robots.ur_client import RATE, Servoing
 from whiptool.rig.stops import SafetyError, signals_held
 
 LOOKAHEAD, GAIN = 0.1, 300.0  # defaults of URScript's servoj
 PATIENCE = 0.05  # [s] without a state after which the connection is taken to be lost
-_ENDING = 5.0  # [s] that the client's process may take to stop the arm and end
 
 
 class UniversalRobot(Robot):
@@ -128,15 +126,7 @@ class UniversalRobot(Robot):
 
     def _start(self) -> None:
         self._end()
-        ours, theirs = socket.socketpair()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "whiptool.rig.robots.ur_client", str(theirs.fileno())],
-            pass_fds=[theirs.fileno()],
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C is for this process, which then stops the robot
-        )
-        theirs.close()
-        self._pipe = Connection(ours.detach())
+        self._process, self._pipe = start_child("whiptool.rig.robots.ur_client")
         self._tell(self._servoing)
 
     def _end(self) -> None:
@@ -146,11 +136,7 @@ class UniversalRobot(Robot):
         if pipe is not None:
             pipe.close()  # which the process takes as the order to end
         if process is not None:
-            try:
-                process.wait(_ENDING)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            end_child(process)
 
     def _tell(self, *question: Any) -> None:
         if self._pipe is None:

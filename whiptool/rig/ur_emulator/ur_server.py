@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import selectors
-import signal
 import socket
 import struct
 import time
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.rig import child_process
 from whiptool.rig.ur_emulator import rtde_packets as rtde
 from whiptool.rig.ur_emulator.control_script import SERVOJ
 from whiptool.rig.ur_emulator.dashboard import GREETING, answer
@@ -277,13 +277,9 @@ class UrServer:
 
 
 def serve_child(fd: int) -> None:
-    """Main function of the emulator's process: receive the options, say that the ports are open, then serve."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    control = Connection(fd)
-    try:
-        server = UrServer(control.recv(), control)
-    except InputError as error:
-        control.send((error.name, error.given, error.allowed, error.fix))
-        return
-    control.send(None)
-    server.serve()
+    """Main function of the emulator's process; see `whiptool.rig.child_process.serve_child`."""
+
+    def make(options: UrOptions, control: Connection) -> tuple[None, Callable[[], None]]:
+        return None, UrServer(options, control).serve
+
+    child_process.serve_child(fd, make)
