@@ -146,7 +146,8 @@ def test_a_port_of_another_target_or_arm_is_refused_when_it_is_made():
 
 
 UR5E = preset("ur5e")
-STRIKE_ROBOT_PORT = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6)
+START, END = (-1.63, -1.07, -0.22, -0.49, 2.16, 0.42), (-2.17, -2.07, -0.33, -1.73, -0.35, 2.09)
+STRIKE_ROBOT_PORT = Strike(START, END, 1.5)
 
 
 def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_path):
@@ -173,7 +174,7 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
 
 
 def test_a_trajectory_begins_where_the_robot_stands_by_the_robots_own_names_and_rate(tmp_path):
-    posture = (0.4, -1.5, 1.0, -1.2, 0.0, 0.3)
+    posture = (-1.5, -1.2, -0.2, -0.5, 2.0, 0.4)
     port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=posture, prefix="left_"), t_stay=0.2)
     with pytest.raises(AwaitsRecording) as waits:
         port.strike(STRIKE_ROBOT_PORT, 1, tmp_path)
@@ -185,6 +186,13 @@ def test_a_trajectory_begins_where_the_robot_stands_by_the_robots_own_names_and_
     below = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=(0.4, 1.5, 0.0, 0.0, 0.0, 0.0)))
     with pytest.raises(InputError, match=r"^posture: got .*straight line of the joints.*below the floor"):
         below.strike(STRIKE_ROBOT_PORT, 2, tmp_path)
+    low = Strike(
+        (0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6
+    )  # the arm is not, its whip is
+    for one in (port, below, RobotPort(UR5E, Target((1.0, 0.2, 0.6)), t_stay=0.2)):
+        assert "below the floor" in (one.refusal(low) or "")
+        assert "the whip's node 20 is" in one.strike(low, 3, tmp_path).refused
+    assert port.refusal(STRIKE_ROBOT_PORT) is None
 
 
 def test_a_recording_of_our_own_format_is_read_as_any_other(tmp_path):

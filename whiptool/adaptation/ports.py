@@ -204,14 +204,14 @@ class RobotPort:
         file = folder / RECORDED
         if file.exists():
             return seen_of(self.read(file, strike), self.target.position)
-        if self.rig is None:
-            raise AwaitsRecording(strike, number, self._told(strike, folder, believed), file)
         moved = folder / RECORDING
-        if not moved.exists():
-            try:
+        try:
+            if self.rig is None:
+                moved = self._told(strike, folder, believed)
+            elif not moved.exists():
                 self.rig.strike(strike, folder=folder, believed=believed)
-            except StrikeRefused as error:
-                return Seen(None, None, refused=error.fix or str(error))
+        except StrikeRefused as error:
+            return Seen(None, None, refused=error.fix or str(error))
         raise AwaitsRecording(strike, number, moved, file)
 
     def read(self, file: Path, strike: Strike) -> StrikeRecording:
@@ -256,17 +256,27 @@ class RobotPort:
     def _about(self) -> dict[str, Any]:
         return {"t_stay": self.t_stay, "target": list(self.target.position)}
 
-    def _planned(self, strike: Strike, believed: Model | None) -> tuple[JointTrajectory, str | None]:
+    def _planned(
+        self, strike: Strike, believed: Model | None, execution: Execution | None = None
+    ) -> tuple[JointTrajectory, str | None]:
         """The trajectory of a strike, and what it exceeds."""
-        limits = default_limits(self.model, prescribed=True)
-        return self.execution.judged(self.model, strike, self.t_stay, limits, believed=believed)
+        limits, how = default_limits(self.model, prescribed=True), execution or self.execution
+        return how.judged(self.model, strike, self.t_stay, limits, believed=believed)
 
     def _told(self, strike: Strike, folder: Path, believed: Model | None) -> Path:
-        """Write a strike's trajectory, and return its file."""
+        """Write a strike's trajectory, and return its file.
+
+        Raises:
+            StrikeRefused: The strike is not within the limits.
+            InputError: The way to its start is not.
+        """
         path, beyond = self._planned(strike, believed)
         if beyond is not None:
+            at_start = replace(self.execution, posture=None)
+            if of_strike := self._planned(strike, believed, at_start)[1]:
+                raise StrikeRefused("strike", strike.vector.tolist(), "a strike within the limits", of_strike)
             rule = "a posture from which a straight line of the joints leads to the strike's start within the limits"
-            raise InputError("posture", self.execution.posture or "the strike's start", f"{rule}; {beyond}")
+            raise InputError("posture", self.execution.posture, f"{rule}; {beyond}")
         path.save_goal(folder / f"{TRAJECTORY}.yaml")
         path.save_csv(folder / f"{TRAJECTORY}.csv")
         return folder / f"{TRAJECTORY}.csv"

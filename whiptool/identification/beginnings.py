@@ -15,6 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.motion import LATEST
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import PLACED
@@ -204,7 +205,7 @@ class _Beginning:
         t, paths = P.path(i, self._plant, {}, P.start[i])
         by_marker = np.stack([paths[name] for name in P.names(i)])  # (M, S, d)
         tried = np.arange(-_LONGEST, _LONGEST, _EVERY)
-        tried = tried[np.abs(tried) >= _SHORTEST]
+        tried = tried[(tried <= -_SHORTEST) | (tried >= (LATEST if P.kind == "robot" else _SHORTEST))]
         at = [np.clip(np.searchsorted(t, self._t - late), 0, len(t) - 1) for late in tried]
         left = [_off(self._measured, by_marker[self._marker, x], slice(None)) for x in at]
         late, side = tried[int(np.argmin(left))], "after" if tried[int(np.argmin(left))] > 0 else "before"

@@ -343,6 +343,7 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
 # Lag [s], its shape and delay [s] a priori, and their standard errors: industrial arms lag by 5 to 100 ms, a critically
 # damped servo has a shape of 1/4, and a UR's commands have an effect after 4 to 6 ms.
 USUAL, SPREAD = np.array([0.02, 0.25, 0.004]), np.array([0.05, 0.25, 0.004])
+LATEST = float(USUAL[0] + 3 * SPREAD[0])  # [s] by which a robot may be behind its command
 _LEAST = np.array([1e-5, 1e-6, 0.0])
 _DIFFERENCE = 1e-4  # of the standard errors a priori, for derivatives
 
