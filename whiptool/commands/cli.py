@@ -333,8 +333,8 @@ _MAINS = {  # module and function of commands that share a module
     "reproduce": ("papers", "reproduce"),
     "human": ("papers", "human"),
     "dynamixel": ("servos", "main"),
-    "emulator": ("servos", "emulator"),
-    "ur_emulator": ("ur_emulator", "emulator"),
+    "emulator": ("emulators", "servos"),
+    "ur_emulator": ("emulators", "ur"),
 }
 
 
