@@ -41,6 +41,15 @@ class Motion:
         return np.array(SHOULDER) + self.places * [1, -1]
 
 
+def swing(count: int = 80) -> Motion:
+    """A tip that swings below a handle, and is hidden for four frames."""
+    angle = np.cos(3.0 * np.arange(count) / RATE)
+    handle = np.stack([100 + 20 * np.sin(angle), -800 + 0 * angle], axis=1)
+    places = np.round(np.stack([handle, handle + 700 * np.stack([np.sin(angle), -np.cos(angle)], axis=1)], axis=1))
+    places[4:8, 1] = np.nan
+    return Motion(places, ("handle", "tip"))
+
+
 def cell(x: float, digits: int = 3) -> str:
     return "" if np.isnan(x) else f"{x:.{digits}f}"
 

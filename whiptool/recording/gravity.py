@@ -238,7 +238,9 @@ def _of_hanging(recording: StrikeRecording) -> Iterator[Finding]:
         return
     expected = (recording.up or "z", "y") if d == 3 else ("y",)
     fix = ""
-    if axis not in expected:
+    if axis not in expected and recording.up:  # the reader turned the file's axes
+        fix = 'the file has other axes than were taken: say up = "y" or up = "z" in the sidecar, or axes'
+    elif axis not in expected:
         fix = f"say {_axes(axis, d)} in the sidecar"
     elif d == 3 and axis == "y" and not recording.up:
         fix = 'as for a model in the plane; for one in space say up = "y" in the sidecar'
@@ -253,7 +255,7 @@ def _axes(up: str, d: int) -> str:
     e = np.eye(3)
     left = np.cross((-1 if up[0] == "-" else 1) * e["xyz".index(up[-1])], e["xyz".index(forward)])
     i = int(np.abs(left).argmax())
-    return f'axes = ["{forward}", "{"-" * (left[i] < 0)}{"xyz"[i]}", "{up}"] (for a model in space)'
+    return f'axes = ["{forward}", "{"-" if left[i] < 0 else ""}{"xyz"[i]}", "{up}"] (for a model in space)'
 
 
 def _of_fall(recording: StrikeRecording, fall: Fall) -> Iterator[Finding]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from films import film
-from lab_files import FORMATS, Motion
+from lab_files import FORMATS, Motion, swing
+from recordings import fuzz
 
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, fit
@@ -13,7 +14,7 @@ from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike, default_bounds
-from whiptool.recording.readers import read_recording, write_csv
+from whiptool.recording.readers import find_format, read_recording, write_csv
 from whiptool.recording.strike_recording import StrikeRecording
 
 LEMON = Plant(preset("lemon2024")).with_nodes(3).model
@@ -77,7 +78,8 @@ def test_the_same_motion_is_the_same_recording_and_fits_to_the_same_numbers(name
         ("Anipose", ["taken as mm, for the file does not state them"]),
     ],
 )  # fmt: skip
-def test_what_a_file_does_not_state_is_said(name, said, motion, tmp_path):
+def test_what_a_file_does_not_state_is_said(name, said, tmp_path):
+    motion = swing()
     file, write, _ = FORMATS[name]
     options = write(tmp_path / file, motion)
     options.pop("markers", None)
@@ -123,3 +125,23 @@ def test_a_known_format_without_tracks_is_refused_by_its_name(name, text, said, 
     assert name in str(caught.value)
     assert "cut off" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["Motive", "Nexus", "Qualisys TSV", "TRC", "Tracker", "Anipose", "SLEAP CSV"])
+def test_fuzz_texts(name, tmp_path):
+    motion = swing(12)
+    file, write, _ = FORMATS[name]
+    options = write(tmp_path / file, motion)
+    key = find_format(tmp_path / file)
+    fuzz(tmp_path / file, 60, lambda: read_recording(tmp_path / file, format=key, **options))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["DeepLabCut h5", "DeepLabCut h5, animals", "SLEAP slp", "NWB"])
+def test_fuzz_hdf5(name, tmp_path):
+    motion = swing(12)
+    file, write, needs = FORMATS[name]
+    for package in needs:
+        pytest.importorskip(package)
+    options = write(tmp_path / file, motion)
+    fuzz(tmp_path / file, 12, lambda: read_recording(tmp_path / file, format="hdf5", **options))

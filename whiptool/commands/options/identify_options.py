@@ -80,8 +80,9 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     }
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
-    """Recorded strikes: tables, motion capture files or videos. They are tracks (CSV, DeepLabCut, NPZ, MAT, C3D,
-    LeRobot folders), or videos (files, ROS bags), in which the tip is tracked first."""
+    """Recorded strikes: tables, motion capture files or videos. They are tracks (CSV, NPZ, MAT, exports of
+    Motive, Nexus, Qualisys, DeepLabCut, SLEAP and others, C3D, LeRobot folders, ROS bags), or videos, in which the tip
+    is tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
     """Parameters to fit: k, b and m (stiffness, damping and mass of the whip's nodes), or others such as arm.mass[0] or
     law.a. More are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""

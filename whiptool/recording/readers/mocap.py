@@ -107,7 +107,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
 
 def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
     """The sidecar without the key `up`, and the capture with the file's axis that it names as the upward one."""
-    if "up" not in side.table:
+    if "up" not in side.table or "axes" in side.table:  # with axes, up is that of the axes that they name
         return side, capture
     up = side.word("up", ("y", "z"), "y")
     said = f"{up} is up, as the sidecar says, {FORWARD[up]} taken as forward"

@@ -1,0 +1,85 @@
+"""Motion capture: axes, units, rates and what was filled, as each file has them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from lab_files import FORMATS, Motion, qualisys_mat, swing
+
+from whiptool.errors import InputError
+from whiptool.recording.readers import read_recording
+from whiptool.recording.readers.mocap import even_times
+
+MOTIVE = "Format Version,1.23,Export Frame Rate,100,Length Units,Meters,Coordinate Space,Global\n\n"
+BONES = ",Type,Bone,Bone,Bone\n,Name,Hip,Hip,Hip\n,ID,1,1,1\n,,Position,Position,Position\n"
+FRAMES = "Frame,Time (Seconds),X,Y,Z\n0,0,1,2,3\n1,0.01,1,2,3\n"
+
+
+@pytest.fixture
+def motion() -> Motion:
+    return swing()
+
+
+def test_the_sidecar_says_what_is_up_where_the_file_does_not(motion, tmp_path):
+    """A cage whose z is up in Motive, and one whose y is up in Nexus."""
+    read = {}
+    for name, assumed, turned in (("Motive", "y", "z"), ("Nexus", "z", "y")):
+        _, write, _ = FORMATS[name]
+        other = Motion(motion.places, motion.markers)
+        object.__setattr__(other, "in_space", lambda up, turned=turned: motion.in_space(turned))
+        write(tmp_path / f"{name}.csv", other)
+        markers = {"tip": "tip"} if name == "Motive" else {"tip": "TIP"}
+        read[name] = read_recording(tmp_path / f"{name}.csv", up=turned, markers=markers)
+        wrong = read_recording(tmp_path / f"{name}.csv", markers=markers)
+        np.testing.assert_allclose(read[name].points[:, 0, :2], motion.places[:, 1] / 1e3, atol=1e-12)
+        assert np.nanmax(np.abs(wrong.points[:, 0, 1])) == 0  # the plane lay on the floor
+        assert any(f"{turned} is up, as the sidecar says" in note for note in read[name].remarks)
+        assert any(f"{assumed} is up, as is" in note for note in wrong.remarks)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (MOTIVE.replace("Global", "Local"), "Coordinate Space: got 'Local'"),
+        (MOTIVE.replace("Meters", "Furlongs"), "Length Units: got 'Furlongs'; allowed: one of m, cm, mm, in"),
+        (MOTIVE.replace(",100,", ",0,"), "Export Frame Rate: got '0'"),
+    ],
+)
+def test_motives_first_row_is_heard(text, said, tmp_path):
+    rows = BONES.replace("Bone", "Marker").replace("Hip", "tip") + FRAMES
+    (tmp_path / "a.csv").write_text(text + rows)
+    with pytest.raises(InputError, match=said):
+        read_recording(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text(MOTIVE.replace("Global", "Global,Axis Convention,Z-Up") + rows)
+    found = read_recording(tmp_path / "a.csv")
+    np.testing.assert_array_equal(found.points[0, 0], [1, 3, -2])
+    assert "axes: z is up, as the file says, x taken as forward; else say axes" in found.remarks
+    other = MOTIVE.replace("1.23", "9.1").replace("Global", "Global,Total Exported Frames,7")
+    (tmp_path / "a.csv").write_text(other + rows)
+    remarks = "; ".join(read_recording(tmp_path / "a.csv").remarks)
+    assert "format version 9.1: read as versions 1.1 to 3 are" in remarks
+    assert "the file holds 2 frames, and announces 7" in remarks
+
+
+def test_times_of_few_digits_are_those_of_the_even_clock():
+    """Whole milliseconds at 120 frames a second; but a clock that drifts is heard."""
+    number = np.arange(1, 400)
+    exact = number / 120
+    t, said = even_times(np.round(exact, 3), number, 120.0, "Time")
+    np.testing.assert_allclose(t, exact, atol=1e-12)
+    assert "agrees" in said
+    late, _ = even_times(np.round(exact - 1 / 120, 5), number, 120.0, "Time")
+    np.testing.assert_allclose(late, exact - 1 / 120, atol=1e-12)
+    drifting = np.round(1.001 * exact, 6)
+    t, said = even_times(drifting, number, 120.0, "Time")
+    np.testing.assert_array_equal(t, drifting)
+    assert "does not go evenly" in said
+
+
+def test_points_that_qualisys_filled_are_missing(motion, tmp_path):
+    kind = np.isfinite(motion.places[..., 0].T).astype(int)
+    kind[0, 30:35], kind[1, 50], kind[1, 60] = 2, 3, 4
+    qualisys_mat(tmp_path / "a.mat", motion, kind)
+    found = read_recording(tmp_path / "a.mat")
+    assert found.seen.sum(axis=0).tolist() == [len(motion.t) - 5, len(motion.t) - 5]  # an edited point was measured
+    assert any("are taken as missing: handle 5, tip 1" in note for note in found.remarks)

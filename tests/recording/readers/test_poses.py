@@ -1,0 +1,100 @@
+"""Pose estimation: animals, corrections, units, and pickled names."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from lab_files import FORMATS, PLANE, Motion, sleap_labels, swing
+
+from whiptool.errors import InputError
+from whiptool.recording.readers import needed_for, read_recording
+from whiptool.recording.readers.deeplabcut import plain_names
+
+
+@pytest.fixture
+def motion() -> Motion:
+    return swing()
+
+
+def test_several_animals_have_to_be_told_apart(motion, tmp_path):
+    for name in ("DeepLabCut CSV, animals", "SLEAP CSV"):
+        file, write, _ = FORMATS[name]
+        options = {**write(tmp_path / file, motion), "individual": None}
+        if name == "SLEAP CSV":
+            text = (tmp_path / file).read_text()
+            mice = text.replace("whip", "mouse").splitlines(True)[1:]
+            (tmp_path / file).write_text(text + "".join(mice))
+        with pytest.raises(InputError, match=r"individuals, (mouse, whip|whip, mouse).*state individual"):
+            read_recording(tmp_path / file, **options)
+        with pytest.raises(InputError, match=r"individual: got 'cat'; allowed: one of (mouse, whip|whip, mouse)"):
+            read_recording(tmp_path / file, **{**options, "individual": "cat"})
+
+
+def test_a_project_of_sleap_counts_what_was_corrected(motion, tmp_path):
+    sio = pytest.importorskip("sleap_io")
+    labels = sleap_labels(motion)
+    frame = labels[10]
+    points = motion.pixels[10] + 5.0
+    frame.instances.append(sio.Instance.from_numpy(points, skeleton=labels.skeleton, track=labels.tracks[0]))
+    sio.save_slp(labels, str(tmp_path / "a.slp"))
+    found = read_recording(tmp_path / "a.slp", **PLANE, fps=100)
+    shift = (found.points[10] - motion.places[10] / 1e3) / 1e-3
+    np.testing.assert_allclose(shift, [[5, -5], [5, -5]], atol=1e-9)
+    frame.instances[-1].track = None
+    frame.instances.append(sio.PredictedInstance.from_numpy(points, labels.skeleton, track=labels.tracks[0], score=1.0))
+    sio.save_slp(labels, str(tmp_path / "b.slp"))
+    with pytest.raises(InputError, match="several instances of one track in frame 10"):
+        read_recording(tmp_path / "b.slp", **PLANE, fps=100)
+
+
+def test_places_of_nwb_are_in_the_files_unit(motion, tmp_path):
+    """In space, in centimetres by a factor, with two clocks refused."""
+    h5py = pytest.importorskip("h5py")
+    points = motion.in_space("z")
+    with h5py.File(tmp_path / "a.nwb", "w") as file:
+        file.attrs["nwb_version"] = "2.8.0"
+        for i, name in enumerate(motion.markers):
+            one = file.create_group(f"processing/behavior/whip/{name}")
+            one.attrs["neurodata_type"] = "PoseEstimationSeries"
+            one["data"] = points[:, i] - 1000
+            one["data"].attrs.update({"unit": "centimeters", "conversion": 0.1, "offset": 100.0})
+            one["timestamps"] = motion.t
+    found = read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])
+    np.testing.assert_allclose(found.points[..., :2], motion.places / 1e3, atol=1e-12)
+    assert any("timestamps" in note for note in found.remarks)
+    with pytest.raises(InputError, match=r"axes: got None; .*the file does not state them"):
+        read_recording(tmp_path / "a.nwb")
+    with h5py.File(tmp_path / "a.nwb", "a") as file:
+        file["processing/behavior/whip/tip/timestamps"][3] += 0.001
+    with pytest.raises(InputError, match="series with different times"):
+        read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["images"] = np.zeros(3)
+    with pytest.raises(InputError, match=r"contents: got 'images'; allowed: tracks, as in an HDF5 file of DeepLabCut"):
+        read_recording(tmp_path / "b.h5")
+
+
+def test_nothing_of_a_pickle_is_run():
+    """pandas pickles names of columns; a function among them is named, not called."""
+
+    class Bomb:
+        def __reduce__(self):
+            return (print, ("boom",))
+
+    for bomb in (Bomb(), [("a", Bomb())]):
+        with pytest.raises(InputError, match=r"a pickled .*print'; allowed: lists of texts"):
+            plain_names(pickle.dumps(bomb, 0))
+    with pytest.raises(InputError, match="a list of tuples of texts"):
+        plain_names(pickle.dumps([("a", 1)], 0))
+    assert plain_names(pickle.dumps([("a", "b")], 0)) == [("a", "b")]
+
+
+def test_without_h5py_its_extra_is_named_before_anything_is_read(tmp_path, monkeypatch):
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(80))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InputError, match=r"HDF5 files: the package h5py is not .*pip install 'whiptool\[io\]'"):
+        read_recording(tmp_path / "a.h5")
+    assert needed_for([tmp_path / "a.h5"]) == ("h5py",)
