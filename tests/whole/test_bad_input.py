@@ -642,6 +642,7 @@ view | RUN
 doctor --deep | --deep
 recording-show --cameras absent.toml | absent.toml
 recording-show --out taken | --out
+recording-show --model magic | magic
 recording-show --out shown.jpg | .png
 recording-show --out absent/shown.png | --out
 recording-show absent.csv | absent.csv

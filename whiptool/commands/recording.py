@@ -12,6 +12,7 @@ import numpy as np
 import tyro
 
 from whiptool.commands import cli, run_folders
+from whiptool.commands.options.model_options import ModelName
 from whiptool.commands.options.option_group import JsonOptions, check_place
 from whiptool.errors import InputError
 from whiptool.recording.finding import DOUBTFUL, Finding
@@ -27,12 +28,15 @@ _WIDTH, _TOPIC, _CERTAINTY = 100, 11, 9  # [characters] of a line, and of its fi
 class ShowOptions(JsonOptions):
     """Options of `recording show`, which prints and draws what was understood of recordings."""
 
-    first: ClassVar[tuple[str, ...]] = ("files", "cameras", "out")
+    first: ClassVar[tuple[str, ...]] = ("files", "model", "cameras", "out")
 
     files: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE ...")]] = ()
     """Recordings, films and logs of a robot, files or folders; FOLDER#3 is episode 3 of a dataset."""
     cameras: Path | None = None
     """TOML file with the calibration of the cameras, for recordings in pixels (default: that of each recording)."""
+    model: ModelName | None = None
+    """Model of the arm whose joints were logged, with which clock and frame of the logs are compared with the
+    tracks."""
     out: Path = Path("recording.png")
     """Picture to write, PNG."""
 
@@ -76,12 +80,15 @@ class ConvertOptions(JsonOptions):
 
 
 def _show(options: ShowOptions) -> int:
+    from whiptool.models.files import load_model
+    from whiptool.recording.compared import compared
     from whiptool.recording.picture import draw
     from whiptool.recording.understood import understand
 
     run_folders.check_matplotlib()
     given = {} if options.cameras is None else {"cameras": options.cameras}
-    found = [understand(file, **given) for file in options.files]
+    arm = None if options.model is None else load_model(options.model).arm
+    found = compared([understand(file, **given) for file in options.files], arm)
     draw(found, options.out)
     summary = {"files": [one.table for one in found], "picture": str(options.out)}
     options.tell(summary, "\n\n".join([*map(_described, found), f"drawn in {options.out}"]))

@@ -22,13 +22,14 @@ from whiptool.recording.strike_recording import StrikeRecording
 G = 9.81  # [m/s^2]
 STILL = 6.0  # standard errors that a marker at rest stays within; and a part of its whole way:
 STILL_WAY = 0.01
-SHORTEST_REST, FEWEST = 0.05, 4  # [s], frames
+RESTS, FEWEST = (0.05, 0.2), 4  # [s] at the start, where strikes begin at rest, and at the end; frames
 UPRIGHT = math.radians(5.0)  # within which an axis is the vertical
 SHORTEST_FALL = 0.2  # [s]
 FALL_OFF, FALL_ERROR = 0.05, 0.03  # relative: from 9.81 m/s^2, and the standard error, at most
 EVEN_FALL = 0.1  # of the acceleration, that it may change over a fall
 PERIODS = (0.2, 5.0)  # [1/s] of swings
 SWUNG = 0.7  # part of a swing that one sinusoid explains, at least
+FACTOR = 1.6  # within which a unit explains a size
 CHAIN = 1.2  # length over that of the point pendulum with the same period: 1 for a point, 1.45 for a chain
 
 
@@ -74,12 +75,12 @@ def rests(recording: StrikeRecording) -> list[np.ndarray]:
     found = []
     way = np.nanmax(recording.points, axis=0) - np.nanmin(recording.points, axis=0)  # (M, d)
     limit = np.maximum(STILL * np.nanmedian(recording.sigma, axis=0), STILL_WAY * np.linalg.norm(way, axis=1))
-    for order in (slice(None), slice(None, None, -1)):
+    for order, shortest in zip((slice(None), slice(None, None, -1)), RESTS, strict=True):
         points, t = recording.points[order], recording.t[order]
         first = np.nanmedian(points[: FEWEST + 1], axis=0)
         off = np.linalg.norm(points - first, axis=2) > limit  # NaN: not off
         still = ~np.maximum.accumulate(off.any(axis=1))
-        if still.sum() >= FEWEST and np.ptp(t[still]) >= SHORTEST_REST:
+        if still.sum() >= FEWEST and np.ptp(t[still]) >= shortest:
             found.append(still[order])
     return found[:1] if len(found) > 1 and found[0].all() else found
 
@@ -167,7 +168,7 @@ def _fall(name: str, t: np.ndarray, x: np.ndarray, sigma: float) -> Fall | None:
     spread = math.sqrt(float(np.linalg.inv(V.T @ V)[2, 2])) * max(scatter, sigma)
     acceleration = 8 * c[2] / span**2
     fall = Fall(name, (float(t[0]), float(t[-1])), acceleration, 8 * spread / span**2)
-    near = min(abs(fall.size * factor / G - 1) for factor in UNITS.values())
+    near = min(abs(fall.size * a / b / G - 1) for a in UNITS.values() for b in UNITS.values())
     vertical = math.acos(min(1.0, float(np.abs(acceleration).max()) / fall.size)) < 2 * UPRIGHT
     return fall if near < FALL_OFF and vertical and fall.error / fall.size < FALL_ERROR else None
 
@@ -184,7 +185,8 @@ def swing_length(recording: StrikeRecording) -> tuple[float, float] | None:
     if len(t) < 20:
         return None
     length = float(np.median(np.linalg.norm(away, axis=1)))
-    still = np.linalg.norm(handle - handle[-1], axis=1) < 0.02 * length
+    sigma = float(np.nanmedian(recording.sigma))
+    still = np.linalg.norm(handle - handle[-1], axis=1) < max(0.02 * length, STILL * sigma)
     last = len(t) - int(np.argmin(still[::-1])) if not still.all() else 0  # the first frame of the rest at the end
     t, away = t[last:], away[last:]
     if len(t) < 20:
@@ -195,25 +197,29 @@ def swing_length(recording: StrikeRecording) -> tuple[float, float] | None:
     power = lombscargle(t, x, rates, normalize=True, floating_mean=True)
     best = int(power.argmax())
     periods = (t[-1] - t[0]) * rates[best] / (2 * np.pi)
-    if power[best] < SWUNG or periods < 1.5 or np.ptp(x) < 0.02 * length or np.ptp(x) > 1.0 * length:
+    if power[best] < SWUNG or periods < 1.0 or np.ptp(x) < 0.02 * length or np.ptp(x) > 1.0 * length:
         return None
     return G / float(rates[best]) ** 2, length
 
 
-def gravity_findings(recording: StrikeRecording) -> Iterator[Finding]:
-    """Yield what gravity says of axes and units, and how certain it is."""
+def gravity_findings(recording: StrikeRecording, units: str = "m") -> Iterator[Finding]:
+    """Yield what gravity says of axes and units, and how certain it is.
+
+    Args:
+        recording: Recording whose places were converted to metres.
+        units: Unit from which they were converted.
+    """
     yield from _of_hanging(recording)
     fall = falling(recording)
     if fall is not None:
-        yield from _of_fall(recording, fall)
+        yield from _of_fall(fall, units)
     swing = swing_length(recording)
     if swing is not None and fall is None:
         pendulum, length = swing
-        ratio = length / pendulum
-        unit = min(UNITS, key=lambda name: abs(math.log(ratio * UNITS[name] / CHAIN)))
+        ratio = length / (CHAIN * pendulum)
         value = f"a swing of {2 * math.pi * math.sqrt(pendulum / G):.2f} s is that of a whip of about "
-        value += f"{CHAIN * pendulum:.2f} m; handle and tip are {length:.3g} apart"
-        yield _unit(unit, value, "the hand is at rest, and the tip swings; good to a factor of 1.5")
+        value += f"{CHAIN * pendulum:.2f} m; handle and tip are {length:.3g} m apart"
+        yield _unit(ratio, units, value, "the hand is at rest, and the tip swings; good to a factor of 1.5")
 
 
 def _of_hanging(recording: StrikeRecording) -> Iterator[Finding]:
@@ -258,12 +264,11 @@ def _axes(up: str, d: int) -> str:
     return f'axes = ["{forward}", "{"-" if left[i] < 0 else ""}{"xyz"[i]}", "{up}"] (for a model in space)'
 
 
-def _of_fall(recording: StrikeRecording, fall: Fall) -> Iterator[Finding]:
+def _of_fall(fall: Fall, units: str) -> Iterator[Finding]:
     """Yield the vertical and the unit of a marker that falls."""
-    unit = min(UNITS, key=lambda name: abs(math.log(fall.size * UNITS[name] / G)))
-    value = f"{fall.marker} falls with {fall.size:.4g} +- {fall.error:.2g} of the file's unit a second squared"
+    value = f"{fall.marker} falls with {fall.size:.4g} +- {fall.error:.2g} m/s^2"
     reason = f"from {fall.span[0]:.2f} to {fall.span[1]:.2f} s its acceleration is even"
-    yield _unit(unit, value, reason)
+    yield _unit(fall.size / G, units, value, reason)
     i = int(np.abs(fall.acceleration).argmax())
     up = ("-" if fall.acceleration[i] > 0 else "") + "xyz"[i]
     expected = ("y",) if len(fall.acceleration) == 2 else ("y", "z")
@@ -271,9 +276,14 @@ def _of_fall(recording: StrikeRecording, fall: Fall) -> Iterator[Finding]:
     yield Finding("up", f"{up} is up, against the fall", DOUBTFUL if fix else MEASURED, reason, fix)
 
 
-def _unit(unit: str, value: str, reason: str) -> Finding:
-    """What gravity says of the unit of coordinates that were read as metres."""
-    if unit == "m":
-        return Finding("units", f"m agrees with gravity: {value}", MEASURED, reason, numbers={"units": "m"})
-    fix = f'say units = "{unit}" in the sidecar'
-    return Finding("units", f"{unit}, not m: {value}", DOUBTFUL, reason, fix, {"units": unit})
+def _unit(ratio: float, units: str, value: str, reason: str) -> Finding:
+    """What gravity says of a unit by which sizes are `ratio` times what they should be."""
+    found = min(UNITS, key=lambda name: abs(math.log(ratio * UNITS[name] / UNITS[units])))
+    left = ratio * UNITS[found] / UNITS[units]
+    if not 1 / FACTOR < left < FACTOR:
+        value = f"no unit agrees with gravity: {value}"
+        return Finding("units", value, DOUBTFUL, reason, "are all places of one scale, and the times in s?")
+    if found == units:
+        return Finding("units", f"{units} agrees with gravity: {value}", MEASURED, reason, numbers={"units": units})
+    fix = f'say units = "{found}" in the sidecar'
+    return Finding("units", f"{found}, not {units}: {value}", DOUBTFUL, reason, fix, {"units": found})

@@ -39,7 +39,7 @@ def draw(files: Sequence[Understood], path: Path | str) -> Path:
             if isinstance(one.found, StrikeRecording):
                 _paths(left, one.found)
                 _over_time(middle, one.found)
-                _logs(right, Logs(*_logs_of(one.found)))
+                _logs(right, one.logs or Logs())
             elif isinstance(one.found, VideoSource):
                 _first_image(left, one.found)
                 _steps(middle, one.found.times, "images")
@@ -98,18 +98,6 @@ def _over_time(ax: Axes, recording: StrikeRecording) -> None:
         ax.fill_between(recording.t, low, high, where=unseen, color="0.85", step="mid", label=f"no {shown[0]}")
     ax.set(xlabel="t [s]", ylabel=f"{', '.join(names)} [{_unit(recording)}]", title="coordinates")
     legend_above(ax)
-
-
-def _logs_of(recording: StrikeRecording):
-    """Return the logs of joints and hand, None where nothing was logged."""
-    from whiptool.recording.readers.joint_log import JointLog
-
-    joints = hand = None
-    if recording.joints_t is not None and recording.joints_q is not None:
-        joints = JointLog(recording.joints_t, recording.joints_q, recording.joint_names, unit="rad")
-    if recording.hand_t is not None and recording.hand_pose is not None:
-        hand = JointLog(recording.hand_t, recording.hand_pose)
-    return joints, hand
 
 
 def _logs(ax: Axes, logs: Logs) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
 from whiptool.recording.gravity import gravity_findings
@@ -16,10 +17,12 @@ from whiptool.recording.labels import check_labels
 from whiptool.recording.logs import HOLE, gaps, told_of_spans
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_any, split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
+from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 
 UNEVEN = 0.1  # of the usual step: frames or samples whose steps scatter by more are not at one rate
+EXACT = 1e-8  # [s] below which stamps are those of an even clock
 KNOWN = ("tip", "handle", "shoulder", "elbow")  # markers that a fit predicts, besides node1, node2, ...
 NOT_STATED = "the file does not"  # in a note of a reader on what it assumed
 _IN_METRES = ("npz",)  # formats of whiptool, whose units and axes are fixed
@@ -34,12 +37,18 @@ class Understood:
         format: Key of the file's format in `READERS`.
         found: Its tracks, images, or logs of a robot.
         findings: What was understood of it, in the order in which it is shown.
+        said: What the sidecar says.
+        logs: Logs of tracks, by the frames' clock as it was read, or where that clock is another one, by their own.
+        starts: Times of the command's start by the clocks of `joints` and `hand` that were subtracted from them [s].
     """
 
     path: str
     format: str
     found: StrikeRecording | VideoSource | Logs
     findings: tuple[Finding, ...]
+    said: Mapping[str, Any] = field(default_factory=dict)
+    logs: Logs | None = None
+    starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def table(self) -> dict[str, Any]:
@@ -65,16 +74,52 @@ def understand(path: str, **options: Any) -> Understood:
     """
     file, _ = split_episode(path)
     form = find_format(file)
-    found = open_any(path, **options)
+    said = {} if form in _IN_METRES else _said(Path(file)) | options
     findings = [Finding("format", READERS[form].what, STATED, "by its name and first bytes", numbers={"format": form})]
+    apart = None
+    try:
+        found = open_any(path, **options)
+    except InputError as error:
+        if not error.name.endswith(("joints_t", "hand_t")):
+            raise
+        found = open_any(path, **options, joints=False, hand=False)  # whose clocks are to be found
+        apart = _logs_apart(Path(file), said)
+        reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
+        findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
     if isinstance(found, StrikeRecording):
-        said = {} if form in _IN_METRES else _said(Path(file))
-        findings += _of_tracks(found, form, said | options)
+        findings += _of_tracks(found, form, said)
     elif isinstance(found, VideoSource):
         findings += _of_images(found)
     else:
         findings += _of_logs(found)
-    return Understood(path, form, found, tuple(findings))
+    own = _own_logs(found) if isinstance(found, StrikeRecording) else None
+    start = said.get("start", 0.0)
+    starts = {} if apart is not None else {what: said.get(f"{what}_start", start) for what in ("joints", "hand")}
+    return Understood(path, form, found, tuple(findings), said, apart or own, starts)
+
+
+def _logs_apart(path: Path, said: Mapping[str, Any]) -> Logs:
+    """The logs that a sidecar names, by their own clocks."""
+    side = Sidecar({**said, "start": 0.0, "joints_start": 0.0, "hand_start": 0.0}, path.parent, f"{path}: ")
+    fields = side.fields()
+    joints = hand = None
+    if "joints_q" in fields:
+        names, listed = fields["joint_names"], fields["joints_listed"]
+        joints = JointLog(fields["joints_t"], fields["joints_q"], names, unit="rad", listed=listed)
+    if "hand_pose" in fields:
+        hand = JointLog(fields["hand_t"], fields["hand_pose"])
+    return Logs(joints, hand)
+
+
+def _own_logs(recording: StrikeRecording) -> Logs | None:
+    """The logs of a recording; None without any."""
+    joints = hand = None
+    if recording.joints_t is not None and recording.joints_q is not None:
+        names, listed = recording.joint_names, recording.joints_listed
+        joints = JointLog(recording.joints_t, recording.joints_q, names, unit="rad", listed=listed)
+    if recording.hand_t is not None and recording.hand_pose is not None:
+        hand = JointLog(recording.hand_t, recording.hand_pose)
+    return None if joints is None and hand is None else Logs(joints, hand)
 
 
 def _said(path: Path) -> dict[str, Any]:
@@ -91,7 +136,7 @@ def _of_tracks(recording: StrikeRecording, form: str, said: dict[str, Any]) -> I
     yield _markers(recording)
     yield from _missing(recording)
     yield from _frame(recording, form, said, notes)
-    yield from gravity_findings(recording)
+    yield from gravity_findings(recording, str(said.get("units", "m")))
     yield from _labels(recording)
     sigma = recording.sigma[recording.seen]
     unit = "pixels" if recording.view is not None else "rad" if recording.angular else "m"
@@ -142,7 +187,7 @@ def rate_of(topic: str, t: np.ndarray, what: str) -> Finding:
     rate = 1 / float(line[0]) if even else 1 / usual
     value = f"{rate:.5g} {what} a second"
     if even:
-        value += f", stamps within {1e3 * jitter:.2g} ms of an even clock"
+        value += f", stamps within {1e3 * jitter:.2g} ms of an even clock" if jitter > EXACT else ", evenly stamped"
     else:
         value += f" in the median, uneven: steps from {1e3 * step.min():.3g} to {1e3 * step.max():.3g} ms"
     numbers = {"rate": rate, "jitter": jitter, "even": even}

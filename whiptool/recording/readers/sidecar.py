@@ -167,6 +167,8 @@ class Sidecar:
         name = self.table.get(key)
         if name is None or isinstance(name, Path):
             return name
+        if name is False:  # none, although the sidecar names one
+            return None
         if not isinstance(name, str) or Path(name).name != name or name in ("", ".", ".."):
             raise self.refuse(key, "the name of a file next to it, without folders")
         return self.folder / name

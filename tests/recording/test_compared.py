@@ -1,0 +1,126 @@
+"""Clock and frame of tracks against a robot's logs: what is found is written into the sidecar, and then all agree."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from robot_log_files import EPOCH, write_table
+from scipy.spatial.transform import Rotation
+
+from whiptool.models import preset
+from whiptool.models.kinematics import arm_poses
+from whiptool.recording.compared import compared
+from whiptool.recording.finding import Finding
+from whiptool.recording.understood import understand
+
+ARM = preset("ur5e").arm
+LATE, ORIGIN = 0.35, np.array([150.0, -40.0, 900.0])  # [s] of the frames' clock, [mm]
+
+
+def joints(t: np.ndarray) -> np.ndarray:
+    """A smooth motion of all joints after 0.3 s of rest [rad], (T, 6)."""
+    s = np.clip(t - 0.3, 0, None)[:, None]
+    away = (1 - np.cos(s * np.array([2.0, 3.0, 4.0, 2.5, 3.5, 1.5]))) / 2
+    return np.array([0.1, -1.9, 1.2, -0.9, 0.3, 0.0]) + away * np.array([0.8, 0.9, -1.1, 0.5, 0.7, 0.4])
+
+
+def in_file(places: np.ndarray) -> np.ndarray:
+    """Places of the base's axes (x forward, y left, z up) as a motion capture system has them: mm, y up."""
+    return 1e3 * np.stack([places[..., 0], places[..., 2], -places[..., 1]], -1) + ORIGIN
+
+
+def write(folder, *, markers=("handle", "tip"), rate: float = 1.0) -> None:
+    """Tracks at 120 a second from motion capture, and a log of the robot at 500 by the computer's clock."""
+    t, logged = np.arange(0, 3, 1 / 120), np.arange(-0.5, 3.5, 1 / 500)
+    origins, rotations = arm_poses(ARM, joints(t))
+    hand = origins[:, -1] + rotations[:, -1] @ [0.01, 0.02, -0.02]
+    tip = hand - [0, 0, 0.8]
+    named = [f"{m}_{x}" for m in markers for x in "xyz"]
+    places = {"handle": hand, "tip": tip}
+    table = np.hstack([in_file(places[m]) for m in markers])
+    table += np.random.default_rng(0).normal(size=table.shape)  # 1 mm
+    write_table(folder / "take.csv", ["t", *named], np.column_stack([LATE + rate * t, table]))
+    names = [f"position_{x}" for x in ARM.joints]
+    write_table(folder / "robot.csv", ["t", *names], np.column_stack([EPOCH + logged, joints(logged)]))
+    (folder / "take.toml").write_text('units = "mm"\nsigma = 0.001\n')
+
+
+def found(folder, *more: str) -> list[Finding]:
+    files = [understand(str(folder / name)) for name in ("take.csv", *more)]
+    return list(compared(files, ARM)[0].findings)
+
+
+def of(findings: list[Finding], topic: str) -> Finding:
+    return next(f for f in reversed(findings) if f.topic == topic)
+
+
+def test_what_is_advised_makes_clock_and_frame_agree(tmp_path):
+    write(tmp_path)
+    first = found(tmp_path, str(tmp_path / "robot.csv"))
+    offset = of(first, "offset")
+    assert offset.certainty == "doubtful"
+    assert offset.numbers["offset"] == pytest.approx(LATE - EPOCH, abs=1e-3, rel=0)
+    assert of(first, "up").fix.startswith("as for a model in the plane")
+    assert of(first, "frame").numbers["axes"] == ["x", "-z", "y"]
+    advised = [re.search(r"(\w+) = (\[.*?\]|[-\d.]+)", of(first, topic).fix) for topic in ("offset", "frame", "origin")]
+    said = "".join(f"{match[1]} = {match[2]}\n" for match in advised if match)
+    side = tmp_path / "take.toml"
+    side.write_text(side.read_text() + said + 'joints = "robot.csv"\n')
+    table = tomllib.loads(side.read_text())
+    assert set(table) == {"units", "sigma", "joints_start", "axes", "origin", "joints"}
+    np.testing.assert_allclose(table["origin"], ORIGIN, atol=30)  # the marker is some cm from the hand
+    again = found(tmp_path)
+    assert {
+        f.topic: f.certainty for f in again if f.topic in ("offset", "frame", "scale", "clock rate")
+    } == dict.fromkeys(("offset", "frame", "scale", "clock rate"), "measured")
+    assert "z is up" in of(again, "up").value
+    assert abs(of(again, "offset").numbers["offset"]) < 1e-3
+
+
+def test_logs_of_another_clock_are_shown_before_they_can_be_read(tmp_path):
+    """A recording that readers refuse, for frames and joints do not overlap."""
+    write(tmp_path)
+    (tmp_path / "take.toml").write_text('units = "mm"\njoints = "robot.csv"\n')
+    findings = found(tmp_path)
+    assert "another clock" in of(findings, "clocks").value
+    assert of(findings, "offset").numbers["start"] == pytest.approx(EPOCH - LATE, abs=1e-3, rel=0)
+
+
+def test_a_clock_that_runs_fast_is_seen(tmp_path):
+    write(tmp_path, rate=1.01)
+    rate = of(found(tmp_path, str(tmp_path / "robot.csv")), "clock rate")
+    assert rate.certainty == "doubtful"
+    assert rate.numbers["rate"] == pytest.approx(1.01, abs=3 * rate.numbers["error"] + 1e-3)
+
+
+def test_without_the_handle_the_beginnings_of_the_motion_tell_the_offset_roughly(tmp_path):
+    write(tmp_path, markers=("tip",))
+    offset = of(found(tmp_path, str(tmp_path / "robot.csv")), "offset")
+    assert offset.numbers["offset"] == pytest.approx(LATE - EPOCH, abs=0.15, rel=0)
+    assert "within 0.075 s" in offset.value
+
+
+def test_joints_need_the_arm_and_another_arm_is_refused(tmp_path):
+    write(tmp_path)
+    files = [understand(str(tmp_path / name)) for name in ("take.csv", "robot.csv")]
+    assert "give --model" in compared(files)[0].findings[-1].fix
+    other = compared(files, preset("panda").arm)[0].findings[-1]
+    assert other.certainty == "doubtful"
+    assert "not compared" in other.value
+
+
+def test_two_systems_of_cameras_are_compared_by_their_markers(tmp_path):
+    """The second is late by 20 ms, at another rate of frames, and in other axes."""
+    t = np.arange(0, 1.5, 1 / 240)
+    path = lambda t: np.stack([np.sin(3 * t), 0.5 * np.cos(2 * t), 0.4 * np.sin(5 * t)], 1)  # noqa: E731
+    turned = path(t[::4]) @ Rotation.from_euler("z", 1.0).as_matrix() + np.array([0.5, 0, 0])
+    write_table(tmp_path / "a.csv", ["t", "tip_x", "tip_y", "tip_z"], np.column_stack([t, path(t)]))
+    write_table(tmp_path / "b.csv", ["t", "tip_x", "tip_y", "tip_z"], np.column_stack([t[::4] + 0.02, turned]))
+    files = compared([understand(str(tmp_path / name)) for name in ("a.csv", "b.csv")])
+    offset = of(list(files[1].findings), "offset")
+    assert offset.numbers["offset"] == pytest.approx(-0.02, abs=1e-4)
+    assert "say start = 0.02" in offset.fix
+    assert [of(list(one.findings), "rate").numbers["rate"] for one in files] == pytest.approx([240, 60])
