@@ -70,10 +70,10 @@ def test_types_and_defaults_are_told_as_people_read_them():
     every = OptimizeOptions(direction=(1.0, 0.0), space="pose")
     said = " ".join(help_text(every, prog="x", description="", whole=True).split())
     for part in (
-        "x y, in space x y z (default: 1.3 0, in space in proportion to the reach of the model).",
-        "The default in space is 1.2 0.3 0.5 for ur5e and panda.",
+        "x y, in space x y z (default: 1.3 0, in space 0.405 of the model's reach ahead, 0.1 to the left, 0.17 up).",
+        "For ur5e and panda the default is 1.2 0.3 0.5;",
         "--max-trials N Largest number of trials, each of which is one strike. [default: 600]",
-        "--space joint|hand|pose Coordinates",
+        "--space joint|hand|pose Strikes as joint angles (joint), the hand's position (hand),",
         "--video, --no-video Render the strike as a video. [default: --video]",
         "--torque-limit X Largest absolute torque of every joint [N m].",
     ):

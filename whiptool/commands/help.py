@@ -23,6 +23,7 @@ from whiptool.words import counted
 SCREEN = 40  # [lines]; a command with more in all has its most used options on the first screen
 _WIDTH, _COLUMN = 100, 30  # [characters]
 _METAVARS = {float: "X", int: "N", str: "NAME", Path: "PATH"}
+_ITEM = re.compile(r"\n *- ")  # begins an item of a list in an option's documentation
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,14 @@ def help_text(given: OptionGroup, *, prog: str, description: str, whole: bool) -
     shown, first = [one for one in _shown(options) if one.name not in idle], options.named("first")
     positional = [one.left for one in shown if not one.left.startswith("-")]
     head = [" ".join(["usage:", prog, *positional, "[options]"]), *textwrap.wrap(description, _WIDTH)]
-    every = [*head, *_in_groups(shown, short=False), *_left_out(idle)]
-    if whole or len(every) <= SCREEN or not first:
-        return "\n".join(every)
+    compact = [*head, *_in_groups(shown, short=False, gap=False), *_left_out(idle)]
+    if len(compact) <= SCREEN or not first:
+        return "\n".join(compact)
+    if whole:
+        return "\n".join([*head, *_in_groups(shown, short=False, gap=True), *_left_out(idle)])
     some = [one for one in shown if one.name in first]
     more = f"{len(shown) - len(some)} more options: {prog} {HELP_ALL}"
-    return "\n".join([*head, *_in_groups(some, short=True), more])
+    return "\n".join([*head, *_in_groups(some, short=True, gap=False), more])
 
 
 def _without_effect(given: OptionGroup) -> dict[str, str]:
@@ -84,10 +87,11 @@ def _left_out(idle: Mapping[str, str]) -> Iterator[str]:
     )
 
 
-def _in_groups(shown: list[_Shown], *, short: bool) -> Iterator[str]:
-    """Yield the lines of some options, groups in the order of their first options, that of the result last."""
+def _in_groups(shown: list[_Shown], *, short: bool, gap: bool) -> Iterator[str]:
+    """Yield the lines of some options, groups in the order of their first options, that of the result last, with empty
+    lines between them if `gap`."""
     for group in sorted(dict.fromkeys(one.group for one in shown), key=lambda group: group == "result"):
-        if not short:
+        if gap:
             yield ""
         yield f"{group}:"
         for one in shown:
@@ -103,7 +107,7 @@ def _lines(one: _Shown, *, short: bool) -> Iterator[str]:
         sentence = re.split(r"(?<=[a-z)\]])(?:\. (?!\d)|; )", meaning, maxsplit=1)[0].rstrip(".")
         value = default[0] if default and default[0] not in sentence else ""
         meaning = sentence + value
-    lines = textwrap.wrap(meaning, _WIDTH - _COLUMN) or [""]
+    lines = [line for part in meaning.split("\n") for line in textwrap.wrap(part, _WIDTH - _COLUMN)] or [""]
     if len(one.left) > _COLUMN - 4:
         yield from textwrap.wrap(
             one.left if len(one.left) < _WIDTH - 2 else one.left.replace(",", ", "),
@@ -120,14 +124,15 @@ def _lines(one: _Shown, *, short: bool) -> Iterator[str]:
 def _shown(options: type[OptionGroup]) -> Iterator[_Shown]:
     """Yield a command's options, its own and then those of its groups."""
     hints, own = get_type_hints(options, include_extras=True), _documented(options)
-    for f in sorted(fields(options), key=lambda f: f.name not in own):
+    for f in sorted(fields(options), key=lambda f: (f.name not in own, "Positional" not in str(f.type))):
         group = next(x for x in options.__mro__ if f.name in inspect.get_annotations(x))
         heading = "options" if group is options else getattr(group, "heading", "options")
         yield _Shown(heading, f.name, _given(f, hints[f.name]), _meaning(f, _documented(group).get(f.name, "")))
 
 
 def _documented(group: type) -> dict[str, str]:
-    """Return the documentation of the fields that a class itself has, which stands behind each."""
+    """Return the documentation of the fields that a class itself has, which stands behind each; items, which begin with
+    a hyphen, are lines."""
     try:
         body = ast.parse(textwrap.dedent(inspect.getsource(group))).body[0]
     except (OSError, TypeError):  # there is no source
@@ -138,7 +143,7 @@ def _documented(group: type) -> dict[str, str]:
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
             said = behind.value if isinstance(behind, ast.Expr) else None
             text = said.value if isinstance(said, ast.Constant) else ""
-            found[field.target.id] = " ".join(str(text).split())
+            found[field.target.id] = "\n".join(" ".join(part.split()) for part in _ITEM.split(str(text)))
     return found
 
 

@@ -55,10 +55,7 @@ class OptimizeOptions(
     """Options of `optimize`, which finds a strike with which the tip of the whip hits a target."""
 
     changeable: ClassVar[tuple[str, ...]] = ("video",)
-    first: ClassVar[tuple[str, ...]] = (
-        "method",
-        "video",
-    )
+    first: ClassVar[tuple[str, ...]] = ("method",)
     in_space: ClassVar[bool] = True
     only_with: ClassVar[Conditions] = {
         "method": unless("pareto", why=", which has its own search method"),

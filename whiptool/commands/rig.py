@@ -70,8 +70,8 @@ class RigStrikeOptions(RigOptions):
     only_with: ClassVar[Conditions] = {"seed": when("port", "twin")}
 
     strike: tuple[float, ...]
-    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei (shoulder and elbow at the start), q_sf
-    q_ef (at the end) and D."""
+    """All joint angles at the start, then all at the end [rad], and the duration [s]: q_si q_ei (shoulder and elbow at
+    the start), q_sf q_ef (at the end) and D."""
 
     def check(self) -> None:
         from whiptool.models.numbers import number
@@ -95,9 +95,10 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     max_trials: int = 20
     """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
-    """Camera, with the twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images) or
-    points (simulated positions of the tip), and with a real arm: realsense or FILE.db3 (a RealSense recording). points
-    have the error of tracked images."""
+    """Camera, by --port:
+    - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images) or points (positions
+      of the tip with the errors of tracked images)
+    - servos: realsense or FILE.db3 (a RealSense recording)"""
 
     def __post_init__(self) -> None:
         spell_methods(self, "method")

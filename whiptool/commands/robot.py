@@ -55,8 +55,8 @@ class AddressOptions(JsonOptions):
     first: ClassVar[tuple[str, ...]] = ("robot",)
 
     robot: str = ""
-    """Address of the robot: franka://HOST, ur://HOST, dynamixel:PORT (servos on a serial port, such as
-    dynamixel:/dev/ttyUSB0) or twin (simulated servos)."""
+    """Address of the robot, which has to be given: franka://HOST, ur://HOST, dynamixel:PORT (servos on a serial port,
+    such as dynamixel:/dev/ttyUSB0) or twin (simulated servos)."""
     yes: bool = False
     """Do not ask before the robot moves."""
 
@@ -87,13 +87,13 @@ class RobotOptions(AddressOptions, OutputOptions, LimitOptions, ModelOptions, Go
     """Run folder of optimize, simulate or map strike, whose strike the robot makes. Options that are not given are
     those of the run."""
     strike: tuple[float, ...] | None = None
-    """Joint angles at start and end [rad], and duration [s], instead of those of a run."""
+    """All joint angles at the start, then all at the end [rad], and the duration [s], instead of those of a run."""
     rest: float = 3.0
     """Time at rest before the strike, in which the whip stops swinging [s]."""
     camera: Annotated[str, arg(metavar="{none,points,twin,d435-color,d435-infrared}")] = "none"
-    """Virtual camera that films a simulated whip on the measured motion of the robot. none: no camera; points
-    (positions of the tip with the errors of tracked images), twin or d435-infrared (both render infrared images),
-    d435-color (renders colour images)."""
+    """Virtual camera that films a simulated whip on the measured motion of the robot: none, points (positions of the
+    tip with the errors of tracked images), twin or d435-infrared (both render infrared images) or d435-color (renders
+    colour images)."""
     true_model: ModelName | None = None
     """Model of the simulated whip, if it differs from --model."""
 

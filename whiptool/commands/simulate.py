@@ -70,9 +70,10 @@ class SimulateOptions(
     """Run folder of optimize or simulate, whose strike is played again. It can also be a folder of train, or a policy
     file in it, whose policy strikes at --target. Options that are not given are those of the run."""
     strike: tuple[float, ...] | None = None
-    """Joint angles at start and end [rad], and duration [s]. They are q_si q_ei (shoulder and elbow at the start), q_sf
-    q_ef (at the end) and D, or so for any number of joints; in hand space x_i y_i x_f y_f [m] and D, in space x_i y_i
-    z_i x_f y_f z_f and D."""
+    """Joint angles [rad], or coordinates of the hand with --space: all at the start, all at the end, then the duration
+    [s]. For two joints these are q_si q_ei q_sf q_ef D (shoulder, elbow). With --space hand they are x_i y_i x_f y_f D,
+    in space x_i y_i z_i x_f y_f z_f D [m]. With --space pose each position is followed by the rotation from the home
+    posture [rad]: turn_i, in space the rotation vector turn_x_i turn_y_i turn_z_i."""
     trajectory: Path | None = None
     """Play the joint trajectory in this CSV file instead of --strike, with position servos in MuJoCo. The file is such
     as --export-trajectory writes."""

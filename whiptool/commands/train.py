@@ -73,8 +73,8 @@ class TrainOptions(
     method: Learner = "sac"
     """Learning algorithm."""
     region: Path | None = None
-    """NPZ file with the region of targets, in place of --zone-radius. whiptool.goals.zone.Region.save writes such
-    files."""
+    """NPZ file with the cells of a region of targets: arrays corners (cells, 2 or 3) and cell, their width [m]. It
+    takes the place of --zone-radius; whiptool.goals.zone.Region.save writes such files."""
     observation: Observation = "goal"
     """Observation: the tip, tip minus target (relative), or tip and target (goal)."""
     reward: Annotated[str, Names("whiptool.rl.task:REWARDS")] = "paper"

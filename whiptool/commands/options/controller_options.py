@@ -203,9 +203,10 @@ class SpaceOptions(SimulatedControllerOptions):
     ranges: ClassVar[Ranges] = dict.fromkeys(("null_damping", *_GAINS), Interval(0))
 
     space: Space = "joint"
-    """Coordinates of a strike: joints, hand or hand pose. hand is the position of the hand; its pose includes the
-    orientation and takes an arm with enough joints. In hand space the impedance acts on the errors of the hand [m, m/s;
-    rad, rad/s]; with --controller position the joints follow the path of the hand exactly."""
+    """Strikes as joint angles (joint), the hand's position (hand), or its position and orientation (pose). The hand is
+    where the whip is attached; pose takes an arm of 3 joints or more in the plane, of 6 or more in space. In hand space
+    the impedance acts on the errors of the hand [m, m/s; rad, rad/s]; with --controller position the joints follow the
+    path of the hand exactly."""
     home: tuple[float, ...] | None = None
     """Home posture for hand space [rad], near which the arm stays. Default: a posture in which the hand moves
     easily."""

@@ -80,12 +80,12 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     }
 
     recordings: tyro.conf.Positional[Annotated[tuple[str, ...], tyro.conf.arg(metavar="RECORDING ...")]] = ()
-    """Recorded strikes: tables, motion capture files or videos. They are tracks (CSV, NPZ, MAT, exports of
-    Motive, Nexus, Qualisys, DeepLabCut, SLEAP and others, C3D, LeRobot folders, ROS bags), or videos, in which the tip
-    is tracked first."""
+    """Recorded strikes: tracks (.csv, .tsv, .trc, .c3d, .mat, .h5, .npz, .mcap, ...) or films (.mp4, .mkv, .db3, ...),
+    all of which docs/file-formats.md describes. Tracks are also those of Motive, Nexus, Qualisys, Tracker, DeepLabCut,
+    SLEAP, LeRobot folders and ROS bags; in films the tip is tracked first."""
     free: tuple[str, ...] = ("k", "b", "m")
-    """Parameters to fit: k, b and m (stiffness, damping and mass of the whip's nodes), or others such as arm.mass[0] or
-    law.a. More are whip.k[3], gravity, bending_stiffness, delay; an unknown name prints the list."""
+    """Parameters to fit: k, b, m (stiffness, damping, mass of the nodes), arm.mass[0], law.a, ... (a wrong name prints
+    all). Others are whip.k[3], gravity, delay and, with --profile, bending_stiffness."""
     drive: Drive = "command"
     """What drives the simulated whip: command (the commanded strike), joints (their measured angles), robot (the
     command with a fitted lag), hand (its measured pose), handle (a tracked marker) or passive (nothing after a release

@@ -295,7 +295,8 @@ class ResumableOptions(OutputOptions):
     first: ClassVar[tuple[str, ...]] = ("resume",)
 
     resume: Path | None = None
-    """Resume the interrupted run in this folder; its options need not be given again."""
+    """Resume the run in this folder, without giving its options again. Those that are given have to be the run's, but
+    for a few, such as --video of optimize or --episodes of train."""
 
 
 def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:

@@ -61,9 +61,10 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     """Serial device of the servos, or twin (a simulated rig). A device is, for example, /dev/ttyUSB0; twin emulates the
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
-    """Camera, with the twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images),
-    points (simulated positions of the tip) or none, and with a real arm: realsense, FILE.db3 (a RealSense recording) or
-    none. points have the error of tracked images."""
+    """Camera, by --port:
+    - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images), points (positions of
+      the tip with the errors of tracked images) or none
+    - servos: realsense, FILE.db3 (a RealSense recording) or none"""
     rate: float = 500.0
     """Rate of the control loop [Hz]."""
     approach_speed: float = 0.2
@@ -302,16 +303,18 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
     """Control law (default: oiac, online impedance adaptation, while an arm in space and a robot always take position).
     A TOML file has a table [controller], as config.toml of a run has."""
     port: str = "twin"
-    """Serial device of servos, twin (simulated rig), the address of a robot (franka://HOST or ur://HOST), or robot (any
-    position-controlled robot, by files). A device is, for example, /dev/ttyUSB0; twin emulates the servos and their
-    protocol. With robot, each strike is a trajectory in the run folder; put its recording there as recorded.csv and use
-    --resume."""
+    """Serial device of servos, twin (simulated rig), a robot's address (franka://HOST or ur://HOST), or robot (by files:
+    any robot plays trajectory.csv, you add recorded.csv). A device is, for example, /dev/ttyUSB0; twin emulates the
+    servos and their protocol. With robot, each strike is written as trajectory.csv and, for ROS 2, trajectory.yaml; put
+    its recording next to them as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense,none}|FILE.db3")] = "points"
-    """Camera, with the twin or a robot: points (positions of the tip with the errors of tracked images), twin or
-    d435-infrared (both render infrared images) or d435-color (renders colour images), with the twin: tip (positions
-    with 5 mm noise at 60 Hz, without servos), with a robot: none (your own cameras film a real whip), and with servos:
-    realsense or FILE.db3 (a RealSense recording). With none, put what your cameras saw into the run folder as
-    recorded.csv and use --resume."""
+    """Camera, by --port:
+    - twin: points (tip with the errors of tracked images), twin or d435-infrared (render infrared images), d435-color
+      (renders colour images) or tip (tip with 5 mm noise at 60 Hz, no servos)
+    - a robot's address: the same but tip, or none (you film a real whip)
+    - servos: realsense or FILE.db3 (its recording). With a robot's address all but none film a simulated whip on the
+      measured motion of the robot; with none, put what your cameras saw into the run folder as recorded.csv and use
+      --resume."""
     family: Annotated[str, Names("whiptool.adaptation.twins:FAMILIES")] = "strange"
     """Deviation of the simulated whip from --model: small (kin), large (strange) or twice that (stranger). kin: a
     uniform whip near the model; strange: tapered, with a bead, a soft joint and more; stranger: the same deviations,

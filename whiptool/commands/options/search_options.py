@@ -113,7 +113,7 @@ class TrainingOptions(OptionGroup):
     """Options for the length of a training (Algorithm 1)."""
 
     heading: ClassVar[str] = "training"
-    first: ClassVar[tuple[str, ...]] = ("episodes",)
+    first: ClassVar[tuple[str, ...]] = ("episodes", "random_episodes")
     ranges: ClassVar[Ranges] = {
         "episodes": Count(),
         "trials": Count(2, MANY_TARGETS),

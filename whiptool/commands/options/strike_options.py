@@ -143,8 +143,9 @@ class LimitOptions(OptionGroup):
     """Largest speeds of points of the arm [m/s], as a robot's safety configuration has them: joints by their names,
     flange, and hand, which is the stick's end; such as elbow=1.5 flange=1.5 (default: those in the arm's file)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
-    """Floor's height above the base [m] (default: that of --mount, 0 under robots that stand, else none). The base of a
-    planar arm is its shoulder; a floor below it has a negative height."""
+    """Floor's height above the base [m] (default: 0 under robots that stand). A floor below the base has a negative
+    height: minus the height that --mount gives, if it does. For other arms the default is none. The base of a planar
+    arm is its shoulder."""
     clearance: float = 0.0
     """Least distance between arm, whip and floor [m] (default: 0)."""
     ignore_collisions: bool = False
@@ -231,8 +232,8 @@ class TrajectoryOptions(ExecutionOptions):
     of_this_call: ClassVar[tuple[str, ...]] = ("export_trajectory", *EXECUTION)
 
     export_trajectory: Path | None = None
-    """File for the strike as a joint trajectory, for a robot. A .csv file holds positions, velocities and
-    accelerations; a .yaml file is the goal of a ROS 2 FollowJointTrajectory action; a .mcap file is for Foxglove and
+    """Joint trajectory for a robot, as .csv, .yaml (ROS 2 goal) or .mcap. A .csv file holds positions, velocities and
+    accelerations; a .yaml or .yml file is the goal of a FollowJointTrajectory action; a .mcap file is for Foxglove and
     Rerun. For a strike in hand space the poses of the hand are written too, as further columns of FILE.csv, as
     FILE-hand.yaml, or as a topic of FILE.mcap."""
 

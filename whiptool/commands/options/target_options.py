@@ -35,9 +35,10 @@ class TargetOptions(OptionGroup):
     ranges: ClassVar[Ranges] = {"t_stay": Interval(0, LONGEST_STAY)}
 
     target: tuple[float, ...] | None = None
-    """Target position [m]: x y, in space x y z (default: 1.3 0, in space in proportion to the reach of the model). The
-    origin is the shoulder and y is up; in space the origin is the base, y is to the left and z is up. The default in
-    space is 1.2 0.3 0.5 for ur5e and panda."""
+    """Target position [m]: x y, in space x y z (default: 1.3 0, in space 0.405 of the model's reach ahead, 0.1 to the
+    left, 0.17 up). The origin is the shoulder, x is forward and y is up; in space the origin is the base, y is to the
+    left and z is up. For ur5e and panda the default is 1.2 0.3 0.5; for an arm without a floor, such as nah2023, it is
+    0.55 of the reach straight ahead."""
     hit_radius: float = 0.06
     """Largest distance between tip and target at a hit [m]."""
     t_stay: float = T_STAY
@@ -186,11 +187,11 @@ class RegionOptions(ZoneGoalOptions):
     }
 
     region: Path | None = None
-    """NPZ file with the region of targets, in place of --zone-radius. whiptool.goals.zone.Region.save writes such
-    files."""
-    sector: tuple[float, ...] | None = None
-    """Region of targets: NEAR FAR LOW HIGH [m] ANGLE [degrees]. NEAR and FAR are distances from the base, LOW and HIGH
-    heights above it, and ANGLE is that from forward to either side."""
+    """NPZ file with the cells of a region of targets: arrays corners (cells, 2 or 3) and cell, their width [m]. It
+    takes the place of --zone-radius; whiptool.goals.zone.Region.save writes such files."""
+    sector: Annotated[tuple[float, ...] | None, arg(metavar="NEAR FAR LOW HIGH ANGLE")] = None
+    """Region of targets from NEAR to FAR from the base and from LOW to HIGH above it [m], up to ANGLE from forward to
+    either side [degrees]."""
 
     def check(self) -> None:
         from whiptool.goals.arrival_rule import named_sector
