@@ -141,7 +141,7 @@ class Registry(dict[str, T]):
             try:
                 found = point.load()
             except Exception as error:
-                raise InputError(name, point.value, f"an object that can be imported ({error!r})") from error
+                raise InputError(name, point.value, "an object that can be imported", f"reason: {error!r}") from error
             if not isinstance(found, self.kind):
                 raise InputError(name, point.value, f"an object of type {self.kind.__name__}")
             if self.setdefault(point.name, found) is not found:

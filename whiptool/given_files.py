@@ -69,7 +69,7 @@ def _size(path: Path, name: str, kind: str) -> int:
         if isinstance(error, InputError):
             raise
         reason = getattr(error, "strerror", None) or error  # ValueError: a name with a NUL byte
-        raise InputError(name, str(path), f"a readable {kind} ({reason})") from None
+        raise InputError(name, str(path), f"a readable {kind}", f"reason: {reason}") from None
 
 
 def read_text(path: Path | str, kind: str, name: str = "file") -> str:
@@ -89,7 +89,7 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
     try:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(name, str(path), f"valid {kind}, which is text ({error})") from None
+        raise InputError(name, str(path), f"valid {kind}, which is text", f"reason: {error}") from None
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def read_json(path: Path | str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError("file", str(path), f"valid JSON ({str(error)[:120]})") from None
+        raise InputError("file", str(path), "valid JSON", f"reason: {str(error)[:120]}") from None
     if not isinstance(content, dict):
         raise InputError(str(path), type(content).__name__, "JSON that holds a dict")
     return content
@@ -263,7 +263,7 @@ def sha256(paths: Path | Iterable[Path]) -> str:
                 while block := file.read(1 << 20):
                     digest.update(block)
         except OSError as error:
-            raise InputError("recording", str(path), f"a file that can be read ({error.strerror})") from None
+            raise InputError("recording", str(path), "a file that can be read", f"reason: {error.strerror}") from None
     return digest.hexdigest()
 
 
@@ -308,4 +308,4 @@ def read_toml(path: Path | str) -> dict:
     except RecursionError:
         raise InputError("file", str(path), "TOML that is not nested as deeply") from None
     except ValueError as error:  # also of integers with thousands of digits
-        raise InputError("file", str(path), f"valid TOML ({str(error)[:120]})") from None
+        raise InputError("file", str(path), "valid TOML", f"reason: {str(error)[:120]}") from None

@@ -12,12 +12,13 @@ from typing import Literal
 
 import numpy as np
 
-from whiptool.errors import InputError, WhiptoolError, expect
+from whiptool.errors import NOTHING, InputError, WhiptoolError, expect
 from whiptool.goals.criteria import Criterion, StrikesAtGoal
 from whiptool.goals.target import Target, as_target, usual_target
 from whiptool.limits.all_limits import AllLimits, distance_beyond, limits_given
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
+from whiptool.models.hand_space import numbers_of
 from whiptool.models.numbers import ArrayLike, NoArray, array_of, number, whole
 from whiptool.models.strike import T_STAY, AnyStrike, StrikeBounds
 from whiptool.models.trajectory import Approach, Trajectory
@@ -230,7 +231,7 @@ class Objective:
         self.limits = AllLimits(given, by_joints=self.space.kind == "joint")
         self.bounds = bounds or self.space.bounds
         if len(self.bounds.lower) != self.space.width:
-            raise InputError("bounds", self.bounds.lower, f"{self.space.width} values each")
+            raise InputError("bounds", self.bounds.lower, f"lower and upper, each {numbers_of(self.space)}")
         self.space.check_turns("bounds", np.stack(self.bounds.box))
         self.bounds = self.limits.narrowed(self.bounds)
         expect(Sequence, criteria=criteria)
@@ -341,7 +342,9 @@ class Objective:
         strikes = np.array(self._array(strikes), ndmin=2)  # a copy: optimizers reuse their buffers
         width = self.space.width
         if strikes.ndim != 2 or strikes.shape[1] != width or not np.isfinite(strikes).all():
-            raise InputError("strikes", strikes.tolist()[:1], f"{width} finite numbers each")
+            wrong = strikes[~np.isfinite(strikes).all(axis=-1)] if strikes.shape[1:] == (width,) else strikes
+            first = next(iter(wrong.tolist()), NOTHING)
+            raise InputError("strikes", first, f"strikes of {numbers_of(self.space)}, all of them finite")
         with self._one_by_one:
             return self._batch(strikes)
 

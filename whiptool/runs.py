@@ -177,7 +177,9 @@ class RunFolder:
                 lock.release()
                 raise
         except OSError as error:
-            raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
+            raise InputError(
+                "run folder", str(path), "a folder that can be written", f"reason: {error.strerror}"
+            ) from None
         return cls(path, lock, new=True, on_interrupt=on_interrupt)
 
     @classmethod
@@ -192,7 +194,9 @@ class RunFolder:
         try:
             lock = RunLock(path)
         except OSError as error:
-            raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
+            raise InputError(
+                "run folder", str(path), "a folder that can be written", f"reason: {error.strerror}"
+            ) from None
         remove_unfinished(path)
         return cls(path, lock, new=False, on_interrupt=on_interrupt)
 
@@ -245,7 +249,7 @@ def check_new(path: Path) -> None:
         if path.is_dir():
             _refuse_taken(path)
     except OSError as error:
-        raise InputError("run folder", str(path), f"a folder that can be written ({error.strerror})") from None
+        raise InputError("run folder", str(path), "a folder that can be written", f"reason: {error.strerror}") from None
 
 
 def _refuse_taken(path: Path) -> None:
@@ -255,7 +259,8 @@ def _refuse_taken(path: Path) -> None:
 
 
 def config_of(path: Path, command: str) -> dict:
-    """Return the resolved configuration of a run of a command, see `read_config`.
+    """Return the configuration that a command stored in its run folder: all its options with their values, and such
+    parts as the model.
 
     Raises:
         InputError: The folder is of another command, or its configuration is damaged.
@@ -268,7 +273,7 @@ def config_of(path: Path, command: str) -> dict:
 
 
 def read_config(path: Path) -> dict:
-    """Return the configuration of a run, even if another process writes in its folder.
+    """Return the table in a run folder's `config.toml`, even if another process writes in the folder.
 
     Raises:
         InputError: The folder is not a run folder, or its configuration is damaged.

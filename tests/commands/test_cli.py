@@ -84,7 +84,11 @@ def test_what_is_positional_keeps_its_name():
 @pytest.mark.parametrize(
     ("words", "option", "meaning"),
     [
-        (["rig", "strike"], "--strike", "All joint angles at the start, then all at the end [rad], and the duration [s]:"),
+        (
+            ["rig", "strike"],
+            "--strike",
+            "All joint angles at the start, then all at the end [rad], and the duration [s]:",
+        ),
         (["view"], "RUN", "Run folder"),
         (["simulate"], "--strike", "joint angles at start and end [rad], duration [s]"),
         (["optimize", "--method"], "--method", "a value"),

@@ -107,13 +107,17 @@ def test_targets_that_ask_for_what_the_rule_asks_for_are_taken():
 @pytest.mark.parametrize(
     ("rule", "target", "said"),
     [
-        (ArrivalRule(), Target((1.0, 0.2), direction=(1.0, 0.0)), "direction: got .* only points were learned"),
-        (ArrivalRule(), Target((1.0, 0.2), speed=1.0), "least speed: got 1.0; allowed: none, as no speed was learned"),
-        (ArrivalRule(speed=2.0), Target((1.0, 0.2), speed=2.1), "least speed: got 2.1; allowed: up to 2 m/s"),
-        (ArrivalRule(direction=(0.0, 1.0)), Target((1.0, 0.2), direction=(0.01, 1.0)), r"allowed: \(0, 1\), as was"),
+        (ArrivalRule(), Target((1.0, 0.2), direction=(1.0, 0.0)), "direction: got .* made for points alone"),
+        (
+            ArrivalRule(),
+            Target((1.0, 0.2), speed=1.0),
+            "least speed: got '1 m/s'; allowed: none, because the policy or map was made without one",
+        ),
+        (ArrivalRule(speed=2.0), Target((1.0, 0.2), speed=2.1), "least speed: got .2.1 m/s.; allowed: at most 2 m/s"),
+        (ArrivalRule(direction=(0.0, 1.0)), Target((1.0, 0.2), direction=(0.01, 1.0)), r"allowed: \(0, 1\), for which"),
         (ArrivalRule(angle=(0.0, 1.0)), Target((1.0, 0.2)), r"direction: got nothing; allowed: .*Target.arriving"),
         (ArrivalRule(angle=(0.0, 1.0)), Target.arriving((1.0, 0.2), 1.01), "angles from 0 to 57.2958 degrees"),
-        (ArrivalRule(angle=0.5), Target.arriving((1.0, 0.2), 0.6), "as was learned"),
+        (ArrivalRule(angle=0.5), Target.arriving((1.0, 0.2), 0.6), "for which the policy or map was made"),
         (ArrivalRule(angle=(-3.0, 3.0)), Target((1.0, 0.2, 0.0), direction=(1.0, 0.0, 0.5)), "Target.arriving"),
         (ArrivalRule(angle=(-3.0, 3.0)), Target((1.0, 0.0, 0.0), direction=(0.0, 0.0, 1.0)), "Target.arriving"),
     ],

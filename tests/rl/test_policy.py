@@ -132,7 +132,7 @@ def test_a_policy_strikes_along_the_directions_that_it_learned():
             policy.strike(target)
     assert len(learner.asked) == 1
     points = StrikeTask(StraightFlight(), Disc((0.8, 0.2), 0.3), bounds=BOUNDS)
-    with pytest.raises(InputError, match="only points were learned"):
+    with pytest.raises(InputError, match="made for points alone"):
         Policy(learner, points).strike(Target((1.0, 0.1), direction=(1.0, 0.0)))
 
 

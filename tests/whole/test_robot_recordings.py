@@ -112,7 +112,7 @@ def test_without_a_log_the_command_and_a_lag_tell_the_whip(lab):
 @pytest.mark.parametrize(
     ("change", "drive", "said"),
     [
-        (str, "handle", "drive: got 'handle'; allowed: joints, robot, hand or command"),
+        (str, "handle", "drive: got 'handle'; allowed: for a model in space joints, robot, hand or command"),
         (flat, "joints", "points: got '2 coordinates, in a plane'; allowed: 3 coordinates"),
     ],
 )

@@ -64,7 +64,7 @@ UNFELT = 0.01  # part of a motor's line that is left for the drag and dry fricti
 
 
 def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
-    """Return the adaptation that the options describe, ready to run.
+    """Return the run that the options describe: it strikes, identifies the whip and plans again until the tip hits.
 
     Args:
         options: Options of the command; `out`, `resume` and `json` are ignored.

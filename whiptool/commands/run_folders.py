@@ -47,7 +47,7 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
         fields |= {name: Path(fields[name]) for name in paths}
         return options(**fields)
     except TypeError as error:
-        raise InputError("--resume", str(path), f"a folder of this command and version ({error})") from None
+        raise InputError("--resume", str(path), "a folder of this command and version", f"reason: {error}") from None
 
 
 def _named_now(observation: str | tuple[str, ...]) -> str | tuple[str, ...]:
@@ -205,7 +205,7 @@ def check_matplotlib() -> None:
     except (ValueError, OSError) as error:
         name = "matplotlibrc" if isinstance(error, (UnicodeDecodeError, OSError)) else "MPLBACKEND"
         place = os.environ.get(name, os.environ.get("MATPLOTLIBRC", "matplotlibrc"))
-        raise InputError(name, place, f"settings that matplotlib takes ({str(error)[:160]})") from None
+        raise InputError(name, place, "settings that matplotlib takes", f"reason: {str(error)[:160]}") from None
 
 
 def as_plain(options: Any) -> dict:

@@ -221,7 +221,9 @@ def _export(options: SimulateOptions, model) -> None:
     try:
         write_whole(options.export, xml)
     except OSError as error:
-        raise InputError("--export", str(options.export), f"a file that can be written ({error.strerror})") from None
+        raise InputError(
+            "--export", str(options.export), "a file that can be written", f"reason: {error.strerror}"
+        ) from None
     print(f"wrote {options.export}; it does not hold {'; '.join(missing)}", file=sys.stderr)
 
 

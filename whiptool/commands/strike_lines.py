@@ -131,11 +131,11 @@ def _arrival_lines(outcome, target) -> list[str]:
 
 
 def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm: AnyArm) -> dict:
-    """Return, for JSON, the usage of the limits by a strike, 1 being the limit (`joint_usage`, `motor_usage` or
-    `speed_usage`), its `clearance` [m], of an arm in space the largest `point_speeds` of elbow, flange and hand [m/s],
-    and `beyond`: the limit that it exceeds most, as text, or None.
+    """Return how much of the limits a strike uses, as a table for JSON; it is empty if there are no limits.
 
-    The table is empty if there are no limits.
+    Each kind of limit has a key: `joint_usage`, `motor_usage` and `speed_usage` are fractions of it, `clearance` is the
+    smallest distance [m]. `point_speeds` are the largest speeds of elbow, flange and hand of an arm in space [m/s].
+    `beyond` describes the limit that is exceeded most; None: all are kept. Numbers of a diverged strike are None.
     """
     from whiptool.limits.clearance import Clearance
 

@@ -96,7 +96,7 @@ def _write_mcap(run: Path, path: Path) -> None:
         else:
             write_recorded_mcap(path, read_recording(run))
     except OSError as error:
-        raise InputError("--mcap", str(path), f"a file that can be written ({error.strerror})") from None
+        raise InputError("--mcap", str(path), "a file that can be written", f"reason: {error.strerror}") from None
 
 
 def _look(options: ViewOptions) -> dict[str, Any]:

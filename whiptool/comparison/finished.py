@@ -81,7 +81,9 @@ class Results:
                 version=table["version"],
             )
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError("results", str(path), f"a whole file that whiptool wrote ({error})"[:200]) from None
+            raise InputError(
+                "results", str(path), "a whole file that whiptool wrote", f"reason: {str(error)[:160]}"
+            ) from None
 
 
 def _now(observation: str) -> str:

@@ -160,7 +160,7 @@ def _on_ray(units: Mapping[str, Any], work: Callable[[Any], R], address: str, on
                 socket.create_connection((host, int(port)), timeout=10).close()
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
         except (OSError, ValueError, RuntimeError) as error:
-            raise InputError("cluster", address, f"auto, or a Ray cluster's address ({error})") from None
+            raise InputError("cluster", address, "auto, or a Ray cluster's address", f"reason: {error}") from None
     died = (
         exceptions.WorkerCrashedError,
         exceptions.NodeDiedError,

@@ -86,8 +86,8 @@ class Turned(NamedTuple):
 
 
 def turn(axis: Axis, angle: ca.SX) -> ca.SX:
-    """Return the rotation matrix (3, 3) about a constant unit vector; about a coordinate axis its constant entries are
-    exactly 0 or 1."""
+    """Return the matrix (3, 3) of a rotation by `angle` [rad] about the constant unit vector `axis` (3,); about a
+    coordinate axis its constant entries are exactly 0 or 1."""
     a, sin, cos = np.asarray(axis, float), ca.sin(angle), ca.cos(angle)
     main = np.flatnonzero(np.abs(a) == 1)
     R = ca.SX.zeros(3, 3)

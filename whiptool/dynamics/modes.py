@@ -62,7 +62,8 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
     for name, given in (("q0", q0), ("v0", np.zeros(size) if v0 is None else v0)):
         state = np.asarray(given, float)
         if state.shape != (size,) or not np.isfinite(state).all():
-            raise InputError(name, given, f"{size} finite numbers, one per joint or three per rod")
+            wrong = f"shape {state.shape}" if state.shape != (size,) else f"{state[~np.isfinite(state)][0]} among them"
+            raise InputError(name, wrong, f"{size} finite numbers, one per joint or three per rod")
         states.append(state)
     if isinstance(chain, Model) and chain.dimension == 3:
         M, C, K = _in_space(chain, *states)
@@ -131,10 +132,13 @@ def _slopes(force: ca.Function, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarr
 def _across_rods(directions: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Two unit vectors across each of N rods (3 N,), (N, 3, 2)."""
     d, rate = directions.reshape(-1, 3), rates.reshape(-1, 3)
-    if np.abs((d**2).sum(axis=1) - 1).max() > 1e-9:
-        raise InputError("q0", directions.tolist(), "unit vectors along the rods")
-    if np.abs((d * rate).sum(axis=1)).max() > 1e-9 * max(1.0, np.abs(rate).max()):
-        raise InputError("v0", rates.tolist(), "rates perpendicular to the rods' directions")
+    length, along = np.abs((d**2).sum(axis=1) - 1), np.abs((d * rate).sum(axis=1))
+    if length.max() > 1e-9:
+        i = int(length.argmax())
+        raise InputError(f"q0 of rod {i + 1}", d[i].tolist(), "a unit vector along the rod")
+    if along.max() > 1e-9 * max(1.0, np.abs(rate).max()):
+        i = int(along.argmax())
+        raise InputError(f"v0 of rod {i + 1}", rate[i].tolist(), f"a rate perpendicular to the rod, {d[i].tolist()}")
     return np.array([_least_turn(row)[:, :2] for row in d])
 
 

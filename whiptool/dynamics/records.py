@@ -78,12 +78,13 @@ class Stored(Generic[R]):
 
     @classmethod
     def along(cls, start: R, name: str, follow: Callable[[R], R], *, always: Sequence[int] = ()) -> Stored[R]:
-        """Return the storage of the entries that are not the same constant in all records of a chain.
+        """Return the storage of the entries that vary from link to link of a chain, or are not constants; it leaves out
+        those that are the same constant in the records of all links.
 
         Args:
-            start: The first record.
+            start: Record of the first link.
             name: Name of the symbols.
-            follow: Function that returns the record after a given record.
+            follow: Function that returns the next link's record for a given record.
             always: Indices of entries that are stored in any case.
         """
         free = {i for i, x in enumerate(start.entries()) if not x.is_constant()} | set(always)

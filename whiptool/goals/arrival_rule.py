@@ -17,6 +17,7 @@ from whiptool.models.mount import default_floor, turns_as_a_whole
 from whiptool.models.numbers import number, numbers
 from whiptool.models.parameters import Model
 
+_MADE = "for which the policy or map was made"
 _SAME = 1e-6  # largest difference of directions that are the same
 
 
@@ -141,7 +142,7 @@ class ArrivalRule:
         asked = target.goals
         self._check_speed(target)
         if asked.directions is None and self.drawn:
-            allowed = "one of those that were learned: Target.arriving(position, angle)"
+            allowed = f"one {_MADE}: Target.arriving(position, angle)"
             raise InputError("direction", NOTHING, allowed)
         angles = None
         if self.drawn and asked.directions is not None:
@@ -154,24 +155,23 @@ class ArrivalRule:
     def _check_speed(self, target: Target) -> None:
         """Refuse a target that asks for more speed."""
         if target.speed is not None and target.speed > (self.speed or 0.0):
-            learned = "none, as no speed" if self.speed is None else f"up to {self.speed:g} m/s, as this"
-            raise InputError("least speed", target.speed, f"{learned} was learned")
+            allowed = "none, because the policy or map was made without one"
+            allowed = allowed if self.speed is None else f"at most {self.speed:g} m/s, {_MADE}"
+            raise InputError("least speed", f"{target.speed:g} m/s", allowed)
 
     def _check_direction(self, target: Target, own: Goals) -> None:
         """Refuse a target whose direction, or the part of the velocity that counts for it, is not the rule's."""
         if own.directions is None:
-            raise InputError("direction", target.direction, "none, because only points were learned")
+            raise InputError("direction", target.direction, "none, because the policy or map was made for points alone")
         same = np.abs(own.directions[0] - np.array(target.direction)).max() <= _SAME
         if own.sights is not None:
             same &= target.sight is not None and np.abs(own.sights[0] - np.array(target.sight)).max() <= _SAME
         if not same:
-            learned = f"({', '.join(f'{x:.6g}' for x in own.directions[0])}), as was learned"
+            made = f"({', '.join(f'{x:.6g}' for x in own.directions[0])}), {_MADE}"
             if self.range is not None:
                 low, high = map(math.degrees, self.range)
-                learned = (
-                    f"Target.arriving(position, angle), at angles from {low:g} to {high:g} degrees, as was learned"
-                )
-            raise InputError("direction", target.direction, learned)
+                made = f"Target.arriving(position, angle), at angles from {low:g} to {high:g} degrees, {_MADE}"
+            raise InputError("direction", target.direction, made)
 
     def __str__(self) -> str:
         said, within = [], f"arriving within {math.degrees(self.cone):g} degrees of"

@@ -85,7 +85,7 @@ class Criterion(ABC):
         """Return the exact derivatives of the measures by the strike's coordinates, (B, k, m)."""
 
     def measure_of(self, value: float) -> float:
-        """Return the upper bound on the measures that keeps the criterion at or below `value`."""
+        """Return the upper bound on the measures at which the criterion is `value`, or better."""
         return value
 
     def cost(self, value: float, hit_radius: float) -> float:

@@ -270,7 +270,7 @@ class SwingDrive(Drive):
                     "or drive by command",
                 )
         if kind in ("robot", "hand") and plant.model.dimension == 2:
-            raise InputError("drive", kind, "joints, handle, command or passive, for a model in the plane")
+            raise InputError("drive", kind, "for a model in the plane joints, handle, command or passive")
         if plant.model.dimension == 3:
             _check_in_space(kind, unknown=unknown, rods=not whip.kind.hinges)
         terms = ("rest_angle", "rest_angle_x", "dry_friction", "drag", "cubic_stiffness")
@@ -440,7 +440,7 @@ def _check_in_space(kind: str, *, unknown: bool, rods: bool) -> None:
     """Refuse what is not identified in space yet."""
     if kind not in ("joints", "robot", "hand"):
         fix = "record the arm's joints, or the hand's pose"
-        raise InputError("drive", kind, "joints, robot, hand or command for a model in space", fix)
+        raise InputError("drive", kind, "for a model in space joints, robot, hand or command", fix)
     if unknown and rods:
         raise InputError(
             "free per recording",
@@ -613,7 +613,7 @@ def make_drive(recording: StrikeRecording, plant: Plant, options: DriveOptions) 
     if kind == "free" and not (bare and recording.angular):
         raise InputError("drive", kind, "another drive, because free takes angles of an arm without a whip")
     if kind != "free" and bare:
-        raise InputError("drive", kind, "free for an arm without a whip")
+        raise InputError("drive", kind, "for an arm without a whip only free")
     try:
         return DRIVES[kind](recording, plant, options)
     except InputError as error:

@@ -150,7 +150,7 @@ def read_marker(path: str | None) -> Marker | None:
     except InputError as error:
         raise error.within(f"{path}: ") from None
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(path, str(table)[:80], f"radius, and hue, saturation or value ({error})") from None
+        raise InputError(path, str(table)[:80], "radius, and hue, saturation or value", f"reason: {error}") from None
 
 
 def common_controller(recordings: Sequence[StrikeRecording]) -> Controller | None:

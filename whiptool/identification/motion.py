@@ -193,7 +193,7 @@ class BaseMotion(Protocol):
     mean: np.ndarray
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion with coefficients c."""
+        """Return the motion of the whip's base, with derivatives, for coefficients c (C,)."""
         ...
 
 

@@ -75,7 +75,9 @@ class _Scratch(threading.local):
 
 
 class Arm:
-    """The arm of a model without whip, and the weight of the whip at its hand; it is safe to use from several threads.
+    """Inertia, gravity and kinematics of a model's arm with n joints, as control laws need them, by Pinocchio.
+
+    The whip counts only as a weight at the hand, in `gravity_compensation`. Several threads may use one object.
 
     Args:
         model: Model with arm, whip and gravity.
@@ -101,7 +103,9 @@ class Arm:
         return self._scratch.data
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
-        """Inertia matrix I(q) of the arm without whip [kg m^2; kg for a prismatic joint], shape (n, n), as in Eq. 7."""
+        """Return the inertia matrix I(q) of the arm without whip at joint positions q (n,) [rad or m], (n, n), as in
+        Eq. 7 [kg m^2; kg for a prismatic joint].
+        """
         return pin.crba(self._model, self._data, np.asarray(q, float)).copy()
 
     def gravity_jacobians(self, q: np.ndarray) -> np.ndarray:
@@ -117,9 +121,9 @@ class Arm:
         return np.array([jacobian.reshape(6, -1)[: self._dimension] for jacobian in jacobians])  # (6,) for one joint
 
     def hand(self, q: np.ndarray) -> HandMotion:
-        """Return position, orientation and Jacobian of the hand in space at joint positions q (n,).
+        """Return position, orientation and Jacobian of the hand in the base's frame at joint positions q (n,).
 
-        The plane of a planar arm is vertical in space.
+        The plane of a planar arm is the vertical one of x and z.
         """
         pin.computeJointJacobians(self._model, self._data, np.asarray(q, float))
         pin.updateFramePlacements(self._model, self._data)
@@ -129,10 +133,11 @@ class Arm:
         return HandMotion(A @ pose.translation, A @ pose.rotation @ A.T, (A @ jacobian).reshape(6, -1))
 
     def gravity_compensation(self, q: np.ndarray, masses: Sequence[float] | None = None) -> np.ndarray:
-        """Torque [N m], shape (n,), that holds the arm and the whip's weight at the hand (Eq. 3).
+        """Return the torques [N m; N for a prismatic joint], (n,), that hold the arm and the whip's weight at the hand
+        (Eq. 3).
 
         Args:
-            q: Posture [rad], (n,).
+            q: Joint positions [rad or m], (n,).
             masses: Masses of the links and, last, of the whip [kg], in place of the model's, (n + 1,).
         """
         carried = self._masses if masses is None else tuple(masses)

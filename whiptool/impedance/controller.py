@@ -332,7 +332,7 @@ def controller_from_table(table: Mapping[str, Any]) -> Controller:
     except InputError as error:
         raise error.within("controller.") from None
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError("controller", str(table)[:80], f"a controller's numbers ({error})") from None
+        raise InputError("controller", str(table)[:80], "a controller's numbers", f"reason: {error}") from None
 
 
 def read_controller(path: Path | str) -> Controller:

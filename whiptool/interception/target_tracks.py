@@ -215,7 +215,8 @@ class TargetTrack:
 
     @property
     def warning(self) -> str:
-        """Warning, as a sentence, if the frames scatter much more than stated; else empty."""
+        """A warning in a sentence if `misfit` is above 4: the frames lie more than twice as far from the fitted motion
+        as their stated standard error; else an empty text."""
         if self.misfit <= DOUBTFUL:
             return ""
         return (

@@ -117,8 +117,12 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
 
 
 def distance_beyond(penalty: float, beyond: np.ndarray | float) -> np.ndarray | float:
-    """Return the distances [m] that a search uses for strikes that break limits: from `penalty` (excess 0) to twice
-    that.
+    """Return the miss distances [m] that a search counts for strikes that break limits: they increase from `penalty` at
+    no excess towards twice that, and so exceed every real miss.
+
+    Args:
+        penalty: A distance larger than any miss [m].
+        beyond: Excess of the strikes over their limits, 0 or more, any shape.
     """
     return penalty * (2 - 1 / (1 + beyond))
 

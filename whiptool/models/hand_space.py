@@ -28,11 +28,11 @@ from whiptool.models.strike import HandStrike, JointSpace, StrikeBounds, check_t
 
 
 class HandWay:
-    """Straight paths of the hand between two poses, with the shortest rotation in space.
+    """Straight paths of the hand between two poses, with the shortest rotation in space; all in the base's frame.
 
     Args:
         kinematics: Kinematics of the hand.
-        ends: The m coordinates of the hand at the start and at the end, (..., 2, m).
+        ends: The m coordinates of the hand at the start and at the end, see `HandKinematics`, (..., 2, m).
 
     Attributes:
         start: Pose at the start: position (..., 3) [m] and rotation (..., 3, 3).
@@ -67,9 +67,10 @@ class HandWay:
         return HandPose(place, turned @ self.start.rotation[..., None, :, :])
 
     def slopes(self, share: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the hand's position and orientation at fractions (K,) of the path by `ends`.
+        """Return the derivatives of the hand's pose at fractions (K,) of the path by the coordinates in `ends`.
 
-        The shape is (..., K, m, 2 m), with the coordinates of the start first.
+        The shape is (..., K, m, 2 m), with the coordinates of the start first; rows of the orientation are rotations in
+        the base's axes [rad].
         """
         d, m = self.kinematics.dimension, self.kinematics.size
         slopes = np.zeros((*self._ends.shape[:-2], len(share), m, 2 * m))
@@ -129,16 +130,17 @@ class HandPath:
             self._series.append(2 * chebyshev.chebder(self._series[-1], axis=0))  # by the share of the path
 
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
+        """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] of the joints at
+        times t [s] after the start of the strike, each (*t.shape, a)."""
         s, ds, dds = (np.asarray(x, float)[..., None] for x in eased(np.asarray(t, float), self.D))
         q, by_s, twice = (np.moveaxis(chebyshev.chebval(2 * s[..., 0] - 1, c), 0, -1) for c in self._series)
         return q, by_s * ds, twice * ds**2 + by_s * dds
 
     def hand(self, t: float | np.ndarray) -> tuple[HandPose, np.ndarray]:
-        """Return the desired pose of the hand at times t [s], and its velocity and angular velocity (*t.shape, m) (Eq.
-        1).
+        """Return the desired pose of the hand at times t [s], and its velocity [m/s] and angular velocity [rad/s],
+        (*t.shape, m); Eq. 1.
 
-        The pose is a position (*t.shape, 3) [m] and a rotation (*t.shape, 3, 3).
+        The pose is a position (*t.shape, 3) [m] and a rotation (*t.shape, 3, 3) in the base's frame.
         """
         s, ds, _ = eased(np.asarray(t, float), self.D)
         place, rotation = self.way.at(np.ravel(s))
@@ -146,14 +148,16 @@ class HandPath:
         return HandPose(place.reshape(*s.shape, 3), rotation), ds[..., None] * self.way.motion
 
     def errors(self, t: float | np.ndarray, hand: HandMotion, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the errors of the hand's pose, from which a control law computes forces, and the errors' rates.
+        """Return the errors of the hand's pose and of its velocity, desired minus present, from which a control law
+        computes forces.
 
-        Both are (*t.shape, m): differences of positions, and `rotation_left` as the error of the orientation.
+        Both are (*t.shape, m), in the m coordinates along the base's axes: position [m], and with orientation
+        `rotation_left` [rad]; velocity [m/s] and angular velocity [rad/s].
 
         Args:
-            t: Times [s], (...,).
-            hand: Pose of the hand at these times.
-            speed: Velocity and angular velocity of the hand at these times, (..., m).
+            t: Times [s], any shape.
+            hand: Present pose of the hand at these times.
+            speed: Present velocity [m/s] and angular velocity [rad/s] of the hand in the m coordinates, (*t.shape, m).
         """
         wanted, motion = self.hand(t)
         left = wanted.place - hand.position
@@ -290,7 +294,8 @@ class HandSpace:
 
     @property
     def bounds(self) -> StrikeBounds:
-        """Bounds in which strikes are searched, around the home posture."""
+        """Bounds in which strikes are searched: around the hand's pose in the home posture, as far as the arm takes the
+        hand with ease."""
         return self._bounds
 
     @cached_property

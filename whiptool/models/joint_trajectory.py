@@ -42,8 +42,9 @@ class JointTrajectory:
     Args:
         joints: Names of the joints, (n,).
         t: Times [s], (T,), from 0, increasing.
-        q, v, a: Positions [rad or m], velocities and accelerations, (T, n) each.
-        hand: Poses of the hand, see `hand_poses`, (T, 7); None: unknown.
+        q, v, a: Positions [rad or m], velocities [rad/s or m/s], accelerations [rad/s^2 or m/s^2], (T, n) each.
+        hand: Poses of the hand in the base's frame, (T, 7): position x, y, z [m], unit quaternion x, y, z, w; None:
+            unknown.
 
     Raises:
         InputError: Shapes do not match, a value is not finite, a quaternion is not of unit length, or times do not
@@ -158,9 +159,8 @@ class JointTrajectory:
         return said
 
     def differences(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return velocities, accelerations and jerks by backward differences of the positions, (T, n) each.
-
-        Before the first sample the joints rest there.
+        """Return velocities, accelerations and jerks [rad or m; per s, s^2, s^3] by backward differences of the
+        positions, (T, n) each. Before the first sample the joints are taken to rest at its positions.
         """
         steps = np.diff(self.t)
         if np.ptp(steps) < _ROUNDING * self.t[-1]:
@@ -221,7 +221,9 @@ class JointTrajectory:
             header, *rows = list(csv.reader(text.splitlines()))
             values = np.array([[float(x) for x in row] for row in rows])
         except (ValueError, csv.Error) as error:
-            raise InputError("trajectory", str(path), f"a CSV file of numbers with a header ({error})"[:200]) from None
+            raise InputError(
+                "trajectory", str(path), "a CSV file of numbers with a header", f"reason: {str(error)[:160]}"
+            ) from None
         names = [name.removeprefix("position_") for name in header if name.startswith("position_")]
         with_hand = header[-len(POSE) :] == list(POSE)
         if header != _header(names) + list(POSE) * with_hand or values.ndim != 2 or values.shape[1] != len(header):

@@ -224,7 +224,8 @@ class ArmChoice:
 
     @property
     def hand(self) -> np.ndarray:
-        """Rotation of the hand in the tip's frame (3, 3), whose -z is `outward`."""
+        """Rotation of the hand's frame in the frame of the link `tip`, (3, 3): the hand's -z axis, along which a stick
+        or the hanging whip points, is `outward`."""
         z = -np.array(self.outward)
         across = np.eye(3)[np.abs(z).argmin()]  # the first of the axes that are most across
         x = across - (across @ z) * z

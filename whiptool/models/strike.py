@@ -120,7 +120,8 @@ class Strike(Vector):
         return np.array(self.q_i), np.array(self.q_f) - np.array(self.q_i)
 
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Desired positions, velocities and accelerations at times t [s], each of shape (*t.shape, n); Eq. 1.
+        """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] at times t [s], each
+        of shape (*t.shape, n); Eq. 1.
 
         Before time 0 the position is `q_i`, after D it is `q_f`.
         """
@@ -294,7 +295,8 @@ class StrikePath(Protocol):
         ...
 
     def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Desired positions, velocities and accelerations of the joints at times t [s], each (*t.shape, a)."""
+        """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] of the joints at
+        times t [s] after the start of the strike, each (*t.shape, a)."""
         ...
 
 
@@ -315,7 +317,7 @@ class JointSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of a strike's coordinates; see `strike_names`."""
+        """Names of a strike's coordinates, (2 a + 1,), such as `q_si, q_ei, q_sf, q_ef, D`; see `strike_names`."""
         return strike_names(self.arm)
 
     @property
@@ -325,7 +327,7 @@ class JointSpace:
 
     @property
     def layout(self) -> dict[str, int]:
-        """Name and size of every block of a strike vector."""
+        """Name and size of every block of a strike vector, in order: `q_i`, `q_f` and `D`."""
         return joint_layout(self.arm.n)
 
     @property
@@ -338,11 +340,12 @@ class JointSpace:
         return default_bounds(self.arm)
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> Strike:
-        """Return the strike of a vector (2 a + 1,)."""
+        """Return the strike of a vector `[q_i, q_f, D]`, (2 a + 1,)."""
         return Strike.from_vector(vector)
 
     def path(self, vector: np.ndarray) -> Strike:
-        """Return the strike of a vector (2 a + 1,), which is also the path of the joints."""
+        """Return the path of the arm's a joints for a vector `[q_i, q_f, D]`, (2 a + 1,); in joint space it is the
+        strike itself."""
         return Strike.from_vector(vector)
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
@@ -358,8 +361,12 @@ class JointSpace:
         return np.zeros(len(vectors))
 
     def check_turns(self, name: str, vectors: Any) -> None:
-        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) with a joint angle more than two turns from 0; see
-        `check_turns`."""
+        """Refuse strikes (2 a + 1,) or (B, 2 a + 1) with a joint angle more than two turns from 0, as one in degrees
+        would be; `name` is that of the strikes for the user.
+
+        Raises:
+            InputError: There is such an angle.
+        """
         check_turns(name, np.asarray(vectors)[..., :-1], self.arm)
 
 

@@ -143,7 +143,7 @@ def _robot(text: str) -> ET.Element:
         )
         if "unbound prefix" in str(error) and declared:
             return _robot(re.sub(r"<robot\b", f"<robot {declared}", text, count=1))
-        raise InputError("file", "no XML", f"a URDF file ({error})") from None
+        raise InputError("file", "no XML", "a URDF file", f"reason: {error}") from None
 
 
 def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
@@ -219,7 +219,7 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
         with quiet():
             whole = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
     except (ValueError, RuntimeError) as error:
-        raise InputError("file", "no robot", f"a URDF file that Pinocchio reads ({error})") from None
+        raise InputError("file", "no robot", "a URDF file that Pinocchio reads", f"reason: {error}") from None
     main = {_end(joint, "child") for joint in robot.findall("joint") if joint.get("name") in movers}
     weighed = add_inertias(whole, robot, folder, main)
     at = np.zeros(whole.nv)

@@ -148,4 +148,4 @@ def _geometry(model: Any, robot: ET.Element, kind: str) -> Any:
             text = ET.tostring(robot, encoding="unicode")
             return pin.buildGeomFromUrdfString(model, text, getattr(pin.GeometryType, kind))
     except (ValueError, RuntimeError) as error:
-        raise InputError("file", "no shapes", f"a URDF file whose shapes Pinocchio reads ({error})") from None
+        raise InputError("file", "no shapes", "a URDF file whose shapes Pinocchio reads", f"reason: {error}") from None

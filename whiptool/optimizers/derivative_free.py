@@ -17,11 +17,13 @@ from whiptool.objective import Objective
 
 
 def random_search(objective: Objective, *, seed: int) -> None:
-    """Try random strikes until the objective stops the search.
+    """Try strikes that are drawn uniformly within the bounds, and shortened so that commands keep the joints' limits.
+
+    The function never returns: the objective ends the search by an exception.
 
     Raises:
         InputError: The objective has no limit on trials or time.
-        SearchStopped: The objective ended the search.
+        SearchStopped: Trials or time are used up, or a strike was the hit to stop at.
     """
     if objective.max_trials is None and objective.max_time is None:
         raise InputError(

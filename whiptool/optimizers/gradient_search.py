@@ -77,7 +77,12 @@ _INSIDE = 1e-6  # of a constraint's size, by which it is kept, so that rounding 
 
 
 class Cap(NamedTuple):
-    """A bound on a criterion: hits have to be at least as good as `value`."""
+    """A bound on a criterion, in addition to the hit.
+
+    Args:
+        criterion: The criterion.
+        value: The worst value that is allowed, in the criterion's unit: the least speed, the largest of others.
+    """
 
     criterion: Criterion
     value: float

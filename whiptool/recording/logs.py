@@ -206,8 +206,8 @@ def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
 
 
 def of_use(times: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return which samples of a log, at `times` (S,) [s], are kept, (S,): those from 1 s before the command's start
-    (time 0) or the first of the frames at t (T,) [s], until 1 s after the last frame."""
+    """Return a mask (S,) that is true for the samples of a log, at `times` (S,) [s], that are kept: from 1 s before the
+    earlier of the command's start (time 0) and the first frame until 1 s after the last; frames are at t (T,) [s]."""
     return (times >= min(t[0], 0.0) - LEAD) & (times <= t[-1] + LEAD)
 
 

@@ -295,7 +295,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         upward axis (y in the plane, z in space), if the file states an upward axis.
 
         Raises:
-            InputError: The log has other joints, the positions are in a plane and the model is in space, or the
+            InputError: The log lacks a joint of the arm, the positions are in a plane and the model is in space, or the
                 strike's angles are implausibly large, as in degrees.
         """
         self.check_coordinates(model.dimension)
@@ -324,10 +324,11 @@ class StrikeRecording(NoArray, instead="its t and points"):
         return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, up=up)
 
     def ordered(self, joints: Sequence[str]) -> StrikeRecording:
-        """Return the recording with its log reduced to these joints, in this order, and to samples near the frames.
+        """Return the recording with its joint log reduced to these joints, in this order, and to samples near the
+        frames. Further joints of the log are left out, which `notes` says.
 
         Raises:
-            InputError: The log has other joints.
+            InputError: The log lacks one of these joints.
         """
         if self.joints_t is None or self.joints_q is None:
             return self
@@ -406,7 +407,9 @@ class StrikeRecording(NoArray, instead="its t and points"):
         try:
             write_npz(Path(path), arrays)
         except OSError as error:
-            raise InputError("recording", str(path), f"a file that can be written ({error.strerror})") from None
+            raise InputError(
+                "recording", str(path), "a file that can be written", f"reason: {error.strerror}"
+            ) from None
 
     def __repr__(self) -> str:
         span = f"{len(self.t)} frames from {self.t[0]:.3f} to {self.t[-1]:.3f} s"

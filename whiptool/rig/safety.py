@@ -32,7 +32,8 @@ class State(IntEnum):
 class Safety:
     """Arms, commands and disarms the servos; no other code writes Goal Current or Torque Enable.
 
-    Used as a context manager, the object switches the motors off in any case at the end of the block.
+    Used as a context manager, the object switches the motors off in any case at the end of the block. After a stop its
+    interlock refuses to arm again, until a person has released it.
 
     Args:
         joints: The servos.

@@ -286,4 +286,6 @@ def load_checkpoint(path: Path) -> dict:
             raise TypeError(f"it holds a {type(state).__name__}")
         return state
     except Exception as error:  # torch names no exception for what is damaged
-        raise InputError("checkpoint", str(path), f"a whole file that whiptool train wrote ({error})"[:200]) from None
+        raise InputError(
+            "checkpoint", str(path), "a whole file that whiptool train wrote", f"reason: {str(error)[:160]}"
+        ) from None

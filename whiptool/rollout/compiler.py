@@ -73,8 +73,10 @@ def _temporary_folder(reason: str) -> Path:
 
 
 def cached(folder: Path, key: str) -> ctypes.CDLL | None:
-    """Return the cached library of a key if it is complete and owned by the user, else None; invalid files are
-    removed."""
+    """Return the compiled library with this key from a cache folder, loaded; None if there is none.
+
+    Files that are damaged, not the user's, or writable by others are removed, and a line in the log says so.
+    """
     for file in folder.glob(f"{key}-*.so"):
         try:
             if _name(key, file.read_bytes()) == file.name and is_own(file) and not file.stat().st_mode & _FOR_OTHERS:

@@ -62,10 +62,11 @@ class Answers:
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
     def shortlist(self, goal: Goals, count: int) -> np.ndarray:
-        """Return the indices of the entries that come closest to a single goal, (count,).
+        """Return the indices of the entries that come closest to a single goal, the closest first, (count,), or fewer
+        if the map has fewer entries.
 
-        The closest is the first; closeness is the norm of the goal's residuals for the tip's position and velocity.
-        There are fewer indices if the map has fewer entries.
+        Closeness is the norm of the goal's residuals [m], see `Goals.residuals`: errors of direction and speed are
+        scaled so that those at the edge of what the goal allows, or of a tip at rest, count as one hit radius.
         """
         left = np.linalg.norm(goal.residuals(self.tips, self.velocities), axis=1)
         count = min(count, len(left))

@@ -152,8 +152,9 @@ class CameraTrack:
         return pixels, np.hypot(np.interp(t, self.t, self.sigma), between)
 
     def beside(self, other: CameraTrack, delay: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return, at P instants, the distances in the image between this and the other camera's line of sight to the
-        marker [pixels], (P,), and their standard errors, (P,).
+        """Return by how far this and the other camera's lines of sight to the marker miss each other, as distances in
+        the image [pixels], and their standard errors [pixels], (P,) each: at those P of this camera's frames in which
+        both see the marker.
 
         Args:
             other: Track of the same marker by another camera.

@@ -57,12 +57,12 @@ def plot_landscape(
 
     Args:
         ax: Axes to draw into; a colour bar is set next to it.
-        x: Values of the first coordinate, (X,), in its own unit.
+        x: Values of the first coordinate [rad or m; D: s], (X,).
         y: Values of the second coordinate, (Y,).
         near: Closest approaches of the Y times X strikes, row by row of `y`; strikes that diverged are grey.
         target: Target of the strike, or its position [m].
-        names: Names of the two parameters, as `whiptool.models.strike.strike_names` has them.
-        slides: See `axis_label`.
+        names: Names of the two coordinates, as `whiptool.models.strike.strike_names` has them.
+        slides: Names of all coordinates that are positions of prismatic joints, whose unit is m instead of rad.
 
     Raises:
         InputError: The number of strikes does not fit the axes, or all strikes diverged.
@@ -102,16 +102,17 @@ def plot_trials(
     names: Sequence[str],
     slides: Sequence[str] = (),
 ) -> Axes:
-    """Draw the trials of a search over two coordinates, on a landscape or alone; hits are filled.
+    """Draw the trials of a search as points over two coordinates of their strikes: hits filled, misses as rings.
 
-    Hits and misses have labels for a legend, which the caller adds.
+    The axes may be empty, or hold the picture of `plot_landscape`. Hits and misses have labels for a legend, which the
+    caller adds.
 
     Args:
         ax: Axes to draw into.
         trials: Trials of the search.
         columns: Indices of the two coordinates in the strike vector.
-        names: Names of the two parameters.
-        slides: See `axis_label`.
+        names: Names of these two coordinates, as `whiptool.models.strike.strike_names` has them.
+        slides: Names of all coordinates that are positions of prismatic joints, whose unit is m instead of rad.
     """
     at = np.array([trial.strike for trial in trials]).reshape(len(trials), -1)
     hit = np.array([trial.outcome.hit for trial in trials], bool)
@@ -227,9 +228,9 @@ def plot_learning(
 
     Args:
         reward, hits: Axes to draw into.
-        columns: Columns of `whiptool.rl.training_log.EpisodeTable`.
-        trials: Strikes in an episode.
-        best: The episode of the best policy, which is marked.
+        columns: Columns of `whiptool.rl.training_log.EpisodeTable` by name, (E,) each.
+        trials: Number of strikes in an episode.
+        best: Number of the episode of the best policy, which is marked; None: no mark.
     """
     episode = columns["number"]
     window = max(1, round(_WINDOW * len(episode)))
@@ -270,7 +271,7 @@ def mark_random(ax: Axes, random_episodes: int) -> None:
 
 
 def running_mean(values: np.ndarray, window: int) -> np.ndarray:
-    """Return the mean of each value and the `window` - 1 values before it, (E,)."""
+    """Return the mean of each value (E,) and the `window` - 1 values before it, or as many as there are, (E,)."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     last = np.arange(1, len(values) + 1)
     first = np.maximum(last - window, 0)

@@ -81,7 +81,7 @@ class Claim:
 
     @property
     def kind(self) -> str:
-        """Return the word with which the verdict begins, such as `REPRODUCED`."""
+        """The one of `REPRODUCED`, `NOT_REPRODUCED`, `ONLY_WITH` and `NO_VERDICT` with which the verdict begins."""
         return next(name for name in (ONLY_WITH, *_STYLE) if self.verdict.startswith(name))
 
     @property
@@ -107,7 +107,7 @@ class Section:
 
     @property
     def claims(self) -> list[Claim]:
-        """Return all claims of the section, in order."""
+        """The claims of all parts of the section that are `Claims`, in order."""
         return [claim for part in self.parts if isinstance(part, Claims) for claim in part.claims]
 
 
@@ -168,7 +168,7 @@ def _image(picture: Picture) -> tuple[str, bytes]:
 
 
 def filled(template: str, **values: Any) -> str:
-    """Return a template of the folder `templates` with values filled in, which are escaped."""
+    """Return the text of a Jinja template of the folder `templates` with these values, escaped as HTML."""
     return _environment().get_template(template).render(values)
 
 

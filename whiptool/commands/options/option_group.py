@@ -320,7 +320,7 @@ def check_place(name: str, path: Path) -> None:
     try:
         is_folder = path.is_dir()
     except OSError as error:  # its name is too long
-        raise InputError(name, str(path), f"a file that can be written ({error.strerror})") from None
+        raise InputError(name, str(path), "a file that can be written", f"reason: {error.strerror}") from None
     if is_folder:
         raise InputError(name, str(path), "a file that can be written, not a folder")
     if not folder.is_dir():

@@ -62,8 +62,8 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
     """Camera, by --port:
-    - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images), points (positions of
-      the tip with the errors of tracked images) or none
+    - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images), points (positions
+      of the tip with the errors of tracked images) or none
     - servos: realsense, FILE.db3 (a RealSense recording) or none"""
     rate: float = 500.0
     """Rate of the control loop [Hz]."""
@@ -303,10 +303,10 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
     """Control law (default: oiac, online impedance adaptation, while an arm in space and a robot always take position).
     A TOML file has a table [controller], as config.toml of a run has."""
     port: str = "twin"
-    """Serial device of servos, twin (simulated rig), a robot's address (franka://HOST or ur://HOST), or robot (by files:
-    any robot plays trajectory.csv, you add recorded.csv). A device is, for example, /dev/ttyUSB0; twin emulates the
-    servos and their protocol. With robot, each strike is written as trajectory.csv and, for ROS 2, trajectory.yaml; put
-    its recording next to them as recorded.csv and use --resume."""
+    """Serial device of servos, twin (simulated rig), a robot's address (franka://HOST or ur://HOST), or robot (by
+    files: any robot plays trajectory.csv, you add recorded.csv). A device is, for example, /dev/ttyUSB0; twin emulates
+    the servos and their protocol. With robot, each strike is written as trajectory.csv and, for ROS 2, trajectory.yaml;
+    put its recording next to them as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense,none}|FILE.db3")] = "points"
     """Camera, by --port:
     - twin: points (tip with the errors of tracked images), twin or d435-infrared (render infrared images), d435-color

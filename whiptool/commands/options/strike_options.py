@@ -310,8 +310,8 @@ class TrajectoryOptions(ExecutionOptions):
 
                     write_commanded_mcap(file, trajectory)
         except OSError as error:
-            rule = f"a file that can be written ({error.strerror})"
-            raise InputError("--export-trajectory", str(path), rule) from None
+            rule = "a file that can be written"
+            raise InputError("--export-trajectory", str(path), rule, f"reason: {error.strerror}") from None
         follows = (
             "" if controller.prescribed else "; these are references: the robot needs the same impedance controller"
         )

@@ -138,7 +138,7 @@ def find_format(path: Path | str) -> str:
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError("recording", str(path)[:200], f"a path that can be read ({error})") from None
+        raise InputError("recording", str(path)[:200], "a path that can be read", f"reason: {error}") from None
     try:
         programs.refuse_others(path, head)
     except InputError:

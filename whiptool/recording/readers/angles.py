@@ -50,7 +50,15 @@ def holds_angles(path: Path, head: bytes) -> bool:
 
 
 def read_angles(path: Path | str, *, episode: int = 0) -> StrikeRecording:
-    """Return one swing of an NPZ or CSV file; see `read_swings`."""
+    """Return one swing of a pendulum, its links' angles measured by encoders, from an NPZ or CSV file.
+
+    Args:
+        path: The file, whose layout the module describes.
+        episode: Number of the swing, from 0; a file may hold several.
+
+    Raises:
+        InputError: There is no such swing, or the file or the TOML file next to it is damaged.
+    """
     swings = read_swings(path)
     if not 0 <= episode < len(swings):
         raise InputError("episode", episode, f"a number from 0 to {len(swings) - 1}, of a swing in {path}")

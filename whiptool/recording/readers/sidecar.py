@@ -363,11 +363,12 @@ class Sidecar:
         return points * factor
 
     def places(self, columns: dict[str, dict[str, int]], table: np.ndarray) -> dict[str, Any]:
-        """Return markers, positions [m] in whiptool's axes, and standard errors, as arguments of `StrikeRecording`.
+        """Return a table's M markers as arguments of `StrikeRecording`: `markers`, `points` (T, M, d) [m] in whiptool's
+        axes, and `sigma` (T, M) [m].
 
         Args:
-            columns: Indices of each marker's columns, see `split_columns`.
-            table: All columns, (T, columns).
+            columns: Indices of the columns of each marker's coordinates and, if it has one, of its `sigma`, by name.
+            table: All columns, (T, columns), in the file's units and axes.
         """
         axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
         unit, default = UNITS[self.word("units", UNITS, "m")], self.number("sigma", 1e-3, low=1e-9, high=1.0)

@@ -147,7 +147,7 @@ def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
             _write_columns(files[-1], names, log)
         files[1].write_text(tomli_w.dumps(table), encoding="utf-8")
     except OSError as error:
-        raise InputError("path", str(path), f"a file that can be written ({error.strerror})") from None
+        raise InputError("path", str(path), "a file that can be written", f"reason: {error.strerror}") from None
     return files
 
 

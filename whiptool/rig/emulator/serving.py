@@ -57,4 +57,6 @@ def _link(link: Path, device: str) -> None:
     except FileExistsError:
         raise InputError("link", str(link), "a path that does not exist yet", "take another, or remove it") from None
     except OSError as error:
-        raise InputError("link", str(link), f"a path at which a symbolic link can be made ({error.strerror})") from None
+        raise InputError(
+            "link", str(link), "a path at which a symbolic link can be made", f"reason: {error.strerror}"
+        ) from None
