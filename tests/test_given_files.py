@@ -297,7 +297,7 @@ def test_toml_is_read_as_mappings(tmp_path):
         (b"whip = [", "valid TOML"),
         (b"x = 1\nx = 2\n", "valid TOML"),
         ("name = 'ä'".encode("latin-1"), "valid TOML"),
-        (None, r"a readable TOML file \(No such file or directory\)"),
+        (None, r"a readable TOML file; reason: No such file or directory"),
     ],
 )
 def test_files_that_are_no_toml_are_named(tmp_path, content, said):

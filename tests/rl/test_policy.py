@@ -126,7 +126,7 @@ def test_a_policy_strikes_along_the_directions_that_it_learned():
     for target, said in (
         ((1.0, 0.1), "direction: got nothing"),
         (Target.arriving((1.0, 0.1), 1.2), "direction: got"),
-        (Target.arriving((1.0, 0.1), 0.3, speed=1.6), "least speed: got 1.6; allowed: up to 1.5 m/s"),
+        (Target.arriving((1.0, 0.1), 0.3, speed=1.6), "least speed: got '1.6 m/s'; allowed: at most 1.5 m/s"),
     ):
         with pytest.raises(InputError, match=said):
             policy.strike(target)

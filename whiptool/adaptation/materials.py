@@ -138,7 +138,7 @@ class Stock:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Parameters of the median whip, by name."""
+        """The six parameters `NUMBERS` of the median whip in SI units, by name."""
         return dict(zip(NUMBERS, np.exp(self.centre).tolist(), strict=True))
 
     @property
@@ -147,7 +147,7 @@ class Stock:
         return self.spread @ self.spread.T / 3
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Return the parameters of one random whip, by name."""
+        """Return the six parameters `NUMBERS` of one random whip in SI units, by name."""
         log = self.centre + self.spread @ rng.uniform(-1, 1, len(CAUSES))
         return dict(zip(NUMBERS, np.exp(log).tolist(), strict=True))
 

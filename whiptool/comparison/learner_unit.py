@@ -54,7 +54,7 @@ class LearnerUnit(MethodUnit):
 
     @property
     def series(self) -> tuple[str, str, int]:
-        """See `MethodUnit.series`."""
+        """Name of the learner, kind of its observation, and seed."""
         return self.method, self.observation, self.seed
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:

@@ -69,7 +69,7 @@ class StrikeLibrary:
         return self.strikes[order], distance[order]
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, without pickle."""
+        """Write an NPZ file, without pickle, with the arrays `strikes` and `paths`."""
         write_npz(path, {"strikes": self.strikes, "paths": self.paths})
 
     @classmethod
@@ -150,7 +150,7 @@ class SearchUnit(MethodUnit):
 
     @property
     def series(self) -> tuple[str, str, int]:
-        """See `MethodUnit.series`."""
+        """Name of the method, with `+library` if it starts from a library; an empty text, as no observation; seed."""
         name = f"{self.method}+library" if self.library and self.method != "library" else self.method
         return name, "", self.seed
 

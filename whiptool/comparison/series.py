@@ -193,7 +193,7 @@ class Series:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the mean, over seeds and targets (`mean_interval`)."""
+        """95 % interval (low, high) of `mean`, in trials; see `mean_interval`."""
         return mean_interval(self.trials, cap=self.cap)
 
     def needs_fewer(self, other: Series, *, share: float = 1.0) -> bool:

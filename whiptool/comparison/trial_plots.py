@@ -151,7 +151,8 @@ def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
 
 
 def save_comparison(folder: Path, series: Sequence[Series]) -> None:
-    """Write `bars.png` and `ecdf.png`."""
+    """Write figures of a comparison into a folder: `bars.png`, mean trials by method, and `ecdf.png`, the fraction of
+    targets hit over the trials."""
     for name, figure in comparison_figures(series).items():
         with matplotlib.rc_context(STYLE), replacing(folder / f"{name}.png") as unfinished:
             figure.savefig(unfinished)

@@ -57,7 +57,7 @@ class Chain:
         return ca.SX(self.length).numel()
 
     def each(self, name: str) -> list[ca.SX]:
-        """Quantity `name` as n scalars."""
+        """Return the field `name`, a quantity of the n links, as n CasADi scalars."""
         return ca.vertsplit(ca.SX(getattr(self, name)))
 
     @property

@@ -284,9 +284,9 @@ class ClosedLoop(System):
     def react(
         self, now: Instant, before: ca.SX | None, motion: ArmMotion | LedMotion, carried: SpatialCarried
     ) -> Reaction:
-        """Return the motion of the controlled arm under the load of the whip, as `System.react`.
+        """Return the accelerations of the controlled arm's joints and of its hand under the load of the whip.
 
-        One linear system gives the accelerations of all its joints.
+        One linear system gives all of them. The arguments are those of `System.react`.
         """
         if isinstance(motion, LedMotion):
             return self._led(now, motion, carried)

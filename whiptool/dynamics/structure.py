@@ -35,7 +35,7 @@ class Columns(dict[str, slice]):
 
     @property
     def width(self) -> int:
-        """Number of all columns."""
+        """Number of columns of all blocks together."""
         return max((block.stop for block in self.values()), default=0)
 
     def constants(self, name: str) -> dict[str, int]:

@@ -275,7 +275,7 @@ def hit_excess(struck: StrikesAtGoal) -> np.ndarray:
 
 
 def hit_excess_slopes(struck: StrikesAtGoal) -> np.ndarray:
-    """Return the exact derivatives of `hit_excess` by the strikes' coordinates, (B, c, m)."""
+    """Return the exact derivatives of the c parts of `hit_excess` by the strikes' m coordinates, (B, c, m)."""
     goals, near, slopes = struck.goals, struck.near, struck.slopes
     left = goals.residuals(near.tip, near.velocity) / goals.hit_radius
     changes = goals.residual_slopes(near.velocity, slopes.tip, slopes.velocity) / goals.hit_radius

@@ -289,7 +289,7 @@ class Region(Zone):
         return grid[tuple(np.moveaxis(np.clip(cells, -1, np.array(grid.shape) - 2).astype(int) + 1, -1, 0))]
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, without pickle."""
+        """Write an NPZ file, without pickle, with the arrays `corners` and `cell`."""
         write_npz(path, {"corners": self.corners, "cell": self.cell})
 
     @classmethod

@@ -214,7 +214,7 @@ class StillMotion:
         self._moved = Moved(np.zeros((instants, BASE)), d_inputs, places, none, np.zeros(joints), d_q_i)
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion; c is empty."""
+        """Return the rest of the base; c is empty, (0,)."""
         return self._moved
 
 
@@ -259,7 +259,7 @@ class HandleMotion:
         self._still = np.zeros(joints), np.zeros((2 * spline.size, joints))  # the frame of the base does not turn
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion with coefficients c (C,)."""
+        """Return the motion of the whip's base for coefficients c (C,): two for each basis function of the spline."""
         p, v, a = (basis @ c.reshape(-1, 2) for basis in self._bases)
         inputs = np.hstack([np.zeros((len(v), 3)), v, a])
         return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)
@@ -308,7 +308,7 @@ class JointMotion:
         self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion with coefficients c (C,)."""
+        """Return the motion of the whip's base for coefficients c (C,): one a joint for each function of the spline."""
         a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
         joints = c.reshape(-1, a)
         found = hand_motion(self._arm.in_space(), *(basis @ joints for basis in self._bases))
@@ -367,7 +367,7 @@ class LaggedReference:
         self.rows, self.mean = np.diag(1 / SPREAD), USUAL / SPREAD
 
     def at(self, c: np.ndarray) -> Moved:
-        """Return the motion for coefficients c (3,), whose signs are ignored."""
+        """Return the motion of the whip's base for coefficients c (3,), whose signs are ignored."""
         span = np.subtract(self._strike.q_f, self._strike.q_i)
         joints = self._share(c)[..., None] * span  # (3, I, a)
         steps = np.diag(_DIFFERENCE * SPREAD)

@@ -185,7 +185,7 @@ class Plant:
         return dataclasses.replace(self.model, whip=dataclasses.replace(whip, **numbers))
 
     def values(self) -> dict[str, float]:
-        """Return all parameters that can be fitted, by name."""
+        """Return all parameters that can be fitted in SI units, by name: `whip.k`, `arm.mass[0]`, `law.a`, ..."""
         named = self.model.parameters()
         if self.profile is not None:
             named = {k: v for k, v in named.items() if not k.startswith("whip.") or _quantity(k) in _BESIDE_PROFILE}

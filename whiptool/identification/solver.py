@@ -97,8 +97,9 @@ class Loss:
     robust: Sequence[int] | None = None
 
     def of(self, blocks: Sequence[Block]) -> tuple[float, list[np.ndarray]]:
-        """Return the cost, which is infinite if a residual or derivative is not finite or too large, and the weights of
-        each block.
+        """Return the cost, half the sum of the loss, and the weights of each block's residuals, (K,) each.
+
+        The cost is infinite if a residual or derivative is not finite or too large.
         """
         total, weights = 0.0, []
         for i, block in enumerate(blocks):
@@ -161,6 +162,9 @@ def solve(
         tolerance: The solver stops if the predicted decrease of the cost, per mean squared residual, is at most this;
             or if the shared unknowns are constant and only those of single recordings change along a flat valley of the
             cost (`Ending.SETTLED`).
+
+    Returns:
+        The solution, also if no step was possible; its `status` says why the solver stopped.
     """
     search = _Search(evaluate, loss, (lower, upper), tolerance, [len(x) for x in own])
     here = search.point(np.clip(z, lower, upper), [np.array(x, float) for x in own], derivatives=True)

@@ -264,7 +264,13 @@ class ControlLoop:
 
 
 class HandControlLoop:
-    """Computes the torques of one strike in hand space with NumPy and Pinocchio, for the MuJoCo simulator."""
+    """Computes the torques of one strike in hand space with NumPy and Pinocchio, for the MuJoCo simulator.
+
+    Args:
+        controller: Controller with a `hand`.
+        arm: Arm of the model without whip.
+        path: Path of the hand.
+    """
 
     def __init__(self, controller: Controller, arm: Arm, path: HandPath) -> None:
         assert controller.hand is not None

@@ -27,7 +27,7 @@ class Cost:
 
     @property
     def J(self) -> float:
-        """Total cost, the sum of both (Eq. 5)."""
+        """Total cost, `J_c + J_p` (Eq. 5)."""
         return self.J_c + self.J_p
 
 

@@ -224,7 +224,7 @@ class Limits(ABC):
     @property
     @abstractmethod
     def words(self) -> str:
-        """The limits in words."""
+        """Name of the limits for people, such as "the arm's limits"."""
 
     @property
     def command(self) -> Commanded | None:

@@ -318,7 +318,7 @@ class HandSpace:
         return StrikeBounds((*low, *low, _D[0] if limited else _FAST), (*high, *high, _D[1]))
 
     def strike(self, vector: Sequence[float] | np.ndarray) -> HandStrike:
-        """Return the strike of a vector (2 m + 1,)."""
+        """Return the strike of a vector `[x_i, x_f, D]`, (2 m + 1,)."""
         return HandStrike.from_vector(vector)
 
     def path(self, vector: np.ndarray) -> HandPath:

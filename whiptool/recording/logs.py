@@ -250,7 +250,7 @@ class Column:
 
     @classmethod
     def of(cls, name: str) -> Column:
-        """Parse the name of a column."""
+        """Return what the name of a log's column says of joint, quantity and unit."""
         found = [word.lower() for word in _WORD.findall(name)]
         kinds = [kind for word in found for kind, words in _KINDS.items() if word in words]
         kind = next((kind for kind in (TIME, "other", "command", POSITION) if kind in kinds), "")

@@ -137,12 +137,16 @@ class Rolled:
 
 
 class Engine(Protocol):
-    """Simulates batches of strikes of one system."""
+    """Simulates batches of strikes of one system of arm and whip, in C++ or by CasADi's interpreter.
+
+    Attributes:
+        rung: Name of the engine: `simd`, `scalar` or `interpreter`.
+    """
 
     rung: str
 
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
-        """Roll the batch out."""
+        """Simulate the batch with up to `threads` threads (None: one a core), and return its results."""
         ...
 
 

@@ -61,7 +61,7 @@ class TipPaths(NamedTuple):
     nodes: np.ndarray | None = None
 
     def curve(self, i: int) -> CubicHermiteSpline:
-        """Return the smooth path of tip i."""
+        """Return the path of tip i [m] as a function of time [s], a cubic spline through positions and velocities."""
         return CubicHermiteSpline(self.t, self.tip[i], self.velocity[i])
 
 

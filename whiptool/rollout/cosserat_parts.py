@@ -123,6 +123,6 @@ class Drag(ea.NoForces):
         self.drag = drag
 
     def apply_forces(self, system: Any, time: Any = 0.0) -> None:
-        """Add the force."""
+        """Add the drag of each node [N] to the external forces of the rod `system`."""
         v = system.velocity_collection
         system.external_forces -= self.drag * np.sqrt((v**2).sum(axis=0)) * v

@@ -57,7 +57,7 @@ class Harvest:
         self._taken: Counter[Cell] = Counter()
 
     def count(self, answers: Answers) -> None:
-        """Count entries that were selected before."""
+        """Count entries of the map that were selected before, such as by an interrupted run, as taken cells."""
         self._taken.update(map(tuple, self._cells(answers.tips, answers.velocities)))
 
     def pick(self, strikes: np.ndarray, *, room: int) -> Answers:

@@ -39,12 +39,12 @@ _GATE_SHAPES = {  # one network (n) of two hidden layers (a, b)
 
 
 def part_file(folder: Path, number: int) -> Path:
-    """Return the path of the file of a part."""
+    """Return the path of the file that holds part `number` of a map's entries, `answers-NNN.npz`."""
     return folder / f"answers-{number:03d}.npz"
 
 
 def save_part(folder: Path, number: int, answers: Answers) -> None:
-    """Write the entries of a part."""
+    """Write part `number` of a map's entries to its file, see `part_file`."""
     write_npz(part_file(folder, number), {f.name: getattr(answers, f.name) for f in fields(Answers)})
 
 
@@ -62,7 +62,7 @@ def load_parts(folder: Path, count: int) -> list[Answers]:
 
 
 def save_gate(folder: Path, gate: Gate) -> None:
-    """Write a ranking network (gate)."""
+    """Write a map's ranking network (gate) as an NPZ file into its folder."""
     write_npz(folder / GATE, _gate_arrays(gate))
 
 

@@ -92,7 +92,7 @@ class Striker:
 
     @property
     def widths(self) -> np.ndarray:
-        """Widths of the box, (m,)."""
+        """Widths of the box of strikes along its m coordinates [rad or m, s], (m,)."""
         return self.upper - self.lower
 
     def admissible(self, strikes: np.ndarray) -> np.ndarray:

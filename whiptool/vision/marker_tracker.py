@@ -174,7 +174,7 @@ class MarkerTracker:
         self._locked = False  # on something that the gate is around
 
     def update(self, frame: Frame) -> Sighting:
-        """Return the marker's measured position in the next frame."""
+        """Return the marker's position in the next frame, in pixels and on the strike plane [m]; NaN where unsure."""
         if not self._begun:
             self._begin(frame)
         blob, confidence = self._gated(frame) if self._locked else (None, 0.0)

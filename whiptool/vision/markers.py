@@ -67,7 +67,8 @@ class Marker:
         return (chroma / (chroma @ rgb) / 255).astype(np.float32)[None]
 
     def strength(self, image: np.ndarray) -> np.ndarray:
-        """Return the strength of the marker in each pixel, (H, W) float32; see `weights`."""
+        """Return how much of the marker's colour each pixel has, (H, W) float32: 1 if it is pure and bright, 0 if it is
+        grey; in infrared the brightness. See `weights`."""
         return opencv().transform(image.astype(np.float32), self.weights)
 
     def is_of_color(self, rgb: np.ndarray) -> bool:
@@ -134,8 +135,8 @@ def find_blobs(
     Args:
         marker: Marker to look for.
         image: Image, (H, W, 3) or (H, W) uint8.
-        background: Strength (H, W) of the scene without the marker; None: not used.
-        noise: Noise of the strength, from `noise_of`.
+        background: `Marker.strength` of the scene without the marker, (H, W); None: not used.
+        noise: Standard deviation of the strength, from `noise_of`.
         region: Left, top, right, bottom of the region [pixels].
         least_mass: Sum of the strength of the whole marker [pixels]; blobs with less than 35 % of it are left out.
         least_strength: Least strength of any part of a blob.

@@ -40,7 +40,13 @@ def crc16(data: bytes | bytearray, crc: int = 0) -> int:
 
 @dataclass(frozen=True)
 class Packet:
-    """Content of a packet; `instruction` 0x55 is a status, whose first parameter is the error byte."""
+    """Content of a packet of Dynamixel Protocol 2.0.
+
+    Args:
+        id: Identifier of the servo; 254 addresses all.
+        instruction: Code of the instruction; 0x55 is the reply of a servo (status packet).
+        parameters: Bytes after the instruction; of a status packet the first is the error.
+    """
 
     id: int
     instruction: int

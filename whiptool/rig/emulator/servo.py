@@ -176,7 +176,7 @@ class Servo(Memory):
         self._silent = 0.0
 
     def write(self, address: int, data: bytes, *, eeprom: bool = True) -> int:
-        """Perform a write completely or leave all registers unchanged, and return its error number."""
+        """Write bytes to the registers from `address` on, all of them or none; return the error number, 0 for none."""
         error, writes = self.check(address, data, eeprom=eeprom)
         for r, value in writes:
             was = self.get(r.name)
@@ -274,7 +274,7 @@ class Servo(Memory):
         self.show()
 
     def show(self) -> None:
-        """Write what is measured into the registers."""
+        """Write measured and planned values into the registers: tick, PWM, current, velocity, position, voltage, ..."""
         memory, sign, ticks, pwm = self.memory, self._sign, self._ticks(), 0
         speed = 0 if self.stuck else sign * round(self.v / self._per_speed)
         planned = (False, 0, 0, ticks)

@@ -149,7 +149,7 @@ class UrClient:
         return self._next().q
 
     def set_payload(self, payload: Payload) -> None:
-        """State what the flange carries."""
+        """Tell the robot's controller what its flange carries."""
         self._payload = payload
         self._start_program()  # tells it the payload
         self._end_program()

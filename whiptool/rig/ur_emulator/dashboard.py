@@ -18,7 +18,7 @@ _FIXED = {
 
 
 def answer(line: str, robot: UrController) -> bytes:
-    """Return the answer to a line, and do what it asks."""
+    """Do what a line to the dashboard server asks of the robot, and return the answer, a line with its newline."""
     return (_answer(line.lower(), robot) + "\n").encode()
 
 

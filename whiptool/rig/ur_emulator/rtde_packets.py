@@ -105,7 +105,7 @@ class Recipe:
 
     @property
     def layout(self) -> struct.Struct:
-        """Layout of the packet after the recipe's number."""
+        """Binary layout, big-endian, of a packet's values, which follow the recipe's number."""
         return struct.Struct(">" + "".join(_FORMATS[kind] for kind in self.kinds))
 
     def pack(self, values: Mapping[str, Any]) -> bytes:

@@ -39,7 +39,9 @@ class UrFault:
     """A fault of the emulated robot or its network.
 
     Args:
-        kind: Kind of the fault.
+        kind: `protective`, `emergency` or `halt` (the program is stopped at the pendant) stop the robot; `cut` closes
+            the connections; with `silence` nothing passes the network, with `unheard` what the client sends is lost,
+            with `unseen` what the robot sends.
         at: Time from which it occurs [s], since the arm began to follow commands of servoj.
         lasting: Duration of a fault of the network [s].
 
