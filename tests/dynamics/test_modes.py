@@ -432,7 +432,7 @@ def test_inverse_dynamics_of_moving_rods_undoes_their_forward_dynamics():
 def test_rods_are_linearised_at_unit_vectors_that_turn():
     model = random_rods(0, 3, 2)
     q0 = start_posture(model, np.zeros((1, 3)))[0]
-    with pytest.raises(InputError, match="q0 of rod 2: got .*; allowed: a unit vector"):
+    with pytest.raises(InputError, match=r"q0 of rod 2: got .*; allowed: a unit vector"):
         linearise(model, 2 * q0)
     along = np.r_[np.zeros(3), q0[3:]]
     with pytest.raises(InputError, match="perpendicular"):

@@ -18,7 +18,7 @@ from whiptool.dynamics.rods import torque_of
 
 
 class Reached(NamedTuple):
-    """Frame in which a link begins, and the accelerations there: angular [rad/s^2] and linear [m/s^2], (3, 1) each.
+    """Frame in which a link begins, and its angular [rad/s^2] and its origin's linear acceleration [m/s^2], (3, 1) each.
 
     Gravity is included as an acceleration of the base.
     """
@@ -64,7 +64,7 @@ def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
 
 
 def outward(loop: ClosedLoop, at: Reached, q: ca.SX, v: ca.SX, qdd: ca.SX, w: ca.SX) -> tuple[Reached, Pull]:
-    """Return the frame at the far end of a link, with its accelerations, and the link's contribution.
+    """Return the frame at the far end of a link, with its accelerations, and what the link adds to its joint's load.
 
     Args:
         loop: Loop of a structure in space.

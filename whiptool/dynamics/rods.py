@@ -251,7 +251,7 @@ def _inverse_across(J: ca.SX, gain: ca.SX, d: ca.SX) -> ca.SX:
 
 
 def accelerate(at: SpatialAcceleration, joint: RodJoint, moving: SpatialMoving) -> tuple[ca.SX, SpatialAcceleration]:
-    """Return the acceleration of a rod's direction (3, 1), and the acceleration at its far end."""
+    """Return the second derivative of a rod's unit direction (3, 1) [1/s^2], and the acceleration at its far end."""
     angular = joint.free - ca.mtimes(joint.across, at.linear) + ca.mtimes(joint.with_last, at.angular)
     d, bound = moving.axes[:, 0], moving.axes[:, 1]
     linear = at.linear + ca.cross(angular, moving.r) + moving.centripetal

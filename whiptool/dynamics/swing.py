@@ -140,7 +140,7 @@ class Swing(System):
         return Hand(frame, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the base's acceleration with gravity included; it does not depend on the load of the whip."""
+        """Return the base's acceleration [rad/s^2, m/s^2], plus gravity upwards; the whip's load does not change it."""
         base = self._base(now.u)
         linear = ca.vertcat(base.ax, 0, self.gravity + base.ay)
         acceleration = SpatialAcceleration(ca.vertcat(0, -base.alpha, 0), linear)
@@ -165,7 +165,7 @@ class SpatialSwing(Swing):
         return Hand(whole, ca.SX(0, 3), ca.SX(0, 1), Nothing())
 
     def react(self, now: Instant, before: ca.SX | None, motion: Nothing, carried: SpatialCarried) -> Reaction:
-        """Return the hand's acceleration with gravity included; it does not depend on the load of the whip."""
+        """Return the hand's acceleration [rad/s^2, m/s^2], plus gravity upwards; the whip's load does not change it."""
         linear = now.u[18:21] + ca.vertcat(0, 0, self.gravity)
         return Reaction(ca.SX(0, 1), SpatialAcceleration(now.u[15:18], linear), ca.SX(0, 1))
 

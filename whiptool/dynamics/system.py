@@ -225,7 +225,7 @@ class System(ABC):
         return PointAcceleration(at.linear) if self.taut else at
 
     def twist(self, tip: Any) -> ca.SX:
-        """Return the twist (2, 1) of a whip of rods at its tip, from the frame there; (0, 1) for hinges."""
+        """Return the twist (2, 1) of a whip of rods at its tip, from the tip's frame; (0, 1) for hinges."""
         return ca.SX.zeros(0) if self.hinges else tip.twist
 
     def carry_link(
@@ -314,8 +314,9 @@ class System(ABC):
 
     @cached_property
     def step(self) -> ca.Function:
-        """One time step, `step(x, t, h, p, u, u_end)`; u and u_end are the inputs at its start and end, which a
-        prescribed drive ignores.
+        """One time step, `step(x, t, h, p, u, u_end)`: from the state x (2 n, 1), coordinates and then rates, at time t
+        [s], over h [s], with parameters p, and inputs u at its start and u_end at its end; these a prescribed drive
+        ignores.
 
         It returns the next state and, at the step's start, the tip's position and velocity, the drive's torques, and
         the observed quantities (`n_observed`).

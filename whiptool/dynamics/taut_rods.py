@@ -112,7 +112,7 @@ def give_way(carried: TautCarried, moving: SpatialMoving, link: Link, torque: ca
 
 
 def accelerate(at: PointAcceleration, joint: TautJoint, moving: SpatialMoving) -> tuple[ca.SX, PointAcceleration]:
-    """Return the acceleration of a rod's direction (3, 1), and the acceleration at its far end."""
+    """Return the second derivative of a rod's unit direction (3, 1) [1/s^2], and the acceleration at its far end."""
     d = moving.axes[:, 0]
     force = joint.push + (joint.mass * ca.dot(d, at.linear) + joint.pull) * d
     end = joint.per_mass * (force - joint.kappa * ca.dot(joint.beyond, force) * joint.beyond)

@@ -65,10 +65,11 @@ class ServoLag:
         return self.lag + self.delay
 
     def leading(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return the commands with which joints follow a motion exactly, later by the delay.
+        """Return the commanded positions (T, n) [rad or m] with which joints follow a motion exactly, but later by the
+        delay.
 
         Args:
-            q, v, a: Positions, velocities and accelerations of the motion, (T, n) each.
+            q, v, a: Positions [rad or m], velocities [per s] and accelerations [per s^2] of the motion, (T, n) each.
         """
         return q + self.lag * v + a / self.stiffness
 

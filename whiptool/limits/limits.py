@@ -129,7 +129,7 @@ class CommandLimits:
         return np.concatenate([-move, move]) - reach.span[0].ravel(), rows.reshape(-1, len(strike))
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether strikes (B, 2 a + 1) keep the limits for searches, (B,)."""
+        """Return whether the joints of strikes (B, 2 a + 1) move no farther than `spans` allows, (B,)."""
         a = len(self.joints)
         moves = strikes[:, a : 2 * a] - strikes[:, :a]
         down, up = self.spans(strikes).swapaxes(0, 1)

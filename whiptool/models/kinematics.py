@@ -411,7 +411,7 @@ class HandKinematics:
         return HandMotion(place, rotation @ np.array(self._arm.hand_rotation), np.swapaxes(jacobian, -1, -2))
 
     def coordinates(self, q: np.ndarray) -> np.ndarray:
-        """Return the hand's coordinates (..., m) at postures (..., a)."""
+        """Return the hand's coordinates (..., m) [m, rad] at joint positions (..., a) [rad or m]."""
         at = self.motion(q)
         place = at.position[..., [0, 2]] if self.dimension == 2 else at.position
         if not self.orientation:

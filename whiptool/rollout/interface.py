@@ -153,7 +153,7 @@ class Rollout(ABC):
         """
 
     def simulate(self, strike: AnyStrike | np.ndarray, *, t_stay: float = T_STAY) -> Trajectory:
-        """Same as `trajectory`, under the name of the command."""
+        """Return the trajectory of a strike, as `trajectory` does; the name is that of the command."""
         return self.trajectory(strike, t_stay=t_stay)
 
     def trajectories(self, strikes: Strikes, *, t_stay: float = T_STAY) -> Iterator[Trajectory]:

@@ -36,7 +36,7 @@ class MotionFilter:
     Args:
         pixel: First measured position, (2,) [pixels].
         t: Time of the first measurement [s].
-        per_metre: Image scale there [pixels/m].
+        per_metre: Image scale at that position [pixels/m].
         moving: Whether the marker may be moving.
     """
 
