@@ -18,7 +18,7 @@ from whiptool.dynamics.rods import torque_of
 
 
 class Reached(NamedTuple):
-    """Frame in which a link begins, and its angular [rad/s^2] and its origin's linear acceleration [m/s^2], (3, 1) each.
+    """Frame in which a link begins; its angular [rad/s^2], its origin's linear acceleration [m/s^2], (3, 1) each.
 
     Gravity is included as an acceleration of the base.
     """
