@@ -73,7 +73,7 @@ def _temporary_folder(reason: str) -> Path:
 
 
 def cached(folder: Path, key: str) -> ctypes.CDLL | None:
-    """Return the compiled library with this key from a cache folder, loaded; None if there is none.
+    """Return the compiled library with this key from a cache folder, loaded; None if the folder has no such library.
 
     Files that are damaged, not the user's, or writable by others are removed, and a line in the log says so.
     """

@@ -144,7 +144,7 @@ class LimitOptions(OptionGroup):
     flange, and hand, which is the stick's end; such as elbow=1.5 flange=1.5 (default: those in the arm's file)."""
     floor: Annotated[str | None, arg(metavar="HEIGHT|none")] = None
     """Floor's height above the base [m] (default: 0 under robots that stand). A floor below the base has a negative
-    height: minus the height that --mount gives, if it does. For other arms the default is none. The base of a planar
+    height: minus the height that --mount gives, if it does. Other arms have no floor by default. The base of a planar
     arm is its shoulder."""
     clearance: float = 0.0
     """Least distance between arm, whip and floor [m] (default: 0)."""
