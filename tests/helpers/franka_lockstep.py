@@ -16,7 +16,7 @@ import time
 from types import SimpleNamespace
 
 import mujoco
-from franka_sim import FrankaSimServer
+from franka_sim import FrankaSimServer, mujoco_franka_sim
 from franka_sim.mujoco_franka_sim import MujocoFrankaSim
 from franka_sim.server import state_stream
 
@@ -66,6 +66,8 @@ class Server(FrankaSimServer):
 
 def main() -> None:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    if sys.argv[2:]:
+        mujoco_franka_sim.ARM_INITIAL_Q[:] = [float(x) for x in sys.argv[2:]]
     state_stream.socket = SimpleNamespace(**{name: getattr(socket, name) for name in dir(socket)} | {"socket": Socket})
     server = Server(host=sys.argv[1], physics_sim=Stepped(), enable_gripper=False,
                     enforce_comm_constraints=True, enforce_motion_limits=True)  # fmt: skip

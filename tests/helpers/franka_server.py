@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -85,12 +85,17 @@ class FrankaServer:
 
 
 @contextmanager
-def franka_server(log: Path) -> Iterator[FrankaServer]:
-    """Run a server with both enforcements on an address of its own, so that several may run at once."""
+def franka_server(log: Path, posture: Sequence[float] = ()) -> Iterator[FrankaServer]:
+    """Run a server with both enforcements on an address of its own, so that several may run at once.
+
+    Args:
+        log: File for what the server says.
+        posture: Joints at the start [rad], (7,); default: those of franka-sim, with the flange pointing down.
+    """
     folder, pid = environment(), os.getpid()
     host = f"127.{pid >> 16 & 255}.{pid >> 8 & 255}.{pid & 255 or 1}"
     model = {"FR3_MJCF": str(folder / "model/franky_sim/assets/stable.xml")}
-    command = [folder / "bin/python", _LOCKSTEP, host]
+    command = [folder / "bin/python", _LOCKSTEP, host, *map(str, posture)]
     with log.open("w") as file, subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=file, text=True, env=os.environ | model
     ) as process:  # fmt: skip

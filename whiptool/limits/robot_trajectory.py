@@ -40,6 +40,17 @@ class Execution:
     rest: float = REST
     prefix: str = ""
 
+    def refused_posture(self, model: Model, limits: Sequence[Limits]) -> str | None:
+        """Return why no strike is possible from the robot's present posture, in which the arm without its whip is too
+        close to itself or the floor; None: it is not, or the posture is not known.
+        """
+        if self.posture is None or len(self.posture) != model.arm.n:
+            return None
+        q = np.array([self.posture])
+        found = (x.beyond_on_way(np.zeros(1), q) for x in limits if isinstance(x, Clearance))
+        said = next((one for one in found if one is not None), None)
+        return said and f"where the robot stands {said.removeprefix('at 0.000 s ')}: move it by hand to another posture"
+
     def of_strike(
         self,
         model: Model,
@@ -79,6 +90,7 @@ class Execution:
         said = found.beyond(joints, slides=[joint in arm.slides for joint in arm.joints])
         clearances = [x for x in limits if isinstance(x, Clearance)]
         of_arm = (x.beyond_on_way(found.t, found.q) for x in clearances)
+        said = said or self.refused_posture(model, limits)
         way = found.t <= (found.strike_begins if self.posture is not None else 0.0)
         way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
         of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)

@@ -112,8 +112,8 @@ class Cycles:
     Args:
         t, stamp, late: Scheduled time, clock time of the sample, and delay of the cycle's start [s], (C,) each.
         q, v: Measured positions [rad] and velocities [rad/s], (C, n).
-        current, goal_current: Measured and commanded current [A], (C, n).
-        tau: Torque that the controller requested [N m], (C, n).
+        current, goal_current: Measured and commanded current of the motors [A], (C, n).
+        tau: Torque that the controller requested of servos, or that a robot arm measured [N m], (C, n).
         q_d: Desired position [rad], (C, n).
         voltage, temperature: Supply voltage [V] and temperature [deg C] of the servos, (C, n).
         flags, phase, state: Values of `Flag`, `Phase` and `whiptool.rig.safety.State`, (C,) integers.

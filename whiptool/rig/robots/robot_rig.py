@@ -100,11 +100,14 @@ class RobotRig(FilmedRig):
         Where it stands is asked once between two strikes: the robot is connected, and nothing moves.
 
         Raises:
-            InputError: The robot cannot be reached.
+            InputError: The robot cannot be reached, or no strike is possible from where its arm stands.
         """
         if self._stands is None:
             with self.robot as arm:
                 self._stands = arm.posture()
+            posture = tuple(self._stands.tolist())
+            if said := Execution(posture=posture).refused_posture(self.model, self.limits.members):
+                raise InputError("posture", posture, "one in which the arm keeps clear of itself and the floor", said)
         return self._judged(strike, self._stands, believed)[1]
 
     def _judged(
