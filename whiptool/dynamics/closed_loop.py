@@ -172,7 +172,8 @@ class ClosedLoop(System):
     # The controller
 
     def reference(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Desired positions, velocities and accelerations (n_arm, 1) at time t (Eq. 1); at rest before 0, after D."""
+        """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] of the joints at time
+        t [s] (Eq. 1), (n_arm, 1) each; at rest before 0 and after D."""
         P = self.parameters
         s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
         if "path" in P:

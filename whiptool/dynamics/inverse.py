@@ -55,7 +55,7 @@ def at_hand(loop: ClosedLoop, q: ca.SX, v: ca.SX, qdd: ca.SX) -> Reached:
 
     Args:
         loop: Loop of a structure in space.
-        q, v, qdd: Positions, speeds and accelerations of the arm's joints, (a, 1).
+        q, v, qdd: Positions [rad or m], speeds [per s] and accelerations [per s^2] of the arm's joints, (a, 1) each.
     """
     a = loop.n_drive
     motion = loop.arm.motion(q, v, loop.parameters["gravity"], [])

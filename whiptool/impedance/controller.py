@@ -247,6 +247,11 @@ class Controller(NoArray, instead="its parameters()"):
 class ControlLoop:
     """Computes the torques of one strike in joint space with NumPy and Pinocchio, for the MuJoCo simulator and for a
     rig.
+
+    Args:
+        controller: Controller with a law that gives torques.
+        arm: Arm of the model without whip.
+        strike: The strike, which gives the reference of the joints.
     """
 
     def __init__(self, controller: Controller, arm: Arm, strike: StrikePath) -> None:

@@ -129,7 +129,7 @@ class ArmLimits(Limits):
         """Return the fraction of each limit that states use: above 1 they exceed it; 0 without a limit.
 
         Args:
-            q, v, tau: Positions, velocities and torques, (..., a).
+            q, v, tau: Positions [rad or m], velocities [per s] and torques [N m; N for a prismatic joint], (..., a).
 
         Returns:
             Usage of position, velocity and torque, (..., 3, a). It is 0 for a position in the middle of its range; if a

@@ -93,8 +93,9 @@ class CommandLimits:
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return smooth functions of a strike that are at most 0 if it keeps the limits for searches.
 
-        The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit, and the movement
-        minus the largest one, for each limit of velocity that depends on the position.
+        The functions are `peak (q_f - q_i) - limit D^k` in both directions, for each finite limit of the k-th
+        derivative, whose largest value on a path of length and duration 1 is `peak`; and the movement minus the largest
+        one, for each limit of velocity that depends on the position.
 
         Args:
             strike: Strike vector, (2 a + 1,).

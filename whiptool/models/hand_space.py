@@ -332,10 +332,11 @@ class HandSpace:
         return HandPath(self.strike(vector), found.nodes[0], HandWay(self.kinematics, self._ends(vector)))
 
     def numbers(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the parameters of strikes (B, 2 m + 1) for simulators, in the order of `layout`.
+        """Return the parameters of strikes (B, 2 m + 1) for simulators, (B, P), in the order of `layout`.
 
         Raises:
-            InputError: See `path`.
+            InputError: The hand cannot reach the start or end of a strike, or has no straight path within the joints'
+                limits.
         """
         found, B, (m, d) = self._solved(vectors), len(vectors), (self.size, self.arm.dimension)
         self._refuse(found, vectors)

@@ -112,7 +112,7 @@ def path_to_rest(
     allow. Limits of position are not considered: a joint that is too near to one to brake passes it.
 
     Args:
-        q, v, a: Present positions [rad or m], velocities and accelerations, (n,) each.
+        q, v, a: Present positions [rad or m], velocities [per s] and accelerations [per s^2], (n,) each.
         limits: Limits of each joint, (n,); empty: none.
         rate: Samples per second [1/s].
         share: Share of the limits of acceleration and jerk that may be used, in (0, 1].

@@ -24,7 +24,7 @@ def spline_points(
 
     Args:
         t: Times [s], (T,), increasing.
-        q, v, a: Positions, velocities and accelerations, (T, n) each.
+        q, v, a: Positions [rad or m], velocities [per s] and accelerations [per s^2], (T, n) each.
         position, acceleration: Largest deviations from a sample [rad, rad/s^2; m for prismatic joints].
 
     Returns:

@@ -97,7 +97,7 @@ def align(first: Path, second: Path) -> Alignment | None:
 
 
 def correlated(first: Path, second: Path) -> tuple[float, float] | None:
-    """Return the offset [s] at which the speeds of two paths agree best, and their correlation there; None if one of
+    """Return the offset [s] at which the speeds of two paths agree best, and their correlation at it; None if one of
     them does not move.
     """
     spans = [float(path.t[-1] - path.t[0]) for path in (first, second)]
