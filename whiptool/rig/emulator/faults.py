@@ -34,7 +34,7 @@ class Fault:
     """One fault of the emulated bus or of a servo.
 
     Args:
-        kind: Kind of the fault: `dead`, `hot`, `stuck`, ...; `FaultKind` says what each does.
+        kind: Kind of the fault: `drop`, `corrupt`, `dead`, ...; the comments in `Kind` say what each does.
         at: Simulated time from which it occurs [s].
         count: Number of packets that a fault of the bus affects.
         servo: Index of the servo that a fault affects, from 0.
