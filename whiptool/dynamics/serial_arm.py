@@ -45,7 +45,7 @@ class ArmPosture(NamedTuple):
 
     @property
     def jacobian(self) -> ca.SX:
-        """Velocity of the hand per unit of the joints' speeds (6, a), angular first."""
+        """Velocity of the hand in the base's axes per unit of the joints' speeds, (6, a): angular, then linear."""
         return ca.horzcat(*(ca.vertcat(S[:3], S[3:] + ca.cross(S[:3], self.hand)) for S in self.motions))
 
 
@@ -174,10 +174,10 @@ class SerialArm:
         return ArmPosture(motions, all_turned, places, hand, turned.offset(self.hand_rotation))
 
     def motion(self, q: ca.SX, v: ca.SX, gravity: ca.SX | float, weights: list[Body]) -> ArmMotion:
-        """Return the arm's dynamics as the whip feels them, at joint positions and speeds.
+        """Return the inertia, torques and motion of the hand that couple the arm to the whip, see `ArmMotion`.
 
         Args:
-            q, v: Joint positions [rad or m] and speeds, (a, 1).
+            q, v: Joint positions [rad or m] and speeds [rad/s or m/s], (a, 1).
             gravity: Gravity [m/s^2].
             weights: Bodies whose weight the gravity compensation holds.
         """

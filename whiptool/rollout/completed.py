@@ -29,7 +29,8 @@ class States(NamedTuple):
 
 
 def complete_trajectory(model: Model, controller: Controller, strike: StrikePath, states: States) -> Trajectory:
-    """Return the trajectory of given states, with references, gains and, unless given, the tip's path.
+    """Return the trajectory with the simulated states of a strike, to which the controller's references and gains are
+    added and, if `states` has none, the tip's path.
 
     For control in hand space the gains are those in joint space, `J^T K J` and `J^T B J`.
     """

@@ -64,7 +64,7 @@ def packet(kind: int, payload: bytes = b"") -> bytes:
 
 
 def packets(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and payload of each whole packet at the beginning of a buffer, and remove it there.
+    """Yield kind and payload of each whole packet at the beginning of a buffer, from which it is removed.
 
     Raises:
         ValueError: A packet is shorter than its header, so that no further packet can be found.
