@@ -50,7 +50,7 @@ class ArmPosture(NamedTuple):
 
 
 class ArmMotion(NamedTuple):
-    """Dynamics of a moving arm with a joints as the whip feels them; gravity enters as the base's acceleration.
+    """Dynamics of a moving arm with a joints under the load of a whip; gravity enters as the base's acceleration.
 
     Args:
         inertia: Joint-space mass matrix [kg m^2], (a, a).
@@ -193,8 +193,8 @@ class SerialArm:
         )
 
     def led(self, q: ca.SX, v: ca.SX, a: ca.SX, gravity: ca.SX | float) -> LedMotion:
-        """Return the arm's dynamics as the whip feels them, for prescribed joint positions, speeds and accelerations
-        (a, 1).
+        """Return the torques and the hand's motion of an arm whose joint positions [rad or m], speeds [per s] and
+        accelerations [per s^2], (a, 1) each, are prescribed.
         """
         at = self.posture(q)
         drifts, speeds = self._drifts(at, v, ca.vertcat(0, 0, 0, 0, 0, gravity), a)
