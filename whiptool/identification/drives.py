@@ -267,7 +267,7 @@ class SwingDrive(Drive):
                     "free parameter",
                     name,
                     f"a parameter of the whip, because with drive {kind} the motion of its base is prescribed",
-                    "or drive by command",
+                    "or choose the drive command",
                 )
         if kind in ("robot", "hand") and plant.model.dimension == 2:
             raise InputError("drive", kind, "for a model in the plane joints, handle, command or passive")
@@ -317,7 +317,7 @@ class SwingDrive(Drive):
                 "recording",
                 recording.called,
                 "a recording with measured joint angles",
-                "or drive by command or handle",
+                "or choose the drive command or handle",
             )
         arm, t = plant.model.arm, recording.joints_t
         check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
@@ -345,7 +345,7 @@ class SwingDrive(Drive):
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if "handle" not in recording.markers:
-            raise InputError("markers", recording.markers, "the handle among them", "or drive by command or joints")
+            raise InputError("markers", recording.markers, "the handle among them", "or choose the drive command or joints")
         if plant.held.whip.per_node("b")[0] or not hinge_is_free(plant.held):
             raise InputError(
                 "whip.k[0]",
