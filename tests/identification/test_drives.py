@@ -180,7 +180,7 @@ def test_what_is_missing_in_a_recording_is_named_with_its_cure():
     seen = StrikeRecording(t, np.full((30, 1, 2), 0.5), ("tip",), strike=strike)
     refused = {
         r"^recording: markers: got 'Tip'; allowed: tip or nodes .* lower case$": replace(seen, markers=("Tip",)),
-        r"noside\.toml next to it with strike = .*or drive by": replace(seen, strike=None, source="noside.csv"),
+        r"noside\.toml next to it with strike = .*or choose the drive": replace(seen, strike=None, source="noside.csv"),
         r"^recording: strike: got .*a strike of the arm's 2 joints$": replace(
             seen, strike=Strike((0.0,) * 3, (0.5,) * 3, 0.9)
         ),

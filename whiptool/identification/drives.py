@@ -168,7 +168,7 @@ class Drive:
 
 def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
     """The strike that a recording says was commanded; refused without one, or if it is of another arm."""
-    strike, a = recording.commanded(f", or drive by {others}"), plant.model.arm.n
+    strike, a = recording.commanded(f", or choose the drive {others}"), plant.model.arm.n
     if len(strike.q_i) != a:
         allowed = f"a strike of the arm's {counted(a, 'joint')}"
         raise InputError(f"{recording.called}: strike", strike.vector.tolist(), allowed)
@@ -329,7 +329,7 @@ class SwingDrive(Drive):
 
     def _measured_hand(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if recording.hand_t is None or recording.hand_pose is None:
-            fix = "or drive by joints or command"
+            fix = "or choose the drive joints or command"
             raise InputError("recording", recording.called, "a recording with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
         check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))
@@ -345,7 +345,9 @@ class SwingDrive(Drive):
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if "handle" not in recording.markers:
-            raise InputError("markers", recording.markers, "the handle among them", "or choose the drive command or joints")
+            raise InputError(
+                "markers", recording.markers, "the handle among them", "or choose the drive command or joints"
+            )
         if plant.held.whip.per_node("b")[0] or not hinge_is_free(plant.held):
             raise InputError(
                 "whip.k[0]",

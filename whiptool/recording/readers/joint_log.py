@@ -176,7 +176,9 @@ def joint_log(
             their units differ, or time stamps are implausible.
     """
     if len(names) != table.shape[1] and (names or asked is not None):
-        raise InputError(place, list(names), f"{table.shape[1]} names, one for each column", "or leave joint_columns out")
+        raise InputError(
+            place, list(names), f"{table.shape[1]} names, one for each column", "or leave joint_columns out"
+        )
     notes: list[str] = []
     if not names and table.shape[1]:
         columns, called = (), ()
