@@ -36,7 +36,8 @@ FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millime
 FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
 FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
-SIDECARS = (".csv", ".mat", ".c3d")  # of files whose TOML file holds what they do not
+# of files whose TOML file holds what they do not
+SIDECARS = (".csv", ".mat", ".c3d", ".tsv", ".txt", ".trc", ".h5", ".slp", ".nwb")
 UP_IN = {2: "y", 3: "z"}  # which axis points up, by a model's dimension
 TURNED = {"y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)), "z": ((1, 0, 0), (0, 0, -1), (0, 1, 0))}  # so that this one does
 AT_REST = 0.02  # [s] from the start of a joint log, in which the arm has hardly moved

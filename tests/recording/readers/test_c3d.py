@@ -81,7 +81,7 @@ def test_the_origin_of_the_file_is_no_place(tmp_path):
     r = read_recording(tmp_path / "a.c3d", origin=[100, 200, 300])
     assert not r.seen[[3, 20], 0].any()
     assert r.seen[:, 0].sum() == T - 3  # and one has a negative residual
-    assert any("2 points at (0, 0, 0) are taken as missing" in note for note in r.remarks)
+    assert any("2 points at (0, 0, 0) taken as missing" in note for note in r.remarks)
 
 
 @pytest.mark.parametrize(("units", "factor"), [("mm", 1e3), ("cm", 100), ("m", 1), ("Meters", 1), ("MM", 1e3)])

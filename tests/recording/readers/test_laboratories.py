@@ -67,8 +67,8 @@ def test_the_same_motion_is_the_same_recording_and_fits_to_the_same_numbers(name
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Motive", ["y is up, as is Motive's own convention", "as Motive solved them", "rotations of 1 rigid bodies",
-                    "left out 1 unlabeled markers"]),
+        ("Motive", ["y is up, as is Motive's own convention", "as Motive solved them", "rotations of 1 rigid body",
+                    "left out 1 unlabeled marker;"]),
         ("Nexus", ["z is up, as is Vicon's own convention", "x taken as forward", "sections Devices, Model Outputs"]),
         ("Qualisys TSV", ["z is up, as is Qualisys' own", "taken as mm", "4 points at (0, 0, 0)"]),
         ("TRC", ["y is up, as OpenSim has it"]),

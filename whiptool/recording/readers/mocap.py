@@ -22,6 +22,7 @@ from whiptool.errors import InputError
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
 KEYS = (*SPACE, "markers", "sigma")  # of the sidecar
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
@@ -93,7 +94,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
     if "units" not in side.table:
         stated = "for the file does not state them; else say units" if capture.assumed else "as the file states"
         notes.append(f"units: taken as {capture.units}, {stated}")
-    notes += [f"{nowhere.sum()} points at (0, 0, 0) are taken as missing"] if nowhere.any() else []
+    notes += [f"{counted(int(nowhere.sum()), 'point')} at (0, 0, 0) taken as missing"] if nowhere.any() else []
     return side.recording(
         path,
         notes=[*notes, *capture.notes],
@@ -188,11 +189,15 @@ def even_times(t: np.ndarray, number: np.ndarray, rate: float, what: str) -> tup
         rate: Rate that the file states [1/s].
         what: Source of the times.
     """
-    late = t - number / rate
     digits = next((k for k in range(3, 9) if np.abs(t * 10**k - np.round(t * 10**k)).max() < 1e-3), 9)
-    if np.ptp(late) <= 1.01 * 10.0**-digits:
-        shift = 0.0 if np.abs(late).max() <= 10.0**-digits else late[0]
-        return number / rate + shift, f"times by frame number at {rate:g} a second, with which {what} agrees"
+    steps = np.diff(number)
+    counts = {1, int(np.gcd.reduce(steps.astype(int)))} if np.isfinite(steps).all() else {1}
+    for every in sorted(counts - {0}):  # an export of every other frame may keep the numbers of all
+        even = number / every / rate
+        late = t - even
+        if np.ptp(late) <= 1.01 * 10.0**-digits:
+            shift = 0.0 if np.abs(late).max() <= 10.0**-digits else late[0]
+            return even + shift, f"times by frame number at {rate:g} a second, with which {what} agrees"
     return t, f"times [s] from {what}, which does not go evenly at the {rate:g} a second that the file states"
 
 

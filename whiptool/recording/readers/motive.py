@@ -21,6 +21,7 @@ from whiptool.recording.readers.programs import MOTIVE
 from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.readers.table import AXES, LARGEST_TABLE
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
 MEASURED, BODY = "marker", "rigid body"  # types of columns
 SOLVED = ("rigid body marker", "bone marker", "trained markerset marker")
@@ -99,9 +100,15 @@ def _markers(above: list[list[str]], axes: list[str]) -> tuple[dict[str, list[in
     loose = [bool(re.match(r"unlabell?ed", label, re.IGNORECASE)) for label in columns]
     usual = [i for i, one in enumerate(loose) if not one] or list(range(len(loose)))
     others = {kind for kind, _, _ in found if kind not in (MEASURED, BODY, *SOLVED)}
-    notes = [f"left out {solved} markers as Motive solved them, for they were measured, too"] if solved else []
-    notes += [f"left out the rotations of {bodies} rigid bodies"] if bodies else []
-    notes += [f"left out {len(loose) - len(usual)} unlabeled markers; name them in markers"] if sum(loose) else []
+    notes = (
+        [f"left out {counted(solved, 'marker')} as Motive solved them, for they were measured, too"] if solved else []
+    )
+    notes += [f"left out the rotations of {counted(bodies, 'rigid body', 'rigid bodies')}"] if bodies else []
+    notes += (
+        [f"left out {counted(len(loose) - len(usual), 'unlabeled marker')}; name them in markers"]
+        if len(usual) < len(loose)
+        else []
+    )
     notes += [f"left out columns of the types {', '.join(sorted(others))}"] if others else []
     return columns, usual, notes
 

@@ -22,6 +22,7 @@ from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.readers.footage import frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
 KEYS = (*CLOCK, *PIXELS, "markers", "individual", "likelihood", "sigma_pixels", "rows")  # of the sidecar
 HIGH = 1e6  # the largest limit of a likelihood; SLEAP's scores may exceed 1
@@ -76,7 +77,8 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         least = side.number("likelihood", poses.usual, low=0.0, high=HIGH)
         unlikely = ~(poses.likelihood[:, which] >= least) & np.isfinite(pixels).all(axis=2)
         pixels[unlikely] = np.nan
-        notes += [f"{unlikely.sum()} points with a likelihood below {least:g} are missing"] if unlikely.any() else []
+        if count := int(unlikely.sum()):
+            notes.append(f"{counted(count, 'point')} with a likelihood below {least:g} taken as missing")
     if not np.isfinite(pixels).all(axis=2).any():
         raise InputError(str(path), f"{poses.what} in which no body part was seen", "at least one position")
     if (homography := side.homography()) is None:

@@ -96,13 +96,18 @@ def _columns(names: list[str], variables: list[tuple[str, str]]) -> dict[str, li
 def _even(written: list[str], unit: float) -> tuple[np.ndarray, str]:
     """Times [s], and their source; those with few digits are those of the even clock that they belong to, if any."""
     t = unit * np.array([float(cell) for cell in written])
-    last = unit * np.array([10.0 ** int(Decimal(cell).as_tuple().exponent) for cell in written])  # digit of each [s]
-    plain = t, "times [s] from the variable t"
+    places = np.array([int(Decimal(cell).as_tuple().exponent) for cell in written])
+    plain = np.array(["e" not in cell.lower() for cell in written])  # trailing zeros of these may be left out
+    places[plain] = places[plain].min(initial=0)
+    last = unit * 10.0**places  # digit of each time [s]
+    as_written = t, "times [s] from the variable t"
     if len(t) < 3 or not (step := float(np.median(np.diff(t)))) > 0:
-        return plain
+        return as_written
+    steps = np.diff(t)
+    step = float(steps[np.abs(steps - step) < step / 2].mean())
     number = np.round((t - t[0]) / step)
     step, first = np.polyfit(number, t, 1, w=1 / last)
     even = first + step * number
     if not (np.abs(t - even) <= 0.6 * last).all() or last.max() < TOO_FINE:
-        return plain
+        return as_written
     return even, f"times from the variable t, whose digits are those of {1 / step:.6g} even frames a second"
