@@ -54,8 +54,10 @@ def struck(model: str, address: str, folder: Path, capsys, camera: str) -> dict:
     assert optimize.main(["--model", model, *target, "--out", str(folder / "found"), "--json"]) == 0
     capsys.readouterr()
     words = [str(folder / "found"), "--robot", address, "--camera", camera, "--yes", "--json"]
-    assert robot.main(["strike", *words, "--out", str(folder / "struck")]) == 0
-    return json.loads(capsys.readouterr().out.strip().splitlines()[-1])
+    status = robot.main(["strike", *words, "--out", str(folder / "struck")])
+    said = capsys.readouterr()
+    assert status == 0, said.err
+    return json.loads(said.out.strip().splitlines()[-1])
 
 
 def check_struck(result: dict, folder: Path) -> None:
@@ -72,8 +74,10 @@ def learned(model: str, address: str, folder: Path, capsys, *words: str) -> dict
     """Learn an unknown rope; return the result."""
     out = ["--out", str(folder / "learned"), "--yes", "--json"]
     status = adapt.main(["--model", model, "--port", address, "--target", *TARGETS[model], *words, *out])
-    summary = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
-    assert (status, summary["hit"]) == (0, True)
+    said = capsys.readouterr()
+    assert status == 0, said.err
+    summary = json.loads(said.out.strip().splitlines()[-1])
+    assert summary["hit"]
     assert not any(summary["refused_strikes"])
     return summary
 
