@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -91,7 +92,7 @@ class Execution:
         clearances = [x for x in limits if isinstance(x, Clearance)]
         of_arm = (x.beyond_on_way(found.t, found.q) for x in clearances)
         said = said or self.refused_posture(model, limits)
-        way = found.t <= (found.strike_begins if self.posture is not None else 0.0)
+        way = found.t <= (beginning(strike, found, t_stay) if self.posture is not None else 0.0)
         way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
         of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)
         return found, said or next((one for one in chain(of_arm, of_whip) if one is not None), None)
@@ -116,6 +117,18 @@ class Execution:
             diverged = "the simulation diverged"
             said = diverged if path.diverged else AllLimits(limits).explain(path, model.arm.joints, strike)
         return found, said
+
+
+def beginning(strike: StrikePath, trajectory: JointTrajectory, t_stay: float) -> float:
+    """Return the time of a trajectory [s] at which its strike begins, also of a strike that does not move.
+
+    Args:
+        strike, trajectory: The strike, and its trajectory.
+        t_stay: Time after the strike [s].
+    """
+    step = float(trajectory.t[1])
+    after = sum(math.ceil(span / step - 1e-9) for span in (strike.D, t_stay))
+    return float(trajectory.t[-1 - after])
 
 
 def swing_period(model: Model) -> float:

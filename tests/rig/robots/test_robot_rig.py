@@ -155,6 +155,35 @@ def test_what_the_robot_must_not_do_is_refused_before_it_hears_of_it() -> None:
         RobotRig(wt.preset("panda"), robot)
 
 
+def test_what_would_be_refused_is_known_before_from_where_the_arm_stands() -> None:
+    """The robot is asked once where it stands. Its whip may lie on the floor there, until the arm lifts it."""
+    robot = Interrupted(0, None)
+    rig = RobotRig(MODEL, robot, limits=default_limits(MODEL, prescribed=True))
+    robot._q = low = np.array([-0.149, -0.052, -1.655, 1.914, -0.409, -2.555])
+    high, there = wt.Strike(STRIKE.q_i, STRIKE.q_i, 0.5), wt.Strike(tuple(low), tuple(low), 0.5)
+    assert rig.refusal(high) is None
+    assert "the hanging whip is 463 mm below the floor" in (rig.refusal(there) or "")
+    assert "the velocity of" in (rig.refusal(wt.Strike(STRIKE.q_i, STRIKE.q_f, 0.5)) or "")
+    assert (robot.connections, robot.moves) == (1, 0)
+    rig.strike(high)
+    assert rig.refusal(STRIKE) is None
+    assert robot.connections == 3
+    down = RobotRig(MODEL, robot, limits=default_limits(MODEL, prescribed=True))
+    robot._q = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match=r"posture: .*where the robot stands .* below the floor: move it by hand"):
+        down.refusal(STRIKE)
+
+
+def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:
+    class Reports(LaggingRobot):
+        def follow(self, trajectory, record, stop) -> None:
+            super().follow(trajectory, lambda x: record(dataclasses.replace(x, current=2 * x.q)), stop)
+
+    cycles = RobotRig(MODEL, Reports("lab", MODEL)).strike(STRIKE).run.cycles
+    np.testing.assert_array_equal(cycles.current, 2 * cycles.q)
+    assert np.isnan(cycles.tau).all()
+
+
 def test_a_trajectory_from_elsewhere_is_refused() -> None:
     robot = LaggingRobot("lab", MODEL)
     trajectory = RobotRig(MODEL, robot).trajectory(STRIKE, robot.posture())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.limits import Limits
-from whiptool.limits.robot_trajectory import Execution
+from whiptool.limits.robot_trajectory import Execution, beginning
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -124,7 +123,7 @@ class RobotRig(FilmedRig):
         self._stands = None
         trajectory = self.trajectory(strike, arm.posture(), attempt.believed)
         arm.set_payload(payload_of(self.model))
-        begins = _beginning(strike, trajectory, self.options.t_stay)
+        begins = beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
         watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), attempt.on_cycle)
         self._recall_lag(log)
@@ -183,13 +182,6 @@ class RobotRig(FilmedRig):
 
 def _tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
-
-
-def _beginning(strike: Strike, trajectory: JointTrajectory, t_stay: float) -> float:
-    """Time of a trajectory [s] at which its strike begins, also of a strike that does not move."""
-    step = float(trajectory.t[1])
-    after = sum(math.ceil(span / step - 1e-9) for span in (strike.D, t_stay))
-    return float(trajectory.t[-1 - after])
 
 
 class _Watch:
