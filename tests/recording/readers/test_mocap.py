@@ -61,6 +61,19 @@ def test_motives_first_row_is_heard(text, said, tmp_path):
     assert "the file holds 2 frames, and announces 7" in remarks
 
 
+def test_rigid_bodies_alone_are_markers_where_they_are(tmp_path):
+    """As Motive exports a stick without its markers, in quotation marks."""
+    names = (
+        ',"Type","Rigid Body",' + ",".join(['"Rigid Body"'] * 7) + "\n,Name" + ",Stick" * 8 + "\n,ID" + ",7" * 8 + "\n"
+    )
+    what = ",," + "Rotation," * 4 + "Position," * 3 + "Mean Marker Error\nFrame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n"
+    rows = "0,0.000000,0,0,0,1,1.5,2.5,3.5,0.001\n1,0.010000,,,,,,,,\n2,0.020000,0,0,0,1,1.25,2.25,3.25,0.001\n"
+    (tmp_path / "a.csv").write_text(MOTIVE + names + what + rows)
+    found = read_recording(tmp_path / "a.csv", markers={"handle": "Stick"})
+    np.testing.assert_array_equal(found.points[:, 0], [[1.5, 2.5, 3.5], [np.nan] * 3, [1.25, 2.25, 3.25]])
+    assert "left out the rotations of 1 rigid body" in found.remarks
+
+
 def test_times_of_few_digits_are_those_of_the_even_clock():
     """Whole milliseconds at 120 frames a second; but a clock that drifts is heard."""
     number = np.arange(1, 400)

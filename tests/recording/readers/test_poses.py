@@ -71,6 +71,10 @@ def test_places_of_nwb_are_in_the_files_unit(motion, tmp_path):
         file["processing/behavior/whip/tip/timestamps"][3] += 0.001
     with pytest.raises(InputError, match="series with different times"):
         read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])
+    with h5py.File(tmp_path / "c.nwb", "w") as file:
+        file.attrs["nwb_version"] = "2.8.0"
+    with pytest.raises(InputError, match=r"c\.nwb: NWB: got 'no PoseEstimation'; allowed: a PoseEstim"):
+        read_recording(tmp_path / "c.nwb")
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["images"] = np.zeros(3)
     with pytest.raises(InputError, match=r"contents: got 'images'; allowed: tracks, as in an HDF5 file of DeepLabCut"):

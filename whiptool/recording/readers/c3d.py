@@ -80,7 +80,9 @@ def _check_header(path: Path) -> None:
     frames = last - first + 1
     needed = 512 * (start - 1) + width * (4 * points + analog) * min(max(frames, 0), 65535)
     if points == 0 or frames < 1 or start < 2:
-        raise InputError(str(path), f"{points} points over {frames} frames", "at least one point and frame")
+        raise InputError(
+            str(path), f"a C3D file with {points} markers over {frames} frames", "at least one point and frame"
+        )
     if last < 65535 and needed > size:
         raise InputError(str(path), f"{size} bytes", f"at least {needed}, as its header says", "was the file cut off?")
 

@@ -59,7 +59,8 @@ def _capture(
     rows: list[list[str]], at: int, said: dict[str, str], columns: dict[str, list[int]], side: Sidecar
 ) -> dict[str, Any]:
     """Times, places, units and axes, as arguments of `Capture`."""
-    table = numbers(rows, at + 1, [0, 1, *(i for found in columns.values() for i in found)], len(rows[at]))
+    width = max(len(row) for row in rows[1 : at + 1])  # a mean error has no axis
+    table = numbers(rows, at + 1, [0, 1, *(i for found in columns.values() for i in found)], width)
     rate = mocap.rate_of(said.get("Export Frame Rate") or said.get("Capture Frame Rate"), "Export Frame Rate")
     t, clock = mocap.even_times(table[:, 1], table[:, 0], rate, "the column Time")
     stated = re.search(r"\b([xyz])[- ]?up\b|up axis,\+?([xyz])\b", ",".join(rows[0]), re.IGNORECASE)
