@@ -19,11 +19,13 @@ from whiptool.identification.motion import LATEST
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import PLACED
-from whiptool.models.parameters import AnyArm
+from whiptool.models.mount import MOUNTS, SURFACES, mounted
+from whiptool.models.parameters import AnyArm, Model
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 
 GROSS = 0.3  # of the whip's length: farther off than whips are unlike
 EXPLAINED = 0.33  # of the distance, at most, that is left where a slip is found
+CLEAR = 0.1  # of it that is left where nothing else need be tried
 _ALIKE = 0.5  # of the whip's length: what whips may be unlike
 _BEGINNING = 0.05  # [s] of first readings
 _LONGEST, _EVERY = (
@@ -32,6 +34,8 @@ _LONGEST, _EVERY = (
 )  # [s] by which a recording may start too late or too early, and steps in which that is tried
 _SHORTEST = 0.1  # [s] of those: what is less is found by a fit
 _TURNED = 0.3  # [rad] of a joint from where the strike begins
+_ROUGH = 0.05  # [s] between knots of a motion that is only tried
+_LEVEL = 0.5  # of a surface's vector, between that of a wall and of a ceiling
 _WRAP = 0.5  # [rad] within which a jump is one of a whole turn
 _UNITS = {  # factor that mends it
     1e-3: "they were mm, read as m", 1e-2: "they were cm, read as m", 1e3: "they were m, read as mm",
@@ -144,7 +148,9 @@ class _Beginning:
         if max(early, half, whole) <= self._limit:
             return []
         name, given = self._recording.called, f"{max(early, half):.3g} m from where the model is"
-        slips = [*self._placed(half), *self._other_joints(half), *self._late(whole)]
+        slips = list(self._other_mounts(half))
+        if not any(slip.left <= CLEAR for slip in slips):
+            slips += [*self._placed(half), *self._other_joints(half), *self._late(whole)]
         best = min(slip.left for slip in slips)
         for slip in slips:  # simple ones first
             if slip.left <= min(EXPLAINED, 2 * best) and slip.distance <= _ALIKE * self._plant.model.whip.length:
@@ -193,11 +199,27 @@ class _Beginning:
         if not tried:
             return
         variants = [dataclasses.replace(self._recording, joints_q=x) for _, x in tried]
-        again = Predictor(variants, self._plant, drive=P.kind, shared=(), timestep=P.h)
+        again = Predictor(variants, self._plant, drive=P.kind, shared=(), timestep=P.h, knots=_ROUGH)
         found = again(self._plant, {}, again.start, derivatives=False)
         for (words, _), prediction in zip(tried, found, strict=True):
             left = _off(self._measured, prediction.value.reshape(self._measured.shape), self._half)
             yield _Slip.of("joints", words, left, before)
+
+    def _other_mounts(self, before: float) -> Iterator[_Slip]:
+        """A base that is mounted otherwise; whatever drives the whip, it hangs from the arm."""
+        model, P = self._plant.model, self._predictor
+        if not isinstance(model, Model) or model.dimension == 2 or P.kind not in ("joints", "robot"):
+            return
+        arm = model.arm.in_space()
+        turns: dict[str, str | tuple[float, float, float]] = {name: name for name in SURFACES}
+        if arm.surface is not None:  # back to the floor
+            turns = {"floor": (0.0, -math.pi / 2, 0.0) if arm.surface[2] > -_LEVEL else MOUNTS["ceiling"]}
+        for name, turn in turns.items():
+            plant = dataclasses.replace(self._plant, model=dataclasses.replace(model, arm=mounted(arm, turn)))
+            again = Predictor([self._recording], plant, drive=P.kind, shared=(), timestep=P.h, knots=_ROUGH)
+            (found,) = again(plant, {}, again.start, derivatives=False)
+            left = _off(self._measured, found.value.reshape(self._measured.shape), self._half)
+            yield _Slip.of("points", f"the arm's base were on the {name}: give --mount {name}", left, before)
 
     def _late(self, before: float) -> Iterator[_Slip]:
         """A strike that began at another time than the recording's 0."""

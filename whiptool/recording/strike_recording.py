@@ -70,7 +70,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
         t: Frame times [s], (T,), strictly increasing; 0 is the command's start by the recording's own clock.
         points: Marker positions [m], (T, M, 2) or (T, M, 3), NaN where missing (one NaN coordinate makes the whole
             point missing); in the strike plane x is forward, y up, the origin at the shoulder; of an arm in space they
-            are in the axes of its base: x forward, y to the left, z up.
+            are in the axes of its base: x forward, y to the left, z up; with a base on a wall or a ceiling, in those of
+            the world with the origin at the base.
         markers: M different names: `tip`, `handle`, `node1` .. `nodeN`, `shoulder`, `elbow`, or any other names.
         sigma: Standard error of each point, per coordinate [m], (T, M) or broadcastable to it; default: 1 mm, with a
             view half a pixel.
@@ -91,8 +92,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
         joint_names: Joint names of the columns of `joints_q`, (a,); empty: they are in the arm's order.
         view: The camera whose pixels the points are; None: the points are positions.
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
-        hand_pose: Position [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of the arm's base,
-            (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
+        hand_pose: Position [m] and orientation, a quaternion (x, y, z, w), of the hand in the axes of
+            points, (S, 7); the hand's axes are those of a model: the whip hangs along its -z.
         depth: With a view, the depth of each marker along the camera's optical axis [m], (T, M); 0 or NaN if not
             measured, NaN if the point is missing. None: no depths.
         depth_sigma: Standard error of the depth [m], (T, M) or broadcastable to it; default: that of a D435 whose
