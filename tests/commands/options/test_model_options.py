@@ -62,7 +62,7 @@ def test_mistakes_name_the_option(given, name, said):
     assert said in str(caught.value)
 
 
-COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify", "adapt", "rig", "servos")
+COMMANDS = ("optimize", "simulate", "train", "compare", "map", "identify", "adapt", "rig", "emulators")
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "papers.reproduce"])
