@@ -52,6 +52,7 @@ from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 
 HORIZONS, AROUND = (0.5, 1.0, 2.0), 0.1  # [s]
+OTHER_STARTS = 2  # drawn, from which the classes of the first fit are judged again
 FOLDS = 3  # every third recording is held out in turn
 KEYS = ("recordings", "held_out", "each", "model", "drive", "free", "pieces", "knots", "per_recording", "starts",
         "horizons")  # fmt: skip
@@ -167,9 +168,12 @@ def pendulum(folder: Path, name: str, *, quick: bool, whole: bool = False) -> Gi
     free = tuple(n for q in quantities for i in range(links) if (n := f"link.{q}[{i}]") not in left_out)
     options = FitOptions(drive="free", pieces=(1.0, 3.0) if links == 1 else (0.3,))
     plant = bare_plant(sizes)
-    others = [] if quick else [bare_plant([(f * m, g * x) for m, x in sizes]) for f, g in ((2.0, 0.8), (0.5, 1.3))]
+    rng, others = np.random.default_rng(0), []
+    for _ in range(0 if quick or whole else OTHER_STARTS):
+        drawn = {n: x * rng.uniform(0.6, 1.6) for n, x in plant.values().items() if n in free}
+        others.append(plant.changed(drawn))
     title = f"{name} pendulum" + (", a whole recording at a time" if whole else "")
-    return Given(title, swings, folds, plant, free, options, others=[] if whole else others)
+    return Given(title, swings, folds, plant, free, options, others=others)
 
 
 def bare_plant(sizes: Sequence[tuple[float, float]]) -> Plant:
