@@ -89,11 +89,16 @@ def test_nothing_of_a_pickle_is_run():
             return (print, ("boom",))
 
     for bomb in (Bomb(), [("a", Bomb())]):
-        with pytest.raises(InputError, match=r"a pickled .*print'; allowed: lists of texts"):
+        with pytest.raises(InputError, match=r"a pickle with GLOBAL .*print'; allowed: lists of texts"):
             plain_names(pickle.dumps(bomb, 0))
-    with pytest.raises(InputError, match="a list of tuples of texts"):
+    with pytest.raises(InputError, match="a pickle with INT 1"):
         plain_names(pickle.dumps([("a", 1)], 0))
-    assert plain_names(pickle.dumps([("a", "b")], 0)) == [("a", "b")]
+    names = [("net", "tip", "x"), ("net", "tip", "y"), ("net",)]
+    for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
+        assert plain_names(pickle.dumps(names, protocol)) == names
+    for damaged in (b"(lp0\ng5\na.", b"a.", b"(lp0\n(V", b"t."):
+        with pytest.raises(InputError, match="a list of tuples of texts"):
+            plain_names(damaged)
 
 
 def test_without_h5py_its_extra_is_named_before_anything_is_read(tmp_path, monkeypatch):

@@ -8,8 +8,7 @@ Points with a likelihood below 0.6 are missing, as in DeepLabCut's own plots. Th
 
 from __future__ import annotations
 
-import io
-import pickle
+import pickletools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -104,7 +103,7 @@ def of_hdf5(file: Any) -> dict[str, np.ndarray] | None:
     """Return the table that DeepLabCut wrote into an open HDF5 file: `names` (columns, levels), `table` and `frames`;
     None: the file has no such table.
 
-    pandas writes names of columns as a pickle; only texts and lists of them are read of it, and nothing is executed.
+    pandas writes names of columns as a pickle, which is not loaded: see `plain_names`.
 
     Raises:
         InputError: The names are something else.
@@ -136,23 +135,63 @@ def _levels(group: Any, axis: str) -> list[tuple[str, ...]]:
     return list(zip(*([known[i][k] for k in group[f"{axis}_label{i}"][:]] for i in levels)))
 
 
-class _Plain(pickle.Unpickler):
-    """Reads lists, tuples, texts and numbers; refuses whatever names a function or a class."""
-
-    def find_class(self, module_name: str, global_name: str) -> Any:
-        raise InputError("names", f"a pickled {module_name}.{global_name}", "lists of texts", "export CSV there")
-
-
 def plain_names(pickled: bytes | str) -> list[tuple[str, ...]]:
-    """Return the names of columns that pandas pickled, without executing anything.
+    """Return the names of columns that pandas pickled: the tuples of texts are taken from the instructions of the
+    pickle, which is not loaded.
 
     Raises:
-        InputError: They are something else than lists and tuples of texts.
+        InputError: They are something else than a list of tuples of texts.
     """
     data = pickled.encode("latin-1") if isinstance(pickled, str) else bytes(pickled)
-    names = _Plain(io.BytesIO(data)).load()
-    if not isinstance(names, list) or not all(
-        isinstance(x, tuple) and all(isinstance(y, str) for y in x) for x in names
-    ):
-        raise InputError("names", str(names)[:80], "a list of tuples of texts")
+    try:
+        names = _top_of(data)
+    except InputError:
+        raise
+    except (ValueError, LookupError, AttributeError):
+        names = None
+    if not isinstance(names, list) or not all(isinstance(x, tuple) and set(map(type, x)) <= {str} for x in names):
+        raise InputError("names", str(names)[:80], "a list of tuples of texts", "export CSV there")
     return names
+
+
+def _top_of(data: bytes) -> Any:
+    """Return what the instructions of a pickle leave on the stack; only lists, tuples and texts are known."""
+    stack: list[Any] = []
+    marks: list[int] = []
+    memo: dict[int, Any] = {}
+    for code, argument, _ in pickletools.genops(data):
+        name = code.name
+        if name in _TEXTS:
+            stack.append(argument)
+        elif name in ("MARK", "EMPTY_LIST", "LIST", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3", "APPEND", "APPENDS"):
+            _gather(name, stack, marks)
+        elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
+            memo[len(memo) if argument is None else argument] = stack[-1]
+        elif name in ("GET", "BINGET", "LONG_BINGET"):
+            stack.append(memo[argument])
+        elif name not in ("PROTO", "FRAME", "STOP"):
+            said = f"a pickle with {name} {'' if argument is None else argument}".rstrip()
+            raise InputError("names", said, "lists of texts", "export CSV there")
+    return stack[0]
+
+
+_TEXTS = ("UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8")
+
+
+def _gather(name: str, stack: list[Any], marks: list[int]) -> None:
+    """Carry out an instruction of a pickle that makes a list or a tuple of what is on the stack."""
+    if name == "MARK":
+        marks.append(len(stack))
+    elif name == "EMPTY_LIST":
+        stack.append([])
+    elif name == "APPEND":
+        item = stack.pop()
+        stack[-1].append(item)
+    else:
+        begin = len(stack) - int(name[-1]) if name[-1].isdigit() else marks.pop()
+        items = stack[begin:]
+        del stack[begin:]
+        if name == "APPENDS":
+            stack[-1].extend(items)
+        else:
+            stack.append(items if name == "LIST" else tuple(items))
