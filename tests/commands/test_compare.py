@@ -186,6 +186,7 @@ def test_compare_writes_tables_and_plots(alone):
     assert not list((alone / "checkpoints").iterdir())
 
 
+@pytest.mark.slow
 def test_methods_are_compared_at_the_same_directions(tmp_path):
     """The report and the result say what is asked, and every search is one at the target's own direction."""
     asked = ("--target", 1, 0.3, "--arrival-angle", 60, 120, "--cone", 25, "--least-speed", 2)

@@ -40,6 +40,7 @@ def test_a_search_for_little_effort_ends_with_a_hit_of_the_least_it_saw(capsys):
     assert {len(trial.outcome.values) for trial in log if not trial.outcome.diverged} == {1}
 
 
+@pytest.mark.slow
 def test_people_are_told_by_what_a_strike_is_judged(capsys):
     words = [*QUIET[:1], *QUIET[2:], "--method", "random", "--minimise", "peak-torque", "--max-trials", "40"]
     assert optimize.main([*words, "--hit-radius", "0.5"]) == 0

@@ -160,6 +160,7 @@ def test_slips_with_films_are_told_in_one_line(films, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_films_of_different_strikes_are_refused(films, tmp_path):
     """The right one shows another strike than its sidecar says: this one, backwards."""
     import cv2

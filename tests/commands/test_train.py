@@ -83,6 +83,7 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
 UPWARD = ["--target", "1", "0.3", "--arrival-angle", "60", "120", "--cone", "60", "--hit-radius", "0.3"]
 
 
+@pytest.mark.slow
 def test_a_policy_is_trained_at_arrival_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its result and words say what was asked; its strikes hit as an objective of each target says."""
     run = tmp_path / "run"
@@ -140,6 +141,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_trained_longer_is_a_run_of_that_length(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -245,6 +245,7 @@ def test_a_dead_worker_is_replaced_and_reported(tmp_path, times):
     assert all("bad" in names for names in deaths)
 
 
+@pytest.mark.slow
 def test_a_unit_that_kills_every_worker_is_given_up_after_the_others(tmp_path):
     units, found = {name: name for name in ("bad", "a", "b", "c")}, {}
     results = work_on(units, DieOnce(tmp_path, 99), workers=2)

@@ -96,6 +96,7 @@ def test_three_engines_agree_up_to_14_joints(case: Case):
 
 @examples(50)
 @given(cases(LONG))
+@pytest.mark.slow
 def test_three_engines_agree_up_to_the_condition_number(case: Case):
     """Chains of `numbers` with 15..30 links; with Pinocchio, whose algorithm is articulated-body too, to 1e-11."""
     ours, theirs, condition = accelerations(case)

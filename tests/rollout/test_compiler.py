@@ -179,6 +179,7 @@ def test_without_any_place_to_write_the_interpreter_is_left(folder: Path, monkey
     assert "cannot compile" in caplog.text
 
 
+@pytest.mark.slow
 def test_processes_that_start_at_once_share_the_cache(tmp_path):
     """Four first starts on an empty cache: all agree, one library is left, nothing half-written."""
     program = (

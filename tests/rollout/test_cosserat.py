@@ -52,6 +52,7 @@ def set_going(whip: CosseratWhip, velocity: np.ndarray, seconds: float, h: float
     return t, x, energy
 
 
+@pytest.mark.slow
 def test_a_hanging_chain_swings_as_bessel_has_it():
     """Without bending the lowest mode is J0 and its frequency j01 / 2 sqrt(g / L), j01 = 2.4048; to 0.3 %."""
     needs_elastica()

@@ -255,6 +255,7 @@ def test_engines_agree_on_the_derivatives_of_the_tip(rung):
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_a_parameter_whose_term_is_zero_can_be_freed():
     names = ["whip.drag", "whip.hinge_mass", "whip.rest_angle"]
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), free=names, tolerance=1e-6)
@@ -311,6 +312,7 @@ def test_tip_paths_and_their_derivatives(name):
         np.testing.assert_allclose(slopes[..., k][ok], difference[ok], rtol=1e-4, atol=2e-5 * scale)
 
 
+@pytest.mark.slow
 def test_many_strikes_run_in_bounded_memory():
     """What a strike leaves behind is its outcome; its parameters are packed for a few thousand at a time."""
     rollout = CompiledRollout(LEMON, Controller(ConstantImpedance()), timestep=4e-3)

@@ -23,6 +23,7 @@ UNEVEN = replace(LEMON, whip=replace(LEMON.whip, k=(0.0, *np.linspace(0.4, 0.1, 
         (replace(LEMON, whip=TAPERED.lump(12)), "profile.stiffness_taper", 0.4),
     ],
 )
+@pytest.mark.slow
 def test_gradients_by_a_common_scale_and_by_numbers_of_a_profile(model, name, value):
     """Against central differences of the miss distance."""
 

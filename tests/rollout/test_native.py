@@ -43,6 +43,7 @@ def test_every_element_is_done_once(count, threads):
     assert all(first % 4 == 0 for first in firsts)
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_a_running_part_its_memory():
     """A part still runs when Ctrl-C unwinds its caller: its arrays outlive the call, not the part."""
     begun, may_end, unwound = threading.Event(), threading.Event(), threading.Event()

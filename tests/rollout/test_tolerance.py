@@ -69,6 +69,7 @@ def test_distances_are_within_the_tolerance(model, controller, target):
     np.testing.assert_allclose(usual.max_torque[known], exact.max_torque[known], rtol=0.05, atol=0.05)
 
 
+@pytest.mark.slow
 def test_gains_that_grow_with_the_error_are_integrated_to_third_order():
     """Against equal steps of another method of second order, extrapolated to none."""
     model, strikes = preset("nah2020-n15"), [[-1.4, 0.32, 3.084, 2.662, 0.654], [-0.65, 0.353, 3.109, 2.263, 0.557]]

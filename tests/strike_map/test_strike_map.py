@@ -87,6 +87,7 @@ def test_hits_are_those_of_the_objective(building, parts):
         assert outcome.cost == pytest.approx(struck.cost[i])
 
 
+@pytest.mark.slow
 def test_a_part_is_the_same_whenever_it_is_made(building, parts):
     again = building.part(parts[:1])
     for name in ("strikes", "tips", "tip_slopes"):

@@ -335,6 +335,7 @@ class Rehearsed:
         return self.port.strike(strike, number, folder)
 
 
+@pytest.mark.slow
 def test_a_rig_rehearses_with_the_whip_that_is_believed(prior):
     port, checked = Rehearsed(port_of(6)), []
     options = Options(
@@ -395,6 +396,7 @@ def test_when_a_look_is_taken(prior):
     assert numbers(recordings=[filmed(port, STRIKE)]) == (1,)
 
 
+@pytest.mark.slow
 def test_a_look_alone_does_not_count_as_having_struck(prior, monkeypatch):
     """Where the first strike is refused, the second is planned as hard as the first; then one has taught."""
     efforts, port, target = [], port_of(3), Target(TARGET)
@@ -487,6 +489,7 @@ def test_a_hit_is_judged_from_what_was_seen(prior):
     assert (blind.judged.miss, blind.judged.probability, blind.hit) == (1.0, 0.0, False)
 
 
+@pytest.mark.slow
 def test_a_fast_tip_can_be_asked_for(prior):
     rng = np.random.default_rng(0)
     for speed in (5.0, 14.0):
@@ -527,6 +530,7 @@ def test_a_bad_prior_is_refused(line, tmp_path):
         read_belief(str(file), MODEL, CONTROLLER, whip="uniform")
 
 
+@pytest.mark.slow
 def test_a_fit_that_two_starts_led_to_is_not_sought_again(prior, first, monkeypatch):
     """Frames that no whip explains: the errors are said to be half of what they are."""
     fits, fit = [], posterior.fit

@@ -102,6 +102,7 @@ def test_a_diverged_strike_is_worse_than_any_refused_one() -> None:
     assert Objective(held, TARGET)(FAST).miss_distance == objective.penalty
 
 
+@pytest.mark.slow
 def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     common = ["--target", "1.2", "0.1", "--preset", "printed", "--limits", "xm430", "--no-video"]
     lower, upper = [str(x - 0.05) for x in SLOW], [str(x + 0.05) for x in SLOW]

@@ -89,6 +89,7 @@ def test_larger_samples_hold_smaller_ones_and_seeds_differ(project):
     assert [mutant.name for mutant in sample(project, ["formulas/area.py"], 6, 0)] == [mutant.name for mutant in more]
 
 
+@pytest.mark.slow
 def test_trials_kill_and_leave_the_tree_alone(project, tmp_path):
     copy = Copy.of(project, tmp_path / "copy")
     before = (project / "formulas" / "area.py").read_text()

@@ -55,6 +55,7 @@ def test_a_strike_is_played_again(run, older):
     assert again["miss_distance"] == pytest.approx(was["miss_distance"], abs=1e-12 if "short" in run else 1e-4)
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_another_now_is_played_with_the_model_of_its_run(older):
     run, out = older / "optimize-ur5e", ("--no-video", "--json")
     kept = run / "config.toml"

@@ -76,6 +76,7 @@ def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml")).nv == 54
 
 
+@pytest.mark.slow
 def test_a_policy_and_a_comparison_in_space(tmp_path):
     few = ["--episodes", "3", "--random-episodes", "1", "--trials", "8", "--hindsight", "1"]
     ball = [*NAH, "--target", "1.7", "0.3", "0.2", "--hit-radius", "1.0"]  # soon hit

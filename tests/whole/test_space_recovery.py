@@ -40,6 +40,7 @@ def test_k_b_m_come_back_within_their_intervals(bench):
     assert 0.8 < found["misfit"] < 1.2
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_moved_by_a_hand_is_told(bench):
     """Before any fit, from the tracks of a real strike: its pole was pushed by 10 cm, and it turned by 2 degrees."""
     from dataclasses import replace

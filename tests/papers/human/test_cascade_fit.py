@@ -28,6 +28,7 @@ def test_a_throw_of_the_model_is_found_again(tmp_path):
 
 
 @needs_people
+@pytest.mark.slow
 def test_the_discrete_cascade_is_explained_and_the_rhythmic_one_predicted():
     people = read_people(DATA)
     seen = {style: measured(people, style) for style in STYLES}

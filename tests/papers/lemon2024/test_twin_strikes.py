@@ -17,6 +17,7 @@ MODEL = wt.preset("lemon2024")
 SCENE = TargetScene(model=MODEL, controller=Controller())
 
 
+@pytest.mark.slow
 def test_planned_strikes_come_nearer_within_the_motors_line() -> None:
     plan = PlanUnit(scene=SCENE, iterations=2, targets=1).run(None, 1)["strikes"]
     assert len(plan) == 2

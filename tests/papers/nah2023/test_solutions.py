@@ -26,6 +26,7 @@ from whiptool.rollout.compiled import ChainPath
 TARGET = np.array(published.TARGETS[2])
 
 
+@pytest.mark.slow
 def test_descent_hits_and_its_sensitivity_is_that_of_differences():
     """From the published strike, which the tip misses by far, to the target; there the tip's path moves with each
     parameter as the distance between the old closest point and the new path says."""

@@ -118,6 +118,7 @@ def test_lerobots_bus(fresh):
     assert fresh.state()["torque_on"] == [False, False]
 
 
+@pytest.mark.slow
 def test_dynamixel_controller(fresh, capsys):
     resources = {"resource_filename": lambda module, name: f"{folder}/dynio/{name}"}
     folder = fetched(DYNAMIXEL_CONTROLLER, without="dynamixel_sdk")
