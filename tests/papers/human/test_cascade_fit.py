@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 from human_data import DATA, needs_people, write_made_up
 
 from papers.human.cascade_fit import fit_cascade, measured, predicted, start
