@@ -158,7 +158,7 @@ def _top_of(data: bytes) -> Any:
     """Return what the instructions of a pickle leave on the stack; only lists, tuples and texts are known."""
     stack: list[Any] = []
     marks: list[int] = []
-    memo: dict[int, Any] = {}
+    memo: dict[Any, Any] = {}
     for code, argument, _ in pickletools.genops(data):
         name = code.name
         if name in _TEXTS:
