@@ -40,8 +40,8 @@ def test_the_tables_tell_what_the_cycles_hold():
     assert table["shoulder"][:3] == ["0.00", "0.01", f"{0.01 / 2.3:.0%}"]
     assert table["shoulder"][-1] == "10.5"  # not the 5 V before the strike
     phases = rows(next(part for part in loop.parts if isinstance(part, Table)))
-    assert phases["approach"] == ["100", "0", "0", "0.25"]
-    assert phases["strike"] == ["100", "1", "0", "0.25"]
+    assert phases["approach"] == ["100", "0", "2.00", "0", "0.25"]
+    assert phases["strike"] == ["100", "1", "5.00", "0", "0.25"]
     said = rows(next(part for part in result.parts if isinstance(part, Table)))
     miss = re.match(r"([\d.]+) ± ([\d.]+) cm", said["miss distance"][0])
     assert miss is not None

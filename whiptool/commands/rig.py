@@ -272,6 +272,7 @@ def _summary(struck, target) -> dict[str, Any]:
         "cycles": len(struck.run.cycles),
         "missed": struck.run.missed,
         "overruns": struck.run.overruns,
+        "longest_gap": struck.run.cycles.longest_gap,
     }
 
 
@@ -293,8 +294,16 @@ def _lines(struck, summary: dict, target) -> list[str]:
             )
     if summary["true_miss_distance"] is not None:
         lines.append(f"  true miss      {summary['true_miss_distance']:.4f} m (known to the twin only)")
-    lines.append(f"  cycles         {summary['cycles']}, {summary['missed']} missed, {summary['overruns']} too long")
+    lines.append(f"  cycles         {_cycles_words(summary)}")
     return lines
+
+
+def _cycles_words(summary: dict) -> str:
+    cycles, missed, late = (summary[name] for name in ("cycles", "missed", "overruns"))
+    if late is None:  # a robot's own controller keeps its cycles
+        gap = 1e3 * summary["longest_gap"]
+        return f"{cycles} states of the robot, {missed} more are missing by its clock, longest gap {gap:.1f} ms"
+    return f"{cycles}, {missed} missed, {late} too long"
 
 
 def _learn(options: LearnOptions) -> int:

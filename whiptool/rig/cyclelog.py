@@ -148,6 +148,22 @@ class Cycles:
         """
         return _parse(Path(path).read_bytes(), str(path))
 
+    @property
+    def lost(self) -> np.ndarray:
+        """How many samples are missing at each cycle, (C,): by the clock of a robot's controller, whose period is
+        `period` of the description [s], those since the cycle before; of servos, 1 in a cycle without a sample.
+        """
+        period = self.about.get("period")
+        if period is None:
+            return ((self.flags & Flag.MISSED) > 0).astype(int)
+        between = np.diff(self.stamp, prepend=self.stamp[:1])
+        return np.maximum(np.rint(between / period).astype(int) - 1, 0)
+
+    @property
+    def longest_gap(self) -> float:
+        """Longest time between two samples [s]; 0 for fewer than two."""
+        return float(np.diff(self.stamp[np.isfinite(self.q).all(axis=1)]).max(initial=0.0))
+
     def during(self, phase: Phase) -> Cycles:
         """Return the cycles of one phase."""
         keep = self.phase == phase

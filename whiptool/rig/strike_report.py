@@ -313,14 +313,17 @@ def _servo_table(cycles: Cycles, model: Model, limits: MotorLimits) -> Table:
 
 
 def _cycle_table(cycles: Cycles) -> Table:
-    rows = [["phase", "cycles", "no sample", "ended late", "latest start [ms]"]]
+    robot = "period" in cycles.about
+    own = [] if robot else ["ended late", "latest start [ms]"]
+    rows = [["phase", "cycles", "no sample", "longest gap [ms]", *own]]
     for phase in Phase:
         part = cycles.during(phase)
         if len(part):
-            flagged = [int(((part.flags & flag) > 0).sum()) for flag in (Flag.MISSED, Flag.OVERRUN)]
-            late = 1e3 * max(0.0, _largest_signed(part.late))
-            rows.append([phase.name.lower(), str(len(part)), *map(str, flagged), f"{late:.2f}"])
-    return Table(rows)
+            late = int(((part.flags & Flag.OVERRUN) > 0).sum()), 1e3 * max(0.0, _largest_signed(part.late))
+            lost, gap = int(cycles.lost[cycles.phase == phase].sum()), f"{1e3 * part.longest_gap:.2f}"
+            own = [] if robot else [str(late[0]), f"{late[1]:.2f}"]
+            rows.append([phase.name.lower(), str(len(part)), str(lost), gap, *own])
+    return Table(rows, "No sample: states that are missing by the clock of the robot's controller." if robot else "")
 
 
 def _arm_points(struck: Struck, model: Model, instant: float) -> np.ndarray:

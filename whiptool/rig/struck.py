@@ -39,7 +39,8 @@ class Run:
         fault: Fault that ended the run early, or signal that came, also after the last cycle; None: neither.
         torque_off: Whether every servo confirmed that its torque is off; None: the arm has its own controller,
             which holds it.
-        missed, overruns: Cycles without a sample, and cycles that ended too late.
+        missed: Number of cycles without a sample; of a robot with a controller: of states missing by its clock.
+        overruns: Number of cycles that ended too late; None: a robot's controller keeps its own cycles.
         torque: State of the motors as text: torque is off, or the power has to be cut.
     """
 
@@ -47,7 +48,7 @@ class Run:
     fault: SafetyError | None
     torque_off: bool | None
     missed: int
-    overruns: int
+    overruns: int | None
     torque: str
 
 

@@ -13,6 +13,7 @@ import pytest
 from repository import ROOT
 
 import whiptool as wt
+from whiptool.commands.rig import _lines, _summary
 from whiptool.errors import InputError
 from whiptool.limits.all_limits import default_limits
 from whiptool.models.presets import rope
@@ -23,6 +24,7 @@ from whiptool.rig.robots.robot import Sample, payload_of
 from whiptool.rig.robots.robot_rig import RobotRig, whip_on
 from whiptool.rig.session import CYCLES
 from whiptool.rig.stops import Locked, SafetyError, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.strike_report import _cycle_table
 
 sys.path.insert(0, str(ROOT / "docs" / "examples"))
 from add_robot import LAG, LaggingRobot
@@ -182,6 +184,36 @@ def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:
     cycles = RobotRig(MODEL, Reports("lab", MODEL)).strike(STRIKE).run.cycles
     np.testing.assert_array_equal(cycles.current, 2 * cycles.q)
     assert np.isnan(cycles.tau).all()
+
+
+def test_states_that_did_not_come_are_counted_by_the_clock_of_the_controller(tmp_path: Path, capsys) -> None:
+    """Every tenth state is lost, and once four in a row: in numbers, in the line, and in the report's table."""
+
+    class Loses(LaggingRobot):
+        def follow(self, trajectory, record, stop) -> None:
+            self.number, self.kept = 0, 0
+
+            def some(sample: Sample) -> None:
+                self.number += 1
+                if self.number % 10 and self.number not in (1001, 1002, 1003):
+                    self.kept += 1
+                    record(sample)
+
+            super().follow(trajectory, some, stop)
+
+    robot = Loses("lab", MODEL)
+    struck = RobotRig(MODEL, robot).strike(STRIKE)
+    run, inside = struck.run, robot.number - (robot.number % 10 == 0)
+    assert (run.missed, run.overruns, len(run.cycles)) == (inside - robot.kept, None, robot.kept)
+    assert run.cycles.longest_gap == pytest.approx(0.010)  # 1000 is one of the tenths
+    assert "states of the robot were not received, the longest gap is 10 ms" in capsys.readouterr().err
+    target = wt.Target((1.0, 0.2, 0.6))
+    summary = _summary(struck, target)
+    assert f"{run.missed} more are missing by its clock, longest gap 10.0 ms" in _lines(struck, summary, target)[-1]
+    table = _cycle_table(run.cycles).rows
+    assert sum(int(row[2]) for row in table[1:]) == run.missed
+    assert max(float(row[3]) for row in table[1:]) == pytest.approx(10.0)
+    assert RobotRig(MODEL, LaggingRobot("lab", MODEL)).strike(STRIKE).run.missed == 0
 
 
 def test_a_trajectory_from_elsewhere_is_refused() -> None:

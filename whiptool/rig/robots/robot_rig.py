@@ -37,6 +37,7 @@ from whiptool.whole_files import write_whole
 LAG = "lag.json"
 HELD = "the robot's own controller holds the arm"
 _HANGING = 0.2  # [s] before a strike from which a whip is simulated
+_FEW = 0.01  # part of the states that may be missing without a note
 _MOVED = 0.05  # [rad] of a command, from which on a lag is fitted
 _RATE, _WINDOW = 500.0, 15  # [1/s] of the measured motion as the simulated whip follows it; samples that smooth it
 
@@ -124,7 +125,7 @@ class RobotRig(FilmedRig):
         trajectory = self.trajectory(strike, arm.posture(), attempt.believed)
         arm.set_payload(payload_of(self.model))
         begins = beginning(strike, trajectory, self.options.t_stay)
-        about = {"strike": strike.vector.tolist(), "rate": arm.rate, "strike_begins": begins}
+        about = {"strike": strike.vector.tolist(), "rate": arm.rate, "period": 1 / arm.rate, "strike_begins": begins}
         watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), attempt.on_cycle)
         self._recall_lag(log)
         fault: SafetyError | None = None
@@ -147,7 +148,13 @@ class RobotRig(FilmedRig):
         cycles = watch.log.cycles()
         if fault is None:
             self._learn_lag(cycles, log)
-        return Run(cycles, fault, torque_off=None, missed=0, overruns=0, torque=HELD)
+        missed = int(cycles.lost.sum())
+        if missed > _FEW * len(cycles):
+            note(
+                f"{missed} of {len(cycles) + missed} states of the robot were not received, the longest gap is "
+                f"{1e3 * cycles.longest_gap:.0f} ms: this computer or its network is busy"
+            )
+        return Run(cycles, fault, torque_off=None, missed=missed, overruns=None, torque=HELD)
 
     def _recall_lag(self, log: Path | None) -> None:
         """Take the lag of the joints that an earlier strike of the run has left."""
