@@ -100,6 +100,18 @@ def test_a_strike_that_must_not_be_made_is_not_handed_over(tmp_path: Path, monke
     assert not (tmp_path / "strike-0001").exists()
 
 
+def test_a_long_plan_shows_how_many_strikes_were_judged(monkeypatch, capsys) -> None:
+    def plan(*args, demands, **named):
+        assert [demands.check(STRIKE) for _ in range(3)] == ["below the floor"] * 3
+        return PLAN
+
+    monkeypatch.setattr(adapter, "_SOON", 0.0)
+    monkeypatch.setattr(adapter, "plan", plan)
+    options = Options(still=False, adapt=False, check=lambda strike, believed: "below the floor")
+    assert Adapter(default_prior(MODEL, CONTROLLER), TARGET, options).ask() == STRIKE
+    assert "planning strike 1: 3 strikes judged" in capsys.readouterr().err
+
+
 def test_what_a_port_would_refuse_is_not_planned() -> None:
     class Careful(Robot):
         def refusal(self, strike, believed=None):

@@ -29,11 +29,13 @@ from whiptool.limits.all_limits import Given
 from whiptool.models.numbers import number, whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds
+from whiptool.progress import Progress
 from whiptool.recording.filmed_approach import Judgement
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 
 _LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # stored with the belief
+_SOON = 0.5  # [s] between two looks at the progress of planning
 PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
 
 
@@ -279,7 +281,19 @@ class Adapter:
         return self._asked
 
     def _planned(self) -> Plan:
-        o, number, began = self.options, self.number, time.perf_counter()
+        """Plan a step; a bar shows how many strikes were judged."""
+        check, what = self.options.check, f"planning strike {self.number}" if self.number else "planning a first look"
+        with Progress(desc=what, unit=" strikes judged", mininterval=_SOON, leave=False, disable=check is None) as bar:
+
+            def counted(strike: Strike, believed: Model) -> str | None:
+                bar.update()
+                return None if check is None else check(strike, believed)
+
+            return self._searched(self.options if check is None else replace(self.options, check=counted))
+
+    def _searched(self, o: Options) -> Plan:
+        """Plan a step with other options than those of the run, such as a `check` that counts."""
+        number, began = self.number, time.perf_counter()
         rng = np.random.default_rng([o.seed, number])
         if number == 0:
             in_space = self.prior.plant.model.dimension == 3  # in the plane a rig rehearses it
@@ -299,7 +313,7 @@ class Adapter:
         sag = self._expected_sag()
         efforts = (o.later if self._taught else o.first, *[o.first] * o.retries)
         enough = UNSURE if self._taught else 0.0  # before the first recording whatever may be made is enough
-        found = surest(lambda effort: self._sought(rng, effort, sag), efforts, enough=enough)
+        found = surest(lambda effort: self._sought(rng, effort, sag, o), efforts, enough=enough)
         if not found.allowed:
             raise NoPlan(number, found.reason)
         return found
@@ -309,8 +323,8 @@ class Adapter:
         assert controller is not None
         return None if controller.prescribed else expected_sag(controller.law, self._recordings)
 
-    def _sought(self, rng: np.random.Generator, effort: PlanningEffort, sag: Sag | None) -> Plan:
-        demands = self.options.demands(self.belief.at().model)
+    def _sought(self, rng: np.random.Generator, effort: PlanningEffort, sag: Sag | None, o: Options) -> Plan:
+        demands = o.demands(self.belief.at().model)
         return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
 
     def _judged(self, chosen: Plan, seen: Seen, learned: Learned | None) -> Judgement | None:

@@ -383,6 +383,8 @@ def _conclusion(summary: dict[str, Any], folder: Path) -> str:
 
     rows = zip(summary["judged_miss"], summary["judged_error"], summary["hit_probability"], strict=True)
     judged = ["unknown" if m is None else f"{100 * m:.2f} ± {100 * e:.2f} ({percent(p)})" for m, e, p in rows]
+    if not judged:
+        return f"no strike was made; run folder {folder}"
     said = "hit claimed at" if summary["hit"] else "no hit claimed up to"
     misses = f"estimated misses [cm] with standard error and hit probability: {', '.join(judged)}"
     return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"

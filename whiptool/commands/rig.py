@@ -240,15 +240,17 @@ def _report(folder: Path, struck: Struck, model: Model, target: Target, options:
 
     pictures = draw(struck, model, target)
     save_pictures(folder, pictures)
+    robot = struck.run.overruns is None
     facts = {
         "strike": " ".join(f"{x:.4g}" for x in options.strike),
-        "rig": f"{port}, camera {options.camera}",
+        "robot" if robot else "rig": f"{port}, camera {options.camera}",
         "arm and whip": model.name,
         "controller": options.controller_label(),
         "cycles per second": f"{struck.run.cycles.about['rate']:g}",
         "version": code_version(),
     }
-    html = to_html("A strike on the rig", str(folder), facts, sections(struck, model, target, pictures))
+    title = "A strike of the robot" if robot else "A strike on the rig"
+    html = to_html(title, str(folder), facts, sections(struck, model, target, pictures))
     write_whole(folder / REPORT, html)
 
 

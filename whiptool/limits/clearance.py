@@ -275,6 +275,19 @@ class Clearance(Limits):
             return None
         return f"at {t[found.instant]:.3f} s {self._said(found)}"
 
+    def above_floor(self, q: np.ndarray, model: Model) -> np.ndarray | None:
+        """Return how high above the floor a whip ends that hangs still from an arm [m], (T,): negative where it lies on
+        the floor; None: there is no floor, or the arm is in the plane.
+
+        Args:
+            q: Positions of the arm's joints [rad or m], (T, a).
+            model: Model of the whip that hangs.
+        """
+        if self.floor is None or model.dimension == 2:
+            return None
+        hanging = joint_points(model, start_posture(model, q))[:, model.arm.n :]  # from the hand to the tip
+        return hanging[..., 2].min(axis=1) - self.floor
+
     def whip_on_way(self, t: np.ndarray, q: np.ndarray, model: Model) -> str | None:
         """Return a description of how low a whip comes that hangs still from an arm on a slow path; None: it keeps the
         clearance from the floor. Where the path begins the whip may lie on the floor, until the arm has lifted it.
@@ -284,10 +297,9 @@ class Clearance(Limits):
             q: Positions of the arm's joints [rad or m], (T, a).
             model: Model of the whip that hangs.
         """
-        if self.floor is None or model.dimension == 2:
+        kept = self.above_floor(q, model)
+        if kept is None:
             return None
-        hanging = joint_points(model, start_posture(model, q))[:, model.arm.n :]  # from the hand to the tip
-        kept = hanging[..., 2].min(axis=1) - self.floor
         lifted = np.flatnonzero(kept >= self.least)
         first = int(lifted[0]) if len(lifted) else 0
         at = first + int(kept[first:].argmin())

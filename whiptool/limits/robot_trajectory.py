@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -22,6 +23,11 @@ from whiptool.models.smooth_path import LONGEST_SWAY
 from whiptool.models.strike import Strike, StrikePath
 from whiptool.rollout.compiled import CompiledRollout
 
+LIFTED = (
+    "raise the arm by hand until stick and whip hang clear, give the base its height above the floor (mount pedestal "
+    "HEIGHT) if it has one, or choose another target"
+)
+_INSTANT = re.compile(r"at ([\d.]+) s ")
 WAY = 0.1  # [s] between the instants of the way at which the hanging whip is looked at
 
 
@@ -88,14 +94,17 @@ class Execution:
             t_stay=t_stay,
             sway=0.0 if self.posture is None else swing_period(model),
         )
+        begins = beginning(strike, found, t_stay)
         said = found.beyond(joints, slides=[joint in arm.slides for joint in arm.joints])
         clearances = [x for x in limits if isinstance(x, Clearance)]
         of_arm = (x.beyond_on_way(found.t, found.q) for x in clearances)
         said = said or self.refused_posture(model, limits)
-        way = found.t <= (beginning(strike, found, t_stay) if self.posture is not None else 0.0)
+        way = found.t <= (begins if self.posture is not None else 0.0)
         way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
         of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)
-        return found, said or next((one for one in chain(of_arm, of_whip) if one is not None), None)
+        if said is None and (said := next((one for one in chain(of_arm, of_whip) if one is not None), None)):
+            said += f"; {LIFTED}" if self.posture is not None and "the hanging whip" in said else ""
+        return found, said and by_parts(said, begins)
 
     def judged(
         self, model: Model, strike: Strike, t_stay: float, limits: Sequence[Limits], *, believed: Model | None = None
@@ -116,7 +125,24 @@ class Execution:
             path = rollout.trajectory(strike, t_stay=t_stay)
             diverged = "the simulation diverged"
             said = diverged if path.diverged else AllLimits(limits).explain(path, model.arm.joints, strike)
+            said = said and by_parts(said, 0.0)
         return found, said
+
+
+def by_parts(said: str, begins: float) -> str:
+    """Return a description in which an instant of a trajectory is one of the way to the start, or of the strike.
+
+    Args:
+        said: Description that may begin with `at 2.900 s`.
+        begins: Time at which the strike begins [s].
+    """
+    found = _INSTANT.match(said)
+    if found is None:
+        return said
+    t, rest = float(found[1]), said[found.end() :]
+    if t < begins:
+        return f"on the way to the start, at {t:.3f} s, {rest}"
+    return f"{t - begins:.3f} s into the strike {rest}"
 
 
 def beginning(strike: StrikePath, trajectory: JointTrajectory, t_stay: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import re
 import signal
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ import whiptool as wt
 from whiptool.commands.rig import _lines, _summary
 from whiptool.errors import InputError
 from whiptool.limits.all_limits import default_limits
+from whiptool.models.kinematics import arm_poses
 from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import RigidBody, welded
 from whiptool.rig.cyclelog import Cycles, Phase
@@ -162,10 +164,12 @@ def test_what_would_be_refused_is_known_before_from_where_the_arm_stands() -> No
     robot = Interrupted(0, None)
     rig = RobotRig(MODEL, robot, limits=default_limits(MODEL, prescribed=True))
     robot._q = low = np.array([-0.149, -0.052, -1.655, 1.914, -0.409, -2.555])
+    quick = wt.Strike(STRIKE.q_i, STRIKE.q_f, 0.5)
     high, there = wt.Strike(STRIKE.q_i, STRIKE.q_i, 0.5), wt.Strike(tuple(low), tuple(low), 0.5)
     assert rig.refusal(high) is None
-    assert "the hanging whip is 463 mm below the floor" in (rig.refusal(there) or "")
-    assert "the velocity of" in (rig.refusal(wt.Strike(STRIKE.q_i, STRIKE.q_f, 0.5)) or "")
+    said = rig.refusal(there) or ""
+    assert said.startswith("on the way to the start, at 0.000 s, the hanging whip is 463 mm below the floor; raise")
+    assert re.match(r"0\.\d\d\d s into the strike the velocity of", rig.refusal(quick) or "")
     assert (robot.connections, robot.moves) == (1, 0)
     rig.strike(high)
     assert rig.refusal(STRIKE) is None
@@ -174,6 +178,27 @@ def test_what_would_be_refused_is_known_before_from_where_the_arm_stands() -> No
     robot._q = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(InputError, match=r"posture: .*where the robot stands .* below the floor: move it by hand"):
         down.refusal(STRIKE)
+
+
+def test_a_whip_that_comes_to_lie_on_the_floor_and_one_that_is_lifted_from_it_are_said(capsys) -> None:
+    """From a strike that ends low the next begins with the whip on the floor; heights by the rope's straight hanging.
+
+    The rope of the preset is 1 m long, and hangs straight down from the hand.
+    """
+    low = (-0.149, -0.052, -1.655, 1.914, -0.409, -2.555)
+    rig = RobotRig(MODEL, LaggingRobot("lab", MODEL), limits=default_limits(MODEL, prescribed=True))
+    hand = arm_poses(MODEL.arm, np.array([low]))[0][0, -1, 2]
+    below = rig._below_floor(np.array(low), None)
+    assert below == pytest.approx(MODEL.whip.length - hand, abs=0.02)
+    assert rig._below_floor(np.array(STRIKE.q_i), None) == 0.0
+    rig._ask(wt.Strike(STRIKE.q_i, low, 1.5))
+    said = f"at the end of the strike the whip lies on the floor: hanging it would reach {below:.2f} m below it"
+    assert said in capsys.readouterr().err
+    rig.robot._q = np.array(low)
+    rig.strike(wt.Strike(STRIKE.q_i, STRIKE.q_i, 0.5))
+    said = capsys.readouterr().err
+    assert "the whip lies on the floor where the arm stands: the way to the start lifts it clear" in said
+    assert "at the end" not in said
 
 
 def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:

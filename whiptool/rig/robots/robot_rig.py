@@ -17,8 +17,9 @@ from whiptool.identification.servo_lag import ServoLag, fit_servo_lag
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
-from whiptool.limits.robot_trajectory import Execution, beginning
+from whiptool.limits.robot_trajectory import Execution, beginning, by_parts
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -117,12 +118,34 @@ class RobotRig(FilmedRig):
         o, limits = self.options, self.limits.members
         execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
         trajectory, said = execution.judged(self.model, strike, o.t_stay, limits, believed=believed)
-        return trajectory, said or trajectory.beyond(self.robot.limits)
+        if said is None and (said := trajectory.beyond(self.robot.limits)):
+            said = by_parts(said, beginning(strike, trajectory, o.t_stay))
+        return trajectory, said
+
+    def _ask(self, strike: Strike) -> None:
+        self._note_end(strike, None)
+        super()._ask(strike)
+
+    def _note_end(self, strike: Strike, believed: Model | None) -> None:
+        """Say whether the whip lies on the floor where a strike ends."""
+        if below := self._below_floor(np.array(strike.q_f), believed):
+            note(f"at the end of the strike the whip lies on the floor: hanging it would reach {below:.2f} m below it")
+
+    def _below_floor(self, q: np.ndarray, believed: Model | None) -> float:
+        """How far below the floor the tip of the hanging whip would be [m]; 0: it hangs clear, or there is no floor."""
+        clearances = [x for x in self.limits.members if isinstance(x, Clearance)]
+        heights = (x.above_floor(q[None], believed or self.model) for x in clearances)
+        return max((-float(x[0]) for x in heights if x is not None and x[0] < 0), default=0.0)
 
     def _run(self, arm: Robot, attempt: Attempt) -> Run:
         strike, log, signals = attempt.strike, attempt.log, attempt.signals
-        self._stands = None
-        trajectory = self.trajectory(strike, arm.posture(), attempt.believed)
+        self._stands, posture = None, arm.posture()
+        trajectory = self.trajectory(strike, posture, attempt.believed)
+        if self._below_floor(posture, attempt.believed):
+            note(
+                "the whip lies on the floor where the arm stands: the way to the start lifts it clear, and it has "
+                f"{self.options.settle:g} s of rest to hang still before the strike"
+            )
         arm.set_payload(payload_of(self.model))
         begins = beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "period": 1 / arm.rate, "strike_begins": begins}
@@ -147,6 +170,7 @@ class RobotRig(FilmedRig):
         signals.answered = fault is not None
         cycles = watch.log.cycles()
         if fault is None:
+            self._note_end(strike, attempt.believed)
             self._learn_lag(cycles, log)
         missed = int(cycles.lost.sum())
         if missed > _FEW * len(cycles):
