@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import re
 import signal
@@ -16,14 +17,16 @@ from repository import ROOT
 import whiptool as wt
 from whiptool.commands.rig import _lines, _summary
 from whiptool.errors import InputError
+from whiptool.identification.servo_lag import ServoLag
 from whiptool.limits.all_limits import default_limits
 from whiptool.models.kinematics import arm_poses
 from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import RigidBody, welded
 from whiptool.rig.cyclelog import Cycles, Phase
+from whiptool.rig.robots import robot_rig
 from whiptool.rig.robots.addresses import robot_at
 from whiptool.rig.robots.robot import Sample, payload_of
-from whiptool.rig.robots.robot_rig import RobotRig, whip_on
+from whiptool.rig.robots.robot_rig import RobotRig, kept_lag, whip_on
 from whiptool.rig.session import CYCLES
 from whiptool.rig.stops import Locked, SafetyError, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rig.strike_report import _cycle_table
@@ -199,6 +202,37 @@ def test_a_whip_that_comes_to_lie_on_the_floor_and_one_that_is_lifted_from_it_ar
     said = capsys.readouterr().err
     assert "the whip lies on the floor where the arm stands: the way to the start lifts it clear" in said
     assert "at the end" not in said
+
+
+def test_the_lag_of_a_robot_is_kept_for_the_next_process(tmp_path: Path, monkeypatch, capsys) -> None:
+    """By the robot's address; the next run leads by it, says so, and replaces it by its own first fit."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    found = ServoLag(0.101, 300.0, 0.002, (1e-3, 5.0, 1e-3))
+    monkeypatch.setattr(robot_rig, "fit_servo_lag", lambda t, u, q, period: found)
+
+    class Leads(LaggingRobot):
+        leads = True
+
+    def made(port: str) -> tuple[ServoLag | None, str]:
+        rig = RobotRig(MODEL, Leads("lab", MODEL), port=port)
+        rig.robot._q = np.array(STRIKE.q_i)
+        rig.strike(STRIKE)
+        return rig.robot.lag, capsys.readouterr().err
+
+    lag, said = made("lab://one")
+    assert lag == found
+    assert "the commands lead by" not in said
+    file = kept_lag("lab://one")
+    assert file is not None
+    older = dataclasses.asdict(ServoLag(0.03, 300.0)) | {"date": "2026-01-02"}
+    assert json.loads(file.read_text()).keys() == older.keys()
+    file.write_text(json.dumps(older))
+    lag, said = made("lab://one")
+    assert "the commands lead by 30.0 ms, the lag of the joints found on 2026-01-02" in said
+    assert lag == found
+    assert json.loads(file.read_text())["lag"] == found.lag
+    assert "the commands lead by" not in made("lab://two")[1]
+    assert kept_lag("robot") is None
 
 
 def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:

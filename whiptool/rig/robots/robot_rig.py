@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,7 @@ class RobotRig(FilmedRig):
         if robot.n != model.arm.n:
             raise InputError("robot", f"{robot.n} joints", f"{model.arm.n}, as the arm of {model.name} has")
         self.robot, self.port, self.limits, self._film = robot, port, AllLimits(limits), film
+        self._kept = False  # whether the lag is that of an earlier run
         self._stands: np.ndarray | None = None  # where the arm stood when it was last asked; None: it has moved since
 
     def _connected(self) -> Robot:
@@ -181,25 +183,36 @@ class RobotRig(FilmedRig):
         return Run(cycles, fault, torque_off=None, missed=missed, overruns=None, torque=HELD)
 
     def _recall_lag(self, log: Path | None) -> None:
-        """Take the lag of the joints that an earlier strike of the run has left."""
-        if log is None or not self.robot.leads or self.robot.lag is not None:
+        """Take the lag of the joints that an earlier strike of the run has left, or else the last one of this robot."""
+        if not self.robot.leads or self.robot.lag is not None:
             return
-        for file in sorted(log.parent.parent.glob(f"strike-*/{LAG}")):
-            self.robot.lag = ServoLag(**{name: _tuple(x) for name, x in read_json(file).items()})
+        for file in [] if log is None else sorted(log.parent.parent.glob(f"strike-*/{LAG}")):
+            self.robot.lag = _lag_in(read_json(file))
+        kept = kept_lag(self.port)
+        if self.robot.lag is None and kept is not None and kept.is_file():
+            table = read_json(kept)
+            date = table.pop("date")
+            self.robot.lag, self._kept = _lag_in(table), True
+            lag = f"{1e3 * self.robot.lag.total:.1f} ms"
+            note(f"the commands lead by {lag}, the lag of the joints found on {date} ({kept}; delete it to forget it)")
 
     def _learn_lag(self, cycles: Cycles, log: Path | None) -> None:
-        """Fit the lag of the joints to a recording. The fit with the least standard error is printed and kept; later
-        commands lead by it.
+        """Fit the lag of the joints to a recording. The fit with the least standard error is printed and kept, for this
+        run and for later ones of the robot; later commands lead by it. The first fit replaces that of another run.
         """
         if not self.robot.leads or np.ptp(cycles.q_d, axis=0).max() < _MOVED:
             return
         found, known = fit_servo_lag(cycles.t, cycles.q_d, cycles.q, period=1 / self.robot.rate), self.robot.lag
-        if known is not None and known.errors[0] <= found.errors[0]:
+        if known is not None and not self._kept and known.errors[0] <= found.errors[0]:
             return
-        self.robot.lag = found
+        self.robot.lag, self._kept = found, False
         note(f"{found}; the next commands lead by that")
+        table = dataclasses.asdict(found)
         if log is not None:
-            write_whole(log.with_name(LAG), json.dumps(dataclasses.asdict(self.robot.lag)) + "\n")
+            write_whole(log.with_name(LAG), json.dumps(table) + "\n")
+        if kept := kept_lag(self.port):
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(kept, json.dumps(table | {"date": time.strftime("%Y-%m-%d")}) + "\n")
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         struck = super()._strike(strike, folder, believed, signals)
@@ -211,8 +224,17 @@ class RobotRig(FilmedRig):
         return self._seen(struck, signals, lambda: self._recorded(struck.run, folder, film.of(path, strike)))
 
 
-def _tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+def kept_lag(port: str) -> Path | None:
+    """Return the file that keeps the lag of a robot's joints for later runs; None: the port is no robot's address."""
+    if "://" not in port:
+        return None
+    from platformdirs import user_state_path
+
+    return user_state_path("whiptool") / "lags" / (port.replace("://", "-").strip("/").replace("/", "-") + ".json")
+
+
+def _lag_in(table: dict[str, Any]) -> ServoLag:
+    return ServoLag(**{name: tuple(x) if isinstance(x, list) else x for name, x in table.items()})
 
 
 class _Watch:
