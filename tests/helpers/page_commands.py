@@ -19,7 +19,7 @@ SPAN = re.compile(r"(?<!\})`([^`\n]+)`")  # code of a line; not a role such as {
 OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 # servos, robots and clusters that no test has
-NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "--cluster auto")
+NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "ur://127.0.0.2", "172.16.0.2", "--cluster auto")
 SERVES = "emulator"  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(

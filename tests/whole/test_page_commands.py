@@ -100,7 +100,7 @@ def test_what_needs_hardware_is_refused_where_there_is_none(command, folder_of, 
     assert done.stderr.count("\n") == 1, done.stderr
     assert any(
         named in done.stderr
-        for named in ("/dev/ttyUSB0", "192.168.0.10", "172.16.0.2", "RealSense", "cluster", "'found'")
+        for named in ("/dev/ttyUSB0", "192.168.0.10", "127.0.0.2", "172.16.0.2", "RealSense", "cluster", "'found'")
     ), done.stderr
 
 

@@ -234,7 +234,8 @@ def kept_lag(port: str) -> Path | None:
 
 
 def _lag_in(table: dict[str, Any]) -> ServoLag:
-    return ServoLag(**{name: tuple(x) if isinstance(x, list) else x for name, x in table.items()})
+    values: dict[str, Any] = {name: tuple(x) if isinstance(x, list) else x for name, x in table.items()}
+    return ServoLag(**values)
 
 
 class _Watch:
