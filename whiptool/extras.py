@@ -161,9 +161,17 @@ def _package(module: str) -> str:
     return next((packages[module] for packages in EXTRAS.values() if module in packages), module)
 
 
+def extras_with(modules: Iterable[str]) -> list[str]:
+    """Return the extras that install some modules; one that several extras install adds none to the others'."""
+    holding = {module: [extra for extra, packages in EXTRAS.items() if module in packages] for module in modules}
+    chosen = set[str]()
+    for extras in sorted(filter(None, holding.values()), key=len):
+        if not chosen & set(extras):
+            chosen.add(extras[0])
+    return [extra for extra in EXTRAS if extra in chosen]
+
+
 def _command(modules: list[str]) -> str:
-    """Return what installs the extras that hold some modules."""
-    wanted = set(modules)
-    extras = [extra for extra, packages in EXTRAS.items() if packages.keys() & wanted]
-    extras = next(([extra] for extra in extras if wanted <= EXTRAS[extra].keys()), extras)  # one that has all
+    """Return the command that installs some modules."""
+    extras = extras_with(modules)
     return f"pip install 'whiptool[{','.join(extras)}]'" if extras else f"pip install {' '.join(modules)}"

@@ -162,6 +162,13 @@ def robots_strikes(folder: Path) -> None:
         trajectory.unlink()
 
 
+def a_take(folder: Path) -> None:
+    """A take of a motion-capture system."""
+    import lab_files
+
+    lab_files.c3d(folder / "take1.c3d", lab_files.swing())
+
+
 def two_cameras(folder: Path) -> dict[str, Any]:
     """The file of two cameras, and a guess of a robot's whip; returns the cameras by name."""
     import space_films as lab
@@ -260,6 +267,7 @@ RECORDED: dict[str, dict[str, Make]] = {
     "commands": {
         "--resume runs/directl-": a_killed_search,
         "strike2.mkv": of_strikes,
+        "recording show strike1.csv": of_strikes,
         "identify left.mkv": films_in_space,
         "*.csv": in_a_hand,
         "swing*.mkv": swings,
@@ -267,6 +275,7 @@ RECORDED: dict[str, dict[str, Make]] = {
         "next --run robot recorded.csv": next_recorded,
         "next --run robot left.mkv": next_filmed,
     },
+    "file-formats": {"recording show strike1.csv": robots_strikes, "take1.c3d": a_take},
     "how-to": {
         "identify strike1.csv": robots_strikes,
         "lab/strike0.csv": first_in_lab,

@@ -256,7 +256,7 @@ def test_outcomes_of_both_simulators_agree():
 def test_strikes_that_are_none_never_reach_the_simulator():
     objective = Objective(CompiledRollout(LEMON, Controller()))
     for wrong in ([1, 2, 0.7], [np.nan] * 5, [0.0] * 6):
-        with pytest.raises(InputError, match="5 finite numbers"):
+        with pytest.raises(InputError, match=r"strikes of 5 numbers, .*all of them finite|vectors of 5 finite numbers"):
             objective(wrong)
     with pytest.raises(InputError, match="D > 0"):
         objective([0, 0, 0, 0, -1])

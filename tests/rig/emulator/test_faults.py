@@ -6,7 +6,7 @@ import pytest
 from ports import RawLine, sdk
 from servos import GOLDEN, OK, h
 
-from whiptool.commands import servos as command
+from whiptool.commands import emulators as command
 from whiptool.errors import InputError
 from whiptool.rig.emulator import Fault, TwinOptions
 from whiptool.rig.emulator.instructions import ServoChain
@@ -136,7 +136,7 @@ def test_a_fault_needs_its_servo(twin):
 
 
 def test_the_command_line_refuses_other_faults(capsys):
-    assert command.emulator(["--faults", "dead", "explode:at=2"]) == 2
+    assert command.servos(["--faults", "dead", "explode:at=2"]) == 2
     assert "--faults: got 'explode'; allowed: drop, corrupt" in capsys.readouterr().err
-    assert command.emulator(["--faults", "dead:servo=7"]) == 2
+    assert command.servos(["--faults", "dead:servo=7"]) == 2
     assert "servo of the fault: got 7" in capsys.readouterr().err
