@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -34,7 +35,7 @@ from whiptool.rig import stops
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.emulator import Emulator
 from whiptool.rig.filming import Filming
-from whiptool.rig.session import RigRollout, TwinRig
+from whiptool.rig.session import HardwareRig, RigRollout, TwinRig
 from whiptool.rig.stops import (
     STOPPED,
     Interlock,
@@ -45,6 +46,7 @@ from whiptool.rig.stops import (
     StrikeStopped,
     torque_in_words,
 )
+from whiptool.rig.struck import Motion
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.vision.source import Frame
 
@@ -115,6 +117,48 @@ def test_a_mark_that_cannot_be_written_is_said_and_does_not_keep_torque_on(tmp_p
     assert "cannot be written" in capsys.readouterr().err
     with pytest.raises(Locked):
         lock.check()
+
+
+def test_a_motion_leaves_a_mark_only_while_it_lasts_or_after_a_fault(tmp_path: Path) -> None:
+    """What a program that is killed in a motion leaves is what later calls ask about."""
+    lock, mark = Interlock(), tmp_path / STOPPED
+
+    def later() -> str | None:
+        other = Interlock()
+        other.watch(mark)
+        return other.stop
+
+    lock.watch(mark)
+    with lock.moving():
+        assert later() == stops.UNENDED
+    assert later() is None
+    with suppress(KeyboardInterrupt), lock.moving():
+        raise KeyboardInterrupt
+    assert later() is None
+    with lock.moving():
+        lock.trip("signal: SIGINT came", lasting=False)
+    assert later() is None
+    lock.release()
+    with lock.moving():
+        lock.trip("line: gone")
+    assert later() == "line: gone"
+
+
+@pytest.mark.parametrize("answer", [True, False])
+def test_a_person_is_asked_about_servos_that_are_connected_and_before_they_are_armed(answer, monkeypatch) -> None:
+    asked: list[Motion] = []
+    rig = rig_stops.rig_of(True)
+    rig.confirm = lambda motion: bool(asked.append(motion)) or answer
+    run: list[Motion] = []
+    monkeypatch.setattr(HardwareRig, "_run", lambda self, arm, attempt, motion: run.append(motion) or [].pop())
+    strike = rig_stops.strikes_of(np.random.default_rng(0))[0]
+    with pytest.raises(IndexError if answer else stops.NotConfirmed):
+        rig.strike(strike)
+    assert run == asked * answer
+    (motion,) = asked
+    assert motion.reach == pytest.approx(np.ptp([[0, 0], strike.q_i, strike.q_f], axis=0).max(), abs=0.01)
+    assert motion.duration > strike.D + rig.options.settle + rig.options.t_stay
+    assert motion.unchecked == ("collisions", "floor")
 
 
 def test_torque_is_told_in_words() -> None:
@@ -221,10 +265,10 @@ def test_a_second_signal_loses_neither_the_joints_nor_the_word_on_torque(
     words = ["strike", "--target", "1.2", "0.1", "--camera", "points", "--strike", *vector, "--json"]
     assert command.main([*words, "--out", str(tmp_path / "run")]) == 130
     said = capsys.readouterr()
-    assert said.err == "whiptool: interrupted; torque is off\n"
+    assert said.err == f"whiptool: interrupted; torque is off; kept in {tmp_path / 'run'}\n"
     summary = json.loads(said.out)
     assert summary == json.loads((tmp_path / "run" / "result.json").read_text())
-    assert summary["report"] is None
+    assert Path(summary["report"]).exists()
     assert summary["torque_off"]
     assert "SIGINT came" in summary["fault"]
     joints = StrikeRecording.load(tmp_path / "run" / "recording.npz").joints_q
@@ -247,7 +291,7 @@ def test_a_signal_while_the_report_is_drawn_hides_no_fault(emulator, tmp_path: P
     summary = json.loads(said.out)
     assert summary["report"] is None
     assert summary["fault"] in said.err
-    assert said.err.endswith("; torque is off\n")
+    assert said.err.endswith(f"; torque is off; kept in {tmp_path / 'run'}\n")
 
 
 @pytest.mark.slow
@@ -512,7 +556,11 @@ class Person(io.StringIO):
 
 
 @pytest.mark.parametrize(("answer", "status"), [("no\n", 2), ("y\n", 2), ("\n", 2), ("", 2), (None, 130)])
-def test_nothing_is_opened_without_an_answer(answer, status, port, tmp_path: Path, monkeypatch, capsys) -> None:
+def test_nothing_is_armed_without_an_answer(answer, status, port, tmp_path: Path, monkeypatch, capsys) -> None:
+    planned = Motion(wt.Strike((0.1, 0.1), (0.2, 0.15), 0.5), port, "elbow", 0.1, 3.0, sessions.UNCHECKED)
+    monkeypatch.setattr(HardwareRig, "_connected", lambda self: nullcontext())
+    monkeypatch.setattr(HardwareRig, "_planned", lambda self, arm, attempt: planned)
+    monkeypatch.setattr(HardwareRig, "_run", lambda *_: pytest.fail("the arm was moved"))
     monkeypatch.setattr(sys, "stdin", Person() if answer is None else io.StringIO(answer))
     assert (
         command.main(["strike", "--port", port, "--camera", "none", *STRUCK, "--out", str(tmp_path / "run")]) == status

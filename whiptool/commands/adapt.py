@@ -24,9 +24,9 @@ from whiptool.commands.options.rig_options import (
     ROBOT,
     AdaptOptions,
     ask_to_release,
+    confirmed_by,
     hardware_rig,
     loop_options,
-    robot_rig,
     virtual_film,
 )
 from whiptool.errors import InputError
@@ -204,26 +204,27 @@ def _port_of_robot(options: AdaptOptions, model: Model, stock, interlock: Interl
     from whiptool.limits.all_limits import default_limits
     from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.robots.addresses import robot_at
+    from whiptool.rig.robots.robot_rig import RobotRig
 
     goal = options.build_target(model)
-    shared = {
+    limits = default_limits(model, prescribed=True)
+    shared: dict[str, Any] = {
         "port": options.port,
-        "yes": options.yes,
-        "limits": default_limits(model, prescribed=True),
+        "confirm": confirmed_by(yes=options.yes, limits=limits),
+        "limits": limits,
         "target": goal.position,
         "options": LoopOptions(t_stay=options.t_stay, settle=options.settle),
         "interlock": interlock,
     }
     robot = robot_at(options.port, model)
     if options.camera == "none":
-        rig = robot_rig(robot, model, **shared)
-        return RobotPort(model, goal, t_stay=options.t_stay, rig=rig)
+        return RobotPort(model, goal, t_stay=options.t_stay, rig=RobotRig(model, robot, **shared))
     twin = draw_twin(options.family, options.seed, model, Controller(PositionControl()), stock)
 
     def make(number: int) -> RobotRig:
         seed = [options.seed, number]
         film = virtual_film(options.camera, twin.model, seed, goal.position, twin.clock_offset)
-        return robot_rig(robot, model, film=film, **shared)
+        return RobotRig(model, robot, film=film, **shared)
 
     return RigPort(make, goal.position)
 
@@ -269,10 +270,10 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
         told: Recordings of the robot's last requested strike.
     """
     adaptation = prepare(options)
+    tell_when_interrupted(lambda: _torque(adaptation))
+    ask_to_release(adaptation.interlock, options.port, options.resume)
     with run_folders.open_folder(options, "adapt", run_folders.configuration(options, "adapt")) as folder:
         adaptation.folder = folder.path
-        tell_when_interrupted(lambda: _torque(adaptation))
-        ask_to_release(adaptation.interlock, folder.path)
         for recording in adaptation.recordings:
             print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'no remarks'}", file=sys.stderr)
         steps: list[Step] = []
@@ -315,7 +316,7 @@ def _ask(waits: AwaitsRecording, folder: Path, options: AdaptOptions) -> int:
         told = {"awaits": str(waits.recording), "trajectory": str(waits.trajectory)}
         print(json.dumps({**told, "number": waits.number, "strike": strike}))
         return AWAITS
-    if options.posture is None:
+    if options.posture is None and options.port == ROBOT:
         note(
             "the trajectory begins at the strike's start, where the robot has to stand; --posture says where it stands"
         )
@@ -390,7 +391,7 @@ def _conclusion(summary: dict[str, Any], folder: Path) -> str:
     return f"{said} strike {summary['strikes']}; {misses}; run folder {folder}"
 
 
-_begun = cli.command(AdaptOptions, "adapt", _ABOUT, _adapt)
+_begun = cli.command(AdaptOptions, "adapt", _ABOUT, _adapt, named={"robot": "--port"})
 _continued = cli.command(NextOptions, f"adapt {NEXT}", _NEXT, _next, named={"run_folder": "--run"})
 
 

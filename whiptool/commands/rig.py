@@ -173,7 +173,7 @@ def _strike(options: RigStrikeOptions) -> int:
     """Strike, write everything, tell people or programs."""
     from whiptool.models.hand_space import numbers_of
     from whiptool.models.strike import JointSpace
-    from whiptool.rig.stops import Interlock
+    from whiptool.rig.stops import STOPPED, Interlock
 
     model, controller = options.build_model(), options.build_controller()
     space, target = JointSpace(model.arm), options.build_target()
@@ -184,8 +184,9 @@ def _strike(options: RigStrikeOptions) -> int:
     interlock = Interlock()
     tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)
+    ask_to_release(interlock, options.port)
     with run_folders.new_folder(options, "rig", run_folders.configuration(options, "rig strike")) as folder:
-        ask_to_release(interlock, folder.path)
+        interlock.watch(folder.path / STOPPED)
         return strike_and_tell(options, rig, strike, model, target, folder)
 
 
@@ -210,10 +211,11 @@ def strike_and_tell(options: Any, rig: Rig, strike: Strike, model: Model, target
     except (StrikeStopped, StrikeInterrupted) as error:
         struck, stopped = error.struck, error
     summary = _summary(struck, target) | {"report": None}
+    if isinstance(stopped, StrikeInterrupted):
+        summary["fault"] = stopped.reason
+    if stopped is not None:
+        stopped.add_note(f"kept in {folder.path}")
     try:
-        if isinstance(stopped, StrikeInterrupted):
-            summary["fault"] = stopped.reason
-            raise stopped
         folder.write_result(summary)  # before anything is drawn: no picture that fails can lose it
         _report(folder.path, struck, model, target, options, rig.port)
     except KeyboardInterrupt as interruption:
@@ -225,7 +227,8 @@ def strike_and_tell(options: Any, rig: Rig, strike: Strike, model: Model, target
     folder.write_result(summary)
     kept = ", ".join([CYCLES, RECORDING if struck.recording else "no recording", REPORT])
     seen = f"  run folder     {folder.path} ({kept}); look at it: whiptool view {folder.path}"
-    options.tell(summary, "\n".join([*_lines(struck, summary, target), seen]))
+    if stopped is None or options.json:
+        options.tell(summary, "\n".join([*_lines(struck, summary, target, options.camera), seen]))
     if stopped is not None:
         raise stopped
     return 0
@@ -278,12 +281,11 @@ def _summary(struck, target) -> dict[str, Any]:
     }
 
 
-def _lines(struck, summary: dict, target) -> list[str]:
-    if summary["fault"] is not None:
-        return [f"fault: {summary['fault']}; {struck.run.torque}"]
+def _lines(struck, summary: dict, target, camera: str) -> list[str]:
     where = ", ".join(f"{x:.3f}" for x in target.position)
     if summary["miss_distance"] is None:
-        lines = [f"struck at ({where}) m; the tip was not seen"]
+        why = "no camera" if camera == "none" else "the camera did not see the tip"
+        lines = [f"made the strike at the target ({where}) m; {why}"]
     else:
         lines = [
             f"{struck.judged(target).verdict}, ({where}) m: measured miss distance "
@@ -313,7 +315,7 @@ def _learn(options: LearnOptions) -> int:
     from whiptool.commands.options.search_options import refuse_unheld
     from whiptool.limits.all_limits import AllLimits
     from whiptool.limits.arm_limits import XM430
-    from whiptool.rig.stops import Interlock
+    from whiptool.rig.stops import STOPPED, Interlock
 
     model, controller = options.build_model(), options.build_controller()
     bounds = options.build_bounds(model)
@@ -330,8 +332,9 @@ def _learn(options: LearnOptions) -> int:
         return _make_rig(replace(options, seed=1000 * options.seed + number), model, controller, interlock)
 
     config = run_folders.configuration(options, "rig learn")
+    ask_to_release(interlock, options.port, options.resume)
     with run_folders.open_folder(options, "rig-" + options.method, config) as folder:
-        ask_to_release(interlock, folder.path)
+        interlock.watch(folder.path / STOPPED)
         return _search(options, make, model, bounds, folder, interlock)
 
 

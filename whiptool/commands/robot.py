@@ -31,9 +31,10 @@ from whiptool.commands.options.rig_options import (
     ADDRESS,
     VIRTUAL_CAMERAS,
     ask_to_release,
-    robot_rig,
+    confirmed_by,
     says_yes,
     virtual_film,
+    watch_port,
 )
 from whiptool.commands.options.strike_options import LimitOptions
 from whiptool.commands.options.target_options import GoalOptions
@@ -58,7 +59,16 @@ class AddressOptions(JsonOptions):
     """Address of the robot, which has to be given: franka://HOST, ur://HOST, dynamixel:PORT (servos on a serial port,
     such as dynamixel:/dev/ttyUSB0) or twin (simulated servos)."""
     yes: bool = False
-    """Do not ask before the robot moves."""
+    """Do not ask before the robot moves. After a stop a person is asked all the same."""
+    model: ModelName | None = None
+    """Model of the robot (default: ur5e or fr3, by the address)."""
+
+    def __post_init__(self) -> None:
+        from whiptool.rig.robots.addresses import USUAL_MODELS
+
+        if self.model is None:
+            usual = USUAL_MODELS.get(self.robot.partition(ADDRESS)[0].lower())
+            object.__setattr__(self, "model", usual)
 
     def check(self) -> None:
         from whiptool.rig.robots.addresses import split_address
@@ -70,7 +80,8 @@ class AddressOptions(JsonOptions):
     def needs(self) -> tuple[str, ...]:
         from whiptool.rig.robots.addresses import needs_of
 
-        return needs_of(self.robot) if ADDRESS in self.robot else ()
+        with options_named(self):
+            return needs_of(self.robot) if ADDRESS in self.robot else ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +110,8 @@ class RobotOptions(AddressOptions, OutputOptions, LimitOptions, ModelOptions, Go
 
     def check(self) -> None:
         super().check()
+        if self.model is None:
+            raise InputError("--model", NOTHING, "the model of the robot's arm and whip", "or give a run")
         if self.camera not in VIRTUAL_CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(VIRTUAL_CAMERAS))
         if self.strike is None:
@@ -122,9 +135,6 @@ class RobotOptions(AddressOptions, OutputOptions, LimitOptions, ModelOptions, Go
 class RecoverOptions(AddressOptions):
     """Options of `robot recover`, which acknowledges a fault of a robot."""
 
-    model: ModelName | None = None
-    """Model of the robot (default: ur5e or fr3, by the address)."""
-
 
 def played_by_robot(run_folder: Path) -> RobotOptions:
     """Return the options for the best strike of a run.
@@ -141,23 +151,26 @@ def _strike(options: RobotOptions) -> int:
     from whiptool.models.strike import JointSpace
     from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.robots.addresses import robot_at
-    from whiptool.rig.stops import Interlock
+    from whiptool.rig.robots.robot_rig import RobotRig
+    from whiptool.rig.stops import STOPPED, Interlock
 
     model = options.build_model()
     space, target = JointSpace(model.arm), options.build_target(model)
     assert options.strike is not None
+    robot = robot_at(options.robot, model)
     if len(options.strike) != space.width:
         raise InputError("--strike", options.strike, numbers_of(space))
     target.check_reach(model)
-    interlock = Interlock()
+    limits, interlock = options.build_limits(model, options.build_controller()), Interlock()
     tell_when_interrupted(lambda: interlock.torque)
+    ask_to_release(interlock, options.robot)
     true = model if options.true_model is None else load_model(options.true_model)
-    arm = robot_rig(
-        robot_at(options.robot, model),
+    arm = RobotRig(
         model,
+        robot,
         port=options.robot,
-        yes=options.yes,
-        limits=options.build_limits(model, options.build_controller()),
+        confirm=confirmed_by(yes=options.yes, limits=limits),
+        limits=limits,
         film=virtual_film(options.camera, true, [options.seed], target.position),
         target=target.position,
         options=LoopOptions(t_stay=options.t_stay, settle=options.rest),
@@ -165,21 +178,26 @@ def _strike(options: RobotOptions) -> int:
     )
     config = run_folders.configuration(options, "robot strike", model, options.build_controller())
     with run_folders.new_folder(options, "robot", config) as folder:
-        ask_to_release(interlock, folder.path)
+        interlock.watch(folder.path / STOPPED)
         return rig.strike_and_tell(options, arm, space.strike(options.strike), model, target, folder)
 
 
 def _recover(options: RecoverOptions) -> int:
     """Acknowledge a fault after a person has removed its cause; nothing moves."""
     from whiptool.models.files import load_model
-    from whiptool.rig.robots.addresses import USUAL_MODELS, robot_at, split_address
+    from whiptool.rig.robots.addresses import robot_at
+    from whiptool.rig.stops import Interlock, NotConfirmed
 
-    question = f"Acknowledge the fault of {options.robot}? Is its cause gone, and everybody away? Type yes to go on: "
-    if not options.yes and not says_yes(question):
-        raise InputError("answer", "not yes", "yes; nothing was acknowledged")
-    name, _ = split_address(options.robot)
-    robot = robot_at(options.robot, load_model(options.model or USUAL_MODELS.get(name, "ur5e")))
+    robot, interlock = robot_at(options.robot, load_model(options.model or "ur5e")), Interlock()
+    watch_port(interlock, options.robot)
+    stopped = "" if interlock.stop is None else f"The arm was stopped: {interlock.stop}. "
+    question = (
+        f"{stopped}Acknowledge the fault of {options.robot}? Is its cause gone, and everybody away? Type yes to go on: "
+    )
+    if (stopped or not options.yes) and not says_yes(question):
+        raise NotConfirmed("nothing was acknowledged")
     robot.recover()
+    interlock.release()
     options.tell({"recovered": True}, f"{options.robot}: the fault is acknowledged; nothing moved")
     return 0
 

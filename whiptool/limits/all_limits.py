@@ -81,6 +81,23 @@ def named_limits(named: Mapping[str, Any], model: Model, *, prescribed: bool) ->
     return found
 
 
+def unchecked_by(limits: Sequence[Limits]) -> tuple[str, ...]:
+    """Return what limits leave unchecked of a robot's strike, in words; empty: nothing.
+
+    The limits of the joints always hold for the commanded path.
+
+    Args:
+        limits: Limits that strikes have to keep.
+    """
+    distances = [x for x in limits if isinstance(x, Clearance)]
+    found = {
+        "collisions": any(Clearance.is_of(x.model) for x in distances),
+        "floor": any(x.floor is not None for x in distances),
+        "torques and speeds of the joints in the simulated strike": any(isinstance(x, ArmLimits) for x in limits),
+    }
+    return tuple(what for what, checked in found.items() if not checked)
+
+
 def floor_height(given: str | float) -> float | None:
     """Return the height of a floor [m] as it is written, such as `-0.5`; None for `none`.
 

@@ -18,7 +18,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, Strike
 from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock
+from whiptool.rig.control_loop import Clock, RigLoop, StepClock, WallClock, move
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.joints import Joints
@@ -27,13 +27,23 @@ from whiptool.rig.emulator.process import Emulator
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
 from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
-from whiptool.rig.struck import Attempt, Run, Struck, build_recording, came_to_its_strike, carried_out, nothing_seen
+from whiptool.rig.struck import (
+    Attempt,
+    Motion,
+    Run,
+    Struck,
+    build_recording,
+    came_to_its_strike,
+    carried_out,
+    nothing_seen,
+)
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Rollout, Strikes, joined
 from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"
+UNCHECKED = ("collisions", "floor")  # with servos, whose arm is a model in the plane
 
 
 class Rig:
@@ -78,7 +88,6 @@ class Rig:
             InputError: Servos, bus or camera are not ready or not set up correctly.
         """
         self.interlock.check()
-        self._ask(strike)
         with closing(StopSignals()) as signals:
             return self._strike(strike, folder, believed, signals)
 
@@ -91,17 +100,17 @@ class Rig:
         """
         return None
 
-    def _ask(self, strike: Strike) -> None:
-        """Ask a person whether the arm may move, where a person is asked."""
-
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
         raise NotImplementedError
 
-    def _looped(self, bus: DynamixelBus, clock: Clock, attempt: Attempt) -> Run:
-        """Make a strike with servos in a control loop."""
+    def _loop(self, bus: DynamixelBus, clock: Clock) -> RigLoop:
+        """Return the control loop of servos."""
         joints = Joints(bus)
         safety = Safety(joints, interlock=self.interlock)
-        loop = RigLoop(joints, self.model, self.controller, options=self.options, clock=clock, safety=safety)
+        return RigLoop(joints, self.model, self.controller, options=self.options, clock=clock, safety=safety)
+
+    def _looped(self, loop: RigLoop, attempt: Attempt) -> Run:
+        """Make a strike with servos in a control loop."""
         a = attempt
         return loop.run(a.strike, path=a.log, on_cycle=a.on_cycle, believed=a.believed, signals=a.signals)
 
@@ -180,7 +189,7 @@ class TwinRig(Rig):
                     began.append(float(twin.state()["t"]))
 
             log = None if folder is None else folder / CYCLES
-            run = self._looped(bus, StepClock(), Attempt(strike, log, believed, signals, on_cycle))
+            run = self._looped(self._loop(bus, StepClock()), Attempt(strike, log, believed, signals, on_cycle))
             moved = twin.trajectory()
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -217,8 +226,8 @@ class FilmedRig(Rig):
     Args:
         model, controller: See `Rig`.
         camera: A `whiptool.vision.source.FrameSource` with times of the monotonic clock; None: no camera.
-        confirm: Called before every strike; if it returns False, the session ends. None: no confirmation, unless the
-            arm was stopped.
+        confirm: Called before every strike with its `Motion`, once the arm is connected and nothing refuses the strike;
+            if it returns False, the session ends. None: no confirmation, unless the arm was stopped.
         shared: `target`, `options`, `interlock`, as `Rig` takes them.
     """
 
@@ -228,22 +237,31 @@ class FilmedRig(Rig):
         controller: Controller,
         *,
         camera: Any = None,
-        confirm: Callable[[Strike], bool] | None = None,
+        confirm: Callable[[Motion], bool] | None = None,
         **shared: Any,
     ) -> None:
         super().__init__(model, controller, **shared)
         self.camera, self.confirm = camera, confirm
 
-    def _ask(self, strike: Strike) -> None:
-        if self.confirm is not None and not self.confirm(strike):
-            raise NotConfirmed(strike.vector.tolist())
+    def _ask(self, motion: Motion) -> None:
+        """Ask a person whether the arm may move, where a person is asked."""
+        if self.confirm is not None and not self.confirm(motion):
+            raise NotConfirmed
 
     def _connected(self) -> AbstractContextManager[Any]:
         """Return the connection to the arm, which moves nothing."""
         raise NotImplementedError
 
-    def _run(self, arm: Any, attempt: Attempt) -> Run:
-        """Make a strike with a connected arm."""
+    def _planned(self, arm: Any, attempt: Attempt) -> Motion:
+        """Return what a connected arm would do; nothing moves.
+
+        Raises:
+            StrikeRefused: The strike must not be made.
+        """
+        raise NotImplementedError
+
+    def _run(self, arm: Any, attempt: Attempt, motion: Motion) -> Run:
+        """Make a planned strike with a connected arm."""
         raise NotImplementedError
 
     def _strike(self, strike: Strike, folder: Path | None, believed: Model | None, signals: StopSignals) -> Struck:
@@ -261,7 +279,11 @@ class FilmedRig(Rig):
                     filming.during(phase is Phase.STRIKE)
 
             log = None if folder is None else folder / CYCLES
-            run = self._run(arm, Attempt(strike, log, believed, signals, on_cycle))
+            attempt = Attempt(strike, log, believed, signals, on_cycle)
+            motion = self._planned(arm, attempt)
+            self._ask(motion)
+            with self.interlock.moving():
+                run = self._run(arm, attempt, motion)
             frames = [] if filming is None else filming.end()
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
@@ -292,9 +314,25 @@ class HardwareRig(FilmedRig):
         ids = self.line.ids or tuple(range(1, self.model.arm.n + 1))
         return DynamixelBus(self.port, list(ids), baud=self.line.baud)
 
-    def _run(self, arm: DynamixelBus, attempt: Attempt) -> Run:
+    def _planned(self, arm: DynamixelBus, attempt: Attempt) -> Motion:
         arm.check(self.options.rate)
-        return self._looped(arm, WallClock(), attempt)
+        loop, strike, o = self._loop(arm, WallClock()), attempt.strike, self.options
+        if o.rehearse:
+            loop.check(strike, attempt.believed)
+        q = loop.joints.positions()
+        way = move(q, np.array(strike.q_i), o.approach_speed).D
+        back = move(np.array(strike.q_f), q, o.approach_speed).D if o.go_back else 0.0
+        reach, duration = (
+            np.ptp(np.array([q, strike.q_i, strike.q_f]), axis=0),
+            way + o.settle + strike.D + o.t_stay + back,
+        )
+        name = self.model.arm.names[int(reach.argmax())]
+        return Motion(strike, self.port, name, float(reach.max()), duration, UNCHECKED)
+
+    def _run(self, arm: DynamixelBus, attempt: Attempt, motion: Motion) -> Run:
+        loop = self._loop(arm, WallClock())
+        loop.options = dataclasses.replace(self.options, rehearse=False)  # it was, before the question
+        return self._looped(loop, attempt)
 
 
 def _tracked(frames: list[Frame], run: Run) -> StrikeRecording:

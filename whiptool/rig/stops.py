@@ -21,6 +21,7 @@ from whiptool.errors import InputError, WhiptoolError
 from whiptool.whole_files import write_whole
 
 STOPPED = "stopped.json"  # in a run folder
+UNENDED = "a program was moving it, and was killed, or still runs"  # what a mark says from before a motion to its end
 
 
 class SafetyError(WhiptoolError):
@@ -36,11 +37,15 @@ class StrikeRefused(InputError):
 
 
 class NotConfirmed(InputError):
-    """A person did not confirm that the arm may move; nothing was armed, and the session ends."""
+    """A person did not confirm what was asked; nothing moved, and the session ends.
 
-    def __init__(self, strike: Sequence[float]) -> None:
-        super().__init__("strike", strike, "a strike that was confirmed")
-        self.args = ("not confirmed; nothing was armed",)
+    Args:
+        outcome: What was not done.
+    """
+
+    def __init__(self, outcome: str = "nothing was armed") -> None:
+        super().__init__("answer", "another answer", "yes")
+        self.args = (f"not confirmed; {outcome}",)
 
     def renamed(self, name: str, fix: str = "") -> InputError:
         """Return the error unchanged: no option of the command is its cause, so that none is named."""
@@ -96,7 +101,8 @@ def torque_in_words(confirmed: bool, silent: Sequence[int] = ()) -> str:
 class Interlock:
     """Prevents arming of the servos after a stop until a person has released it.
 
-    A fault is also recorded in files, which later calls read; a signal is not recorded, as it came from a person.
+    A fault is also recorded in files, which later calls read; a signal is not recorded, as it came from a person. The
+    files are written before a motion and removed after its orderly end, so that a killed program leaves them.
 
     Attributes:
         stop: Reason why the arm was stopped; None: it was not stopped, or was released.
@@ -109,6 +115,7 @@ class Interlock:
         self.torque_off: bool | None = None
         self.torque = "nothing was armed"
         self._marks: list[Path] = []
+        self._recorded = False  # a fault of the present motion, in the files
 
     def watch(self, mark: Path) -> None:
         """Record faults in the file `mark`; if it exists, a fault of an earlier call is taken from it."""
@@ -126,9 +133,29 @@ class Interlock:
             torque: State of the motors, as text.
         """
         self.stop = self.stop or reason
-        if not lasting:
-            return
-        record = {"reason": self.stop, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        if lasting:
+            self._recorded = True
+            self._record(self.stop, torque)
+
+    @contextmanager
+    def moving(self) -> Iterator[None]:
+        """Keep the files while the arm may move in a `with` block; afterwards they remain only if a fault was recorded.
+
+        A later call that finds them after this program was killed asks a person, as after a fault.
+        """
+        self._recorded = False
+        self._record(UNENDED, self.torque)
+        try:
+            yield
+        finally:
+            if not self._recorded:
+                for mark in self._marks:
+                    with suppress(OSError):
+                        mark.unlink()
+
+    def _record(self, reason: str, torque: str) -> None:
+        """Write the files; one that cannot be written is said."""
+        record = {"reason": reason, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
         for mark in self._marks:
             try:
                 mark.parent.mkdir(parents=True, exist_ok=True)
@@ -148,7 +175,7 @@ class Interlock:
         if self.stop is not None:
             raise Locked(
                 f"nothing is armed: the arm was stopped ({self.stop}), and no person has said that the cause is gone; "
-                "the next call with --resume or with this --port asks, from Python release() of the interlock says it"
+                "the next command for this arm asks a person; in Python, `interlock.release()` says it"
             )
 
     def release(self) -> None:

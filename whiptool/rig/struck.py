@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.kinematics import joint_points
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
@@ -69,6 +70,29 @@ class Attempt:
     believed: Model | None
     signals: StopSignals
     on_cycle: Callable[[int, Phase], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What an arm is about to do in a strike, from where it stands, as a person is asked to confirm it.
+
+    Args:
+        strike: The strike.
+        port: Name or address of the arm.
+        joint: Name of the joint that moves farthest.
+        reach: Difference of that joint's largest and smallest position [rad].
+        duration: Time until the arm is to rest [s].
+        unchecked: What was not checked, in words.
+        trajectory: Commanded positions of the joints, where they are planned as a whole.
+    """
+
+    strike: Strike
+    port: str
+    joint: str
+    reach: float
+    duration: float
+    unchecked: tuple[str, ...] = ()
+    trajectory: JointTrajectory | None = None
 
 
 @dataclass(frozen=True)

@@ -204,11 +204,12 @@ def test_load_and_collisions_are_set(fake, robot):
 
 
 @pytest.mark.parametrize(
-    ("mode", "said"), [("UserStopped", "stop button"), ("Reflex", "recovery"), ("Other", "unlock")]
+    ("mode", "said"),
+    [("UserStopped", "stop button"), ("Reflex", "robot recover --robot franka://fr3.local"), ("Other", "unlock")],
 )
 def test_a_robot_that_is_not_ready_is_refused_with_what_to_do(fake, mode, said):
     fake.mode = mode
-    with pytest.raises(InputError, match=f"robot: got 'fr3.local in the mode {mode}'.*{said}"):
+    with pytest.raises(InputError, match=f"robot: got 'franka://fr3.local in the mode {mode}'.*{said}"):
         Franka("fr3.local", LIMITS).connect()
 
 

@@ -18,8 +18,9 @@ import whiptool as wt
 from whiptool.commands.rig import _lines, _summary
 from whiptool.errors import InputError
 from whiptool.identification.servo_lag import ServoLag
-from whiptool.limits.all_limits import default_limits
+from whiptool.limits.all_limits import default_limits, named_limits, unchecked_by
 from whiptool.models.kinematics import arm_poses
+from whiptool.models.mount import mounted
 from whiptool.models.presets import rope
 from whiptool.models.spatial_arm import RigidBody, welded
 from whiptool.rig.cyclelog import Cycles, Phase
@@ -28,8 +29,9 @@ from whiptool.rig.robots.addresses import robot_at
 from whiptool.rig.robots.robot import Sample, payload_of
 from whiptool.rig.robots.robot_rig import RobotRig, kept_lag, whip_on
 from whiptool.rig.session import CYCLES
-from whiptool.rig.stops import Locked, SafetyError, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.stops import Locked, NotConfirmed, SafetyError, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rig.strike_report import _cycle_table
+from whiptool.rig.struck import Motion
 
 sys.path.insert(0, str(ROOT / "docs" / "examples"))
 from add_robot import LAG, LaggingRobot
@@ -135,12 +137,12 @@ def test_an_error_of_a_driver_locks_the_robot_and_is_not_hidden() -> None:
 
 def test_a_camera_that_is_lost_stops_the_robot() -> None:
     class Lost(RobotRig):
-        def _run(self, arm, attempt):
+        def _run(self, arm, attempt, motion):
             def lost(k, phase):
                 if k == 40:
                     raise SafetyError("camera", "it gave no frame")
 
-            return super()._run(arm, dataclasses.replace(attempt, on_cycle=lost))
+            return super()._run(arm, dataclasses.replace(attempt, on_cycle=lost), motion)
 
     robot = Interrupted(0, None)
     with pytest.raises(StrikeStopped, match="camera: it gave no frame"):
@@ -194,7 +196,7 @@ def test_a_whip_that_comes_to_lie_on_the_floor_and_one_that_is_lifted_from_it_ar
     below = rig._below_floor(np.array(low), None)
     assert below == pytest.approx(MODEL.whip.length - hand, abs=0.02)
     assert rig._below_floor(np.array(STRIKE.q_i), None) == 0.0
-    rig._ask(wt.Strike(STRIKE.q_i, low, 1.5))
+    rig._ask(Motion(wt.Strike(STRIKE.q_i, low, 1.5), "lab://one", "elbow", 1.0, 9.0))
     said = f"at the end of the strike the whip lies on the floor: hanging it would reach {below:.2f} m below it"
     assert said in capsys.readouterr().err
     rig.robot._q = np.array(low)
@@ -235,6 +237,42 @@ def test_the_lag_of_a_robot_is_kept_for_the_next_process(tmp_path: Path, monkeyp
     assert kept_lag("robot") is None
 
 
+def test_a_person_is_asked_once_all_is_known_and_before_anything_moves() -> None:
+    asked: list[Motion] = []
+    robot = Interrupted(0, None)
+
+    def no(motion: Motion) -> bool:
+        asked.append(motion)
+        return False
+
+    limits = default_limits(MODEL, prescribed=True)
+    rig = RobotRig(MODEL, robot, port="lab://one", limits=limits, confirm=no)
+    with pytest.raises(NotConfirmed, match="nothing was armed"):
+        rig.strike(STRIKE)
+    assert (robot.connections, robot.moves) == (1, 0)
+    (motion,) = asked
+    path = rig.trajectory(STRIKE, robot.posture())
+    assert (motion.port, motion.duration, motion.unchecked) == ("lab://one", path.t[-1], ())
+    j = MODEL.arm.names.index(motion.joint)
+    assert motion.reach == pytest.approx(path.q[:, j].max() - path.q[:, j].min())
+    assert motion.reach >= np.abs(np.subtract(STRIKE.q_f, STRIKE.q_i)).max()
+    with pytest.raises(StrikeRefused):
+        rig.strike(wt.Strike(STRIKE.q_i, STRIKE.q_f, 0.5))
+    assert len(asked) == 1
+
+
+def test_what_is_not_checked_is_known_of_limits() -> None:
+    def left(**named) -> tuple[str, ...]:
+        return unchecked_by(named_limits(named, MODEL, prescribed=True))
+
+    assert left() == ()
+    assert left(floor="none") == ("floor",)
+    assert left(ignore_collisions=True) == ("collisions", "floor")
+    assert left(limits="none") == ("collisions", "floor", "torques and speeds of the joints in the simulated strike")
+    on_wall = dataclasses.replace(MODEL, arm=mounted(MODEL.arm.in_space(), "wall", None))
+    assert unchecked_by(default_limits(on_wall, prescribed=True)) == ("floor",)
+
+
 def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:
     class Reports(LaggingRobot):
         def follow(self, trajectory, record, stop) -> None:
@@ -268,7 +306,10 @@ def test_states_that_did_not_come_are_counted_by_the_clock_of_the_controller(tmp
     assert "states of the robot were not received, the longest gap is 10 ms" in capsys.readouterr().err
     target = wt.Target((1.0, 0.2, 0.6))
     summary = _summary(struck, target)
-    assert f"{run.missed} more are missing by its clock, longest gap 10.0 ms" in _lines(struck, summary, target)[-1]
+    assert (
+        f"{run.missed} more are missing by its clock, longest gap 10.0 ms"
+        in _lines(struck, summary, target, "none")[-1]
+    )
     table = _cycle_table(run.cycles).rows
     assert sum(int(row[2]) for row in table[1:]) == run.missed
     assert max(float(row[3]) for row in table[1:]) == pytest.approx(10.0)
@@ -309,5 +350,5 @@ def test_the_simulated_whip_hangs_on_the_measured_joints() -> None:
 def test_robots_are_found_by_their_address() -> None:
     with pytest.raises(InputError, match=r"robot: got '192.168.0.10'; allowed: franka://HOST, ur://HOST"):
         robot_at("192.168.0.10", MODEL)
-    with pytest.raises(InputError, match="got 'kuka'; allowed: franka, ur"):
+    with pytest.raises(InputError, match=r"got 'kuka://lab'; allowed: franka://HOST, ur://HOST.*; write a driver"):
         robot_at("kuka://lab", MODEL)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import arg
 
@@ -22,6 +22,7 @@ from whiptool.commands.options.option_group import (
     Ranges,
     ResumableOptions,
     SeedOptions,
+    renaming,
     unless,
     when,
 )
@@ -29,15 +30,18 @@ from whiptool.commands.options.strike_options import EXECUTION, ExecutionOptions
 from whiptool.commands.options.target_options import GoalOptions, TargetOptions
 from whiptool.errors import InputError
 
+ADDRESS = "://"  # in the port of a robot with a driver
+ROBOT = "robot"  # a port
+
 if TYPE_CHECKING:
     from whiptool.adaptation.materials import Stock
     from whiptool.goals.target import Target
     from whiptool.impedance import Controller
+    from whiptool.limits.limits import Limits
     from whiptool.models.parameters import Model
     from whiptool.rig.loop_options import LoopOptions
-    from whiptool.rig.robots.robot import Robot
-    from whiptool.rig.robots.robot_rig import RobotRig
     from whiptool.rig.stops import Interlock
+    from whiptool.rig.struck import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +135,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
     camera = _camera(options.camera)
     if camera is not None:
         camera.check_present()
-    interlock.watch(mark_of_port(options.port))
+    watch_port(interlock, options.port)
     return HardwareRig(
         model,
         controller,
@@ -139,7 +143,7 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
         camera=camera,
         target=options.build_target().position,
         options=loop,
-        confirm=None if options.yes else _confirm,
+        confirm=None if options.yes else confirm,
         interlock=interlock,
     )
 
@@ -147,23 +151,23 @@ def hardware_rig(options: ArmOptions, model, controller, loop: LoopOptions, inte
 VIRTUAL_CAMERAS = ("none", "points", "twin", "d435-color", "d435-infrared")
 
 
-def robot_rig(robot: Robot, model: Model, *, port: str, yes: bool, **shared: Any) -> RobotRig:
-    """Return the rig of a robot with its own controller; it is not connected yet.
+def confirmed_by(*, yes: bool, limits: Sequence[Limits]) -> Callable[[Motion], bool] | None:
+    """Return what asks a person before a robot moves; None: `--yes` answers.
 
     Args:
-        robot: Driver of the robot.
-        model: Model of the robot's arm with the whip.
-        port: Address of the robot, such as `ur://192.168.0.10`.
-        yes: Whether no question is asked before the robot moves.
-        shared: Further arguments of `RobotRig`; its interlock is locked by a fault of an earlier call.
+        yes: Whether `--yes` is given.
+        limits: Limits that strikes have to keep.
 
     Raises:
-        InputError: The robot's arm has another number of joints than the model.
+        InputError: `--yes` is given, and a check is switched off or has nothing to check by, such as the height of a
+            floor: a person has to answer then.
     """
-    from whiptool.rig.robots.robot_rig import RobotRig
+    from whiptool.limits.all_limits import unchecked_by
 
-    shared["interlock"].watch(mark_of_port(port))
-    return RobotRig(model, robot, port=port, confirm=None if yes else _confirm, **shared)
+    if yes and (unchecked := unchecked_by(limits)):
+        fix = "leave out --yes, or give what is missing, such as the height of the base in --mount wall 1.7"
+        raise InputError("--yes", f"with NOT checked: {', '.join(unchecked)}", "only if all is checked", fix)
+    return None if yes else confirm
 
 
 def virtual_film(camera: str, true: Model, seed: Sequence[int], target: tuple[float, ...], late: float = 0.0):
@@ -187,28 +191,41 @@ def virtual_film(camera: str, true: Model, seed: Sequence[int], target: tuple[fl
 
 
 def mark_of_port(port: str) -> Path:
-    """Return the file that records a fault for later calls, of the servos on a serial device or of a robot's
-    address.
+    """Return the file that records a fault for later calls, of the servos on a serial device or of a robot's address,
+    however either is spelled.
     """
     from platformdirs import user_state_path
 
-    name = port.replace("://", "-") if "://" in port else Path(port).resolve().as_posix()
+    from whiptool.rig.robots.addresses import canonical_address
+
+    name = canonical_address(port).replace("://", "-") if ADDRESS in port else Path(port).resolve().as_posix()
     return user_state_path("whiptool") / "stopped" / (name.strip("/").replace("/", "-") + ".json")
 
 
-def ask_to_release(interlock: Interlock, run_folder: Path) -> None:
+def watch_port(interlock: Interlock, port: str) -> None:
+    """Have an interlock read and write the file of an arm's port; simulated arms and the user's own have none."""
+    if port not in ("twin", ROBOT):
+        interlock.watch(mark_of_port(port))
+
+
+def ask_to_release(interlock: Interlock, port: str, run_folder: Path | None = None) -> None:
     """After a stop, ask a person to confirm that its cause is removed; nothing moves before the answer.
+
+    Call this before a new run folder is made.
 
     Args:
         interlock: Interlock of the rig.
-        run_folder: Run folder, in which a stop is recorded.
+        port: Port or address of the arm.
+        run_folder: Folder of a run to go on with, in which a stop may be recorded, too.
 
     Raises:
         Locked: The question was not answered with yes.
     """
     from whiptool.rig.stops import STOPPED
 
-    interlock.watch(run_folder / STOPPED)
+    watch_port(interlock, port)
+    if run_folder is not None:
+        interlock.watch(run_folder / STOPPED)
     if interlock.stop is None:
         return
     question = (
@@ -229,8 +246,14 @@ def _camera(name: str):
     return RealSenseCamera(camera_preset("d435-infrared"), file=None if name == "realsense" else Path(name))
 
 
-def _confirm(strike) -> bool:
-    return says_yes(f"The arm will move: {strike}. Is everybody away, the power switch at hand? Type yes to go on: ")
+def confirm(motion: Motion) -> bool:
+    """Return whether a person agrees that an arm moves as planned."""
+    switch = "the emergency stop in hand" if ADDRESS in motion.port else "the power switch at hand"
+    unchecked = f" NOT checked: {', '.join(motion.unchecked)}." if motion.unchecked else ""
+    return says_yes(
+        f"The arm at {motion.port} will move for {motion.duration:.1f} s, its joints by up to {motion.reach:.2f} rad "
+        f"({motion.joint}).{unchecked} Is everybody away, {switch}? Type yes to go on: "
+    )
 
 
 def says_yes(question: str) -> bool:
@@ -246,12 +269,6 @@ CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 
 
 FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
-
-
-ROBOT = "robot"  # a port
-
-
-ADDRESS = "://"  # in the port of a robot with a driver
 
 
 _OF_RIGS = unless("port", ROBOT, why=", where your own program commands and records")
@@ -397,7 +414,9 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
         if ADDRESS in self.port:
             from whiptool.rig.robots.addresses import needs_of
 
-            return (*needs_of(self.port), *["cv2"] * (self.camera not in ("none", "points")))
+            with renaming({"robot": "--port"}):
+                of_driver = needs_of(self.port)
+            return (*of_driver, *["cv2"] * (self.camera not in ("none", "points")))
         return () if self.camera == "tip" or self.port == ROBOT else super().needs()
 
     def build_target(self, model: Model | None = None) -> Target:

@@ -106,6 +106,15 @@ class Joints:
             tick=tick,
         )
 
+    def positions(self) -> np.ndarray:
+        """Measure the positions alone [rad], (n,), also before `DynamixelBus.prepare_block`.
+
+        Raises:
+            NoReply, Refused, Unplugged: A servo does not answer.
+        """
+        counts = np.array([self.bus.read(id, "present_position") for id in self.bus.ids])
+        return self._sign * (counts - self._zero) * self.units.position
+
     def counts(self, torque: np.ndarray) -> np.ndarray:
         """Return Goal Current [counts] for joint torques [N m], (n,), clipped to the current limit."""
         counts = np.rint(torque * self._per_torque)

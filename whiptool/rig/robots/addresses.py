@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from typing import TypeAlias
 
@@ -28,11 +29,13 @@ def _ur(host: str, model: Model) -> Robot:
 ROBOTS: Registry[Maker] = Registry("robots", Callable, {"franka": _franka, "ur": _ur}, what="robot")
 NEEDS = {"franka": "pylibfranka", "ur": "rtde_control"}  # modules of extras, of whiptool's drivers
 USUAL_MODELS = {"ur": "ur5e", "franka": "fr3"}  # presets
+JOINTS = {"ur": 6, "franka": 7}
 RULE = "franka://HOST, ur://HOST, or another robot's name, :// and HOST"
+DRIVERS = "write a driver for another robot: docs/your-robot.md, Another robot"
 
 
 def split_address(address: str) -> tuple[str, str]:
-    """Return the name of a robot's driver and its host.
+    """Return the name of a robot's driver, in lower case, and its host.
 
     Raises:
         InputError: The address is not a name, `://` and a host.
@@ -40,7 +43,21 @@ def split_address(address: str) -> tuple[str, str]:
     name, separator, host = address.partition("://")
     if not (name and separator and host):
         raise InputError("robot", address or NOTHING, RULE)
-    return name, host
+    return name.lower(), host
+
+
+def canonical_address(address: str) -> str:
+    """Return an address that is the same for all spellings of a robot's: its host by number, where it has one.
+
+    Raises:
+        InputError: The address is not a name, `://` and a host.
+    """
+    name, host = split_address(address)
+    try:
+        host = socket.gethostbyname(host)
+    except (OSError, UnicodeError):  # an unknown host, or none that the network has
+        host = host.lower()
+    return f"{name}://{host}"
 
 
 def needs_of(address: str) -> tuple[str, ...]:
@@ -64,4 +81,17 @@ def robot_at(address: str, model: Model) -> Robot:
         InputError: The address has another form, or there is no such driver; the message lists the drivers.
     """
     name, host = split_address(address)
-    return ROBOTS.find(name)(host, model)
+    try:
+        make = ROBOTS.find(name)
+    except InputError as error:
+        raise InputError("robot", address, ", ".join(f"{known}://HOST" for known in ROBOTS), DRIVERS) from error
+    _check_model(name, model)
+    return make(host, model)
+
+
+def _check_model(name: str, model: Model) -> None:
+    """Refuse a model of an arm with another number of joints than the robots of whiptool's drivers."""
+    usual = USUAL_MODELS.get(name)
+    if usual is not None and model.arm.n != JOINTS[name]:
+        rule = f"a model of the robot, such as {usual}, with {JOINTS[name]} joints"
+        raise InputError("model", f"{model.name}, with {model.arm.n} joints", rule)

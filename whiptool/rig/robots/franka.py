@@ -22,7 +22,7 @@ from whiptool.models.smooth_path import path_to_rest
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import eased
 from whiptool.progress import note
-from whiptool.rig.robots.robot import Payload, Record, Robot, Sample, Stop
+from whiptool.rig.robots.robot import RECOVER, Payload, Record, Robot, Sample, Stop
 from whiptool.rig.stops import SafetyError, StrikeRefused
 
 STEP = 1e-3  # [s] of the robot's controller
@@ -62,6 +62,7 @@ class Franka(Robot):
         for name, values, count in (("limits", limits, 7), ("torques", torques, 7), ("forces", forces, 6)):
             if len(values) != count:
                 raise InputError(name, f"{len(values)} values", f"{count} values")
+        self.address = f"franka://{host}"
         self.host, self.limits = host, tuple(map(_interface, limits))
         self._torques, self._forces = list(torques), list(forces)
         self._library: Any = optional("pylibfranka", "for robots of Franka")
@@ -71,7 +72,8 @@ class Franka(Robot):
         self._open()
         mode = self._robot.read_once().robot_mode
         if mode != self._library.RobotMode.Idle:
-            raise InputError("robot", f"{self.host} in the mode {mode.name}", "a robot that is idle", _cure(mode.name))
+            given = f"{self.address} in the mode {mode.name}"
+            raise InputError("robot", given, "a robot that is idle", self._cure(mode.name))
 
     def _open(self) -> None:
         """Connect, and set what counts as a collision."""
@@ -84,7 +86,9 @@ class Franka(Robot):
             self._robot.set_collision_behavior(self._torques, self._torques, self._forces, self._forces)
         except (RuntimeError, self._library.FrankaException) as error:
             fix = f"activate FCI and unlock the joints in Desk, and check the network ({_words(error)})"
-            raise InputError("robot", self.host, "the address of a Franka robot whose FCI is reachable", fix) from None
+            raise InputError(
+                "robot", self.address, "the address of a Franka robot whose FCI is reachable", fix
+            ) from None
 
     def disconnect(self) -> None:
         robot, self._robot = self._robot, None
@@ -163,11 +167,21 @@ class Franka(Robot):
         try:
             robot.automatic_error_recovery()
         except (RuntimeError, self._library.FrankaException) as error:
-            raise SafetyError("recovery", f"{_words(error)}; {_cure('Reflex')}") from None
+            raise SafetyError("recovery", f"{_words(error)}; {self._cure('Reflex')}") from None
         state = self._state()
         mode = state.robot_mode
         if mode != self._library.RobotMode.Idle or state.current_errors:
-            raise SafetyError("recovery", f"the robot is in the mode {mode.name}: {_cure(mode.name)}")
+            raise SafetyError("recovery", f"the robot is in the mode {mode.name}: {self._cure(mode.name)}")
+
+    def _cure(self, mode: str) -> str:
+        """What a person does about a mode of the robot."""
+        cures = {
+            "UserStopped": "release the robot's stop button (external activation device)",
+            "Guiding": "let go of the robot's guiding buttons",
+            "Reflex": f"remove the cause, and acknowledge the fault in Desk or by {RECOVER} {self.address}",
+            "Other": "unlock the joints and activate FCI in Desk",
+        }
+        return cures.get(mode, "wait until the robot is idle")
 
 
 def _interface(own: JointLimits) -> JointLimits:
@@ -250,14 +264,3 @@ def _from_command(trajectory: JointTrajectory, q_d: np.ndarray) -> JointTrajecto
 
 def _words(error: BaseException) -> str:
     return str(error).removeprefix("libfranka: ").replace("\n", " ")
-
-
-def _cure(mode: str) -> str:
-    """What a person does about a mode of the robot."""
-    cures = {
-        "UserStopped": "release the robot's stop button (external activation device)",
-        "Guiding": "let go of the robot's guiding buttons",
-        "Reflex": "remove the cause, and acknowledge the fault by recovery or in Desk",
-        "Other": "unlock the joints and activate FCI in Desk",
-    }
-    return cures.get(mode, "wait until the robot is idle")

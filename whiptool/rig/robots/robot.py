@@ -17,6 +17,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.rig.stops import SafetyError
 
+RECOVER = "python -m whiptool.robot recover --robot"  # ADDRESS
 START = 0.01  # [rad] by which the first sample of a trajectory may differ from the measured posture
 
 

@@ -17,7 +17,7 @@ from whiptool.given_files import read_json
 from whiptool.identification.servo_lag import ServoLag, fit_servo_lag
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
-from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.all_limits import AllLimits, unchecked_by
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
 from whiptool.limits.robot_trajectory import Execution, beginning, by_parts
@@ -31,13 +31,14 @@ from whiptool.rig.robots.robot import Robot, Sample, payload_of
 from whiptool.rig.safety import State
 from whiptool.rig.session import FilmedRig
 from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
-from whiptool.rig.struck import Attempt, Run, Struck
+from whiptool.rig.struck import Attempt, Motion, Run, Struck
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.servo_replay import replay_trajectory
 from whiptool.whole_files import write_whole
 
 LAG = "lag.json"
 HELD = "the robot's own controller holds the arm"
+RESTS = f"the arm is at rest, and {HELD}"  # after a signal
 _HANGING = 0.2  # [s] before a strike from which a whip is simulated
 _FEW = 0.01  # part of the states that may be missing without a note
 _MOVED = 0.05  # [rad] of a command, from which on a lag is fitted
@@ -124,9 +125,9 @@ class RobotRig(FilmedRig):
             said = by_parts(said, beginning(strike, trajectory, o.t_stay))
         return trajectory, said
 
-    def _ask(self, strike: Strike) -> None:
-        self._note_end(strike, None)
-        super()._ask(strike)
+    def _ask(self, motion: Motion) -> None:
+        self._note_end(motion.strike, None)
+        super()._ask(motion)
 
     def _note_end(self, strike: Strike, believed: Model | None) -> None:
         """Say whether the whip lies on the floor where a strike ends."""
@@ -139,22 +140,30 @@ class RobotRig(FilmedRig):
         heights = (x.above_floor(q[None], believed or self.model) for x in clearances)
         return max((-float(x[0]) for x in heights if x is not None and x[0] < 0), default=0.0)
 
-    def _run(self, arm: Robot, attempt: Attempt) -> Run:
-        strike, log, signals = attempt.strike, attempt.log, attempt.signals
-        self._stands, posture = None, arm.posture()
-        trajectory = self.trajectory(strike, posture, attempt.believed)
+    def _planned(self, arm: Robot, attempt: Attempt) -> Motion:
+        posture = arm.posture()
+        trajectory = self.trajectory(attempt.strike, posture, attempt.believed)
         if self._below_floor(posture, attempt.believed):
             note(
                 "the whip lies on the floor where the arm stands: the way to the start lifts it clear, and it has "
                 f"{self.options.settle:g} s of rest to hang still before the strike"
             )
+        reach = np.ptp(trajectory.q, axis=0)
+        name, end = trajectory.joints[int(reach.argmax())], float(trajectory.t[-1])
+        unchecked = unchecked_by(self.limits.members)
+        return Motion(attempt.strike, self.port, name, float(reach.max()), end, unchecked, trajectory)
+
+    def _run(self, arm: Robot, attempt: Attempt, motion: Motion) -> Run:
+        strike, log, signals, trajectory = attempt.strike, attempt.log, attempt.signals, motion.trajectory
+        assert trajectory is not None
+        self._stands = None
         arm.set_payload(payload_of(self.model))
         begins = beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "period": 1 / arm.rate, "strike_begins": begins}
         watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), attempt.on_cycle)
         self._recall_lag(log)
         fault: SafetyError | None = None
-        self.interlock.torque = HELD
+        self.interlock.torque = held = HELD
         try:
             arm.follow(trajectory, watch.record, watch.stop)
         except SafetyError as error:
@@ -168,7 +177,8 @@ class RobotRig(FilmedRig):
         if fault is None and signals.received:  # it came after the last cycle
             fault = SafetyError("signal", f"{signals.received} came")
         if fault is not None:
-            self.interlock.trip(str(fault), lasting=fault.kind != "signal", torque=HELD)
+            self.interlock.torque = held = RESTS if fault.kind == "signal" else HELD
+            self.interlock.trip(str(fault), lasting=fault.kind != "signal", torque=held)
         signals.answered = fault is not None
         cycles = watch.log.cycles()
         if fault is None:
@@ -180,7 +190,7 @@ class RobotRig(FilmedRig):
                 f"{missed} of {len(cycles) + missed} states of the robot were not received, the longest gap is "
                 f"{1e3 * cycles.longest_gap:.0f} ms: this computer or its network is busy"
             )
-        return Run(cycles, fault, torque_off=None, missed=missed, overruns=None, torque=HELD)
+        return Run(cycles, fault, torque_off=None, missed=missed, overruns=None, torque=held)
 
     def _recall_lag(self, log: Path | None) -> None:
         """Take the lag of the joints that an earlier strike of the run has left, or else the last one of this robot."""
@@ -230,7 +240,13 @@ def kept_lag(port: str) -> Path | None:
         return None
     from platformdirs import user_state_path
 
-    return user_state_path("whiptool") / "lags" / (port.replace("://", "-").strip("/").replace("/", "-") + ".json")
+    from whiptool.rig.robots.addresses import canonical_address
+
+    return (
+        user_state_path("whiptool")
+        / "lags"
+        / (canonical_address(port).replace("://", "-").strip("/").replace("/", "-") + ".json")
+    )
 
 
 def _lag_in(table: dict[str, Any]) -> ServoLag:

@@ -32,7 +32,7 @@ from whiptool.identification.servo_lag import ServoLag
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.smooth_path import path_to_rest
 from whiptool.models.spatial_arm import JointLimits
-from whiptool.rig.robots.robot import Payload, Record, Sample, Stop
+from whiptool.rig.robots.robot import RECOVER, Payload, Record, Sample, Stop
 from whiptool.rig.stops import SafetyError
 
 RATE = 500.0  # [1/s] of an e-Series controller
@@ -124,7 +124,7 @@ class UrClient:
             raise
         except (RuntimeError, ValueError, SafetyError) as error:
             fix = "switch the robot on, and see that this computer reaches its address"
-            raise InputError("robot", self.o.host, f"a UR's controller that answers ({error})", fix) from None
+            raise InputError("robot", f"ur://{self.o.host}", f"a UR's controller that answers ({error})", fix) from None
 
     def _check_ready(self) -> None:
         """Refuse a robot that cannot move."""
@@ -133,7 +133,7 @@ class UrClient:
             fix = "switch the arm on and release its brakes at the pendant"
             raise InputError("robot", mode, "Robotmode: RUNNING", fix)
         if not safety.endswith(("NORMAL", "REDUCED")):
-            fix = "remove the cause; recover() then unlocks a protective stop"
+            fix = f"remove the cause; then unlock a protective stop: {RECOVER} ur://{self.o.host}"
             raise InputError("robot", safety, "Safetystatus: NORMAL or REDUCED", fix)
         if not self._dashboard.isInRemoteControl():
             fix = "choose Remote Control at the upper right of the pendant, after enabling it in Settings, System"
