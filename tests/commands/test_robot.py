@@ -14,6 +14,7 @@ import pytest
 from repository import ROOT
 
 import whiptool as wt
+from whiptool.adaptation.ports import AwaitsRecording
 from whiptool.commands import adapt, rig, robot, run_folders
 from whiptool.commands.options.rig_options import AdaptOptions, mark_of_port
 from whiptool.commands.simulate import SimulateOptions
@@ -301,3 +302,12 @@ def test_an_arm_has_one_mark_however_its_address_is_spelled(tmp_path):
     (tmp_path / "ttyUSB0").touch()
     (tmp_path / "arm").symlink_to("ttyUSB0")
     assert mark_of_port(str(tmp_path / "arm")) == mark_of_port(str(tmp_path / "ttyUSB0"))
+
+
+@pytest.mark.parametrize(("port", "said"), [(ADDRESS, False), ("robot", True)])
+def test_where_the_robot_has_to_stand_is_said_only_where_it_is_not_asked(port, said, tmp_path, capsys):
+    """A driver reads the posture; the user's own program begins at the strike's start."""
+    options = AdaptOptions(model="ur5e", target=(1.0, 0.2, 0.6), port=port, camera="none")
+    waits = AwaitsRecording(wt.Strike.from_vector(VECTOR), 1, tmp_path / "recording.npz", tmp_path / "recorded.csv")
+    assert adapt._ask(waits, tmp_path, options) == adapt.AWAITS
+    assert ("--posture says where it stands" in capsys.readouterr().err) == said

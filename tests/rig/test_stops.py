@@ -144,6 +144,21 @@ def test_a_motion_leaves_a_mark_only_while_it_lasts_or_after_a_fault(tmp_path: P
     assert later() == "line: gone"
 
 
+def test_an_answer_at_the_arm_holds_for_the_run_that_was_stopped(tmp_path: Path) -> None:
+    """A run that went on asked again after `robot recover` had asked; a run of another arm is not released."""
+    arm, run, other = tmp_path / "arm.json", tmp_path / "run" / STOPPED, tmp_path / "other" / STOPPED
+    for marks in ([arm, run], [other]):
+        lock = Interlock()
+        for mark in marks:
+            lock.watch(mark)
+        lock.trip("line: gone")
+    person = Interlock()
+    person.watch(arm)
+    person.release()
+    assert [mark.exists() for mark in (arm, run, other)] == [False, False, True]
+    assert (run.parent / "stopped-1.json").exists()
+
+
 @pytest.mark.parametrize("answer", [True, False])
 def test_a_person_is_asked_about_servos_that_are_connected_and_before_they_are_armed(answer, monkeypatch) -> None:
     asked: list[Motion] = []

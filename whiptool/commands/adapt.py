@@ -28,6 +28,7 @@ from whiptool.commands.options.rig_options import (
     hardware_rig,
     loop_options,
     virtual_film,
+    watch_port,
 )
 from whiptool.errors import InputError
 from whiptool.progress import note
@@ -216,6 +217,7 @@ def _port_of_robot(options: AdaptOptions, model: Model, stock, interlock: Interl
         "options": LoopOptions(t_stay=options.t_stay, settle=options.settle),
         "interlock": interlock,
     }
+    watch_port(interlock, options.port)
     robot = robot_at(options.port, model)
     if options.camera == "none":
         return RobotPort(model, goal, t_stay=options.t_stay, rig=RobotRig(model, robot, **shared))

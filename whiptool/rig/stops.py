@@ -115,6 +115,7 @@ class Interlock:
         self.torque_off: bool | None = None
         self.torque = "nothing was armed"
         self._marks: list[Path] = []
+        self._elsewhere: list[Path] = []  # files of the same stop, which other calls watched
         self._recorded = False  # a fault of the present motion, in the files
 
     def watch(self, mark: Path) -> None:
@@ -122,7 +123,9 @@ class Interlock:
         if mark not in self._marks:
             self._marks.append(mark)
         if mark.exists():
-            self.stop = self.stop or _read(mark)
+            reason, files = _read(mark)
+            self.stop = self.stop or reason
+            self._elsewhere += [file for file in files if file.name == STOPPED]
 
     def trip(self, reason: str, *, lasting: bool = True, torque: str = "") -> None:
         """Lock, and record the stop in the files. No exception is raised, because torque is switched off afterwards.
@@ -155,7 +158,8 @@ class Interlock:
 
     def _record(self, reason: str, torque: str) -> None:
         """Write the files; one that cannot be written is said."""
-        record = {"reason": reason, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        record: dict[str, Any] = {"reason": reason, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
+        record["files"] = [str(mark.absolute()) for mark in self._marks]
         for mark in self._marks:
             try:
                 mark.parent.mkdir(parents=True, exist_ok=True)
@@ -181,21 +185,22 @@ class Interlock:
     def release(self) -> None:
         """Allow arming again: a person has removed the cause of the stop, and no one is near the arm.
 
-        The files that record the stop are renamed with a number and kept.
+        The files that record the stop, also those in the folders of other runs, are renamed with a number and kept.
         """
         self.stop = None
-        for mark in self._marks:
+        for mark in (*self._marks, *self._elsewhere):
             names = (mark.with_name(f"{mark.stem}-{i}{mark.suffix}") for i in itertools.count(1))
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError, NotADirectoryError):
                 mark.rename(next(name for name in names if not name.exists()))
 
 
-def _read(mark: Path) -> str:
-    """The reason that a mark tells; one that cannot be read is a stop, too."""
+def _read(mark: Path) -> tuple[str, list[Path]]:
+    """The reason that a mark tells, and all files that tell it; a mark that cannot be read is a stop, too."""
     try:
-        return str(json.loads(mark.read_text(encoding="utf-8"))["reason"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return f"{mark} cannot be read"
+        record = json.loads(mark.read_text(encoding="utf-8"))
+        return str(record["reason"]), [Path(file) for file in record.get("files", [])]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return f"{mark} cannot be read", []
 
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

@@ -132,9 +132,10 @@ def test_a_stop_that_would_leave_a_range_comes_a_little_later(fake):
 def test_after_a_fault_nothing_is_sent(fake, robot, cycle, error, kind):
     fake.fails = {cycle: getattr(fake, error)('libfranka: Move command aborted: ["joint_reflex"]')}
     samples: list[Sample] = []
-    with pytest.raises(SafetyError, match=rf'^{kind}: Move command aborted: \["joint_reflex"\]$'):
+    with pytest.raises(SafetyError, match=rf'^{kind}: Move command aborted: \["joint_reflex"\](; .*|)$') as stopped:
         robot.follow(trajectory(), samples.append, never)
     assert len(fake.commands) == cycle
+    assert ("robot recover --robot franka://fr3.local" in str(stopped.value)) == (kind == "reflex")
     assert len(samples) == cycle + (kind == "reflex")  # the last is the state after the fault
     assert [name for name, *_ in fake.calls].count("start") == 1
     with pytest.raises(InputError, match="idle"):

@@ -140,7 +140,7 @@ def test_a_protective_stop_is_recovered_by_a_person_and_not_before():
         robot = driver(emulator)
         robot.connect()
         emulator.inject(UrFault("protective", 0.35))
-        with pytest.raises(SafetyError, match="protective"):
+        with pytest.raises(SafetyError, match=r"protective.*recover --robot ur://127\."):
             robot.follow(trajectory, samples.append, never)
         with pytest.raises(SafetyError, match="nothing moved"):
             robot.follow(swing(0.2, start=robot.posture()), samples.append, never)

@@ -140,7 +140,7 @@ class Franka(Robot):
         except self._library.NetworkException as error:
             fault = SafetyError("connection", _words(error))
         except (RuntimeError, self._library.FrankaException) as error:
-            fault = SafetyError("reflex", _words(error))
+            fault = SafetyError("reflex", f"{_words(error)}; {self._cure('Reflex')}")
         if fault.kind == "connection":
             self._robot = None  # `recover` makes another
             return fault

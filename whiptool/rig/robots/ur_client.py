@@ -133,7 +133,7 @@ class UrClient:
             fix = "switch the arm on and release its brakes at the pendant"
             raise InputError("robot", mode, "Robotmode: RUNNING", fix)
         if not safety.endswith(("NORMAL", "REDUCED")):
-            fix = f"remove the cause; then unlock a protective stop: {RECOVER} ur://{self.o.host}"
+            fix = f"remove the cause; then, for a protective stop, {RECOVER} ur://{self.o.host}"
             raise InputError("robot", safety, "Safetystatus: NORMAL or REDUCED", fix)
         if not self._dashboard.isInRemoteControl():
             fix = "choose Remote Control at the upper right of the pendant, after enabling it in Settings, System"
@@ -242,7 +242,7 @@ class UrClient:
         """Refuse to move a robot that is stopped or slowed down."""
         state = self._next()
         if state.stopped or state.mode != _RUNNING:
-            raise SafetyError(state.stopped or "robot", "the robot is stopped; nothing moved")
+            raise SafetyError(state.stopped or "robot", f"the robot is stopped; nothing moved{self._cure(state)}")
         if state.speed < 1:
             said = f"the pendant's speed slider is at {state.speed:.0%}, which slows strikes down; set it to 100 %"
             raise SafetyError("start", f"{said}; nothing moved")
@@ -298,10 +298,15 @@ class UrClient:
         if reason is not None:
             raise SafetyError("signal", reason)
 
+    def _cure(self, state: _State) -> str:
+        """What a person does about a stop; empty where the pendant says it."""
+        protective = state.stopped == "protective"
+        return f"; remove its cause, then {RECOVER} ur://{self.o.host}" if protective else ""
+
     def _check_going(self, state: _State, *, first: bool) -> None:
         """Raise if the robot was stopped."""
         if state.stopped:
-            raise SafetyError(state.stopped, f"the robot made a {state.stopped} stop")
+            raise SafetyError(state.stopped, f"the robot made a {state.stopped} stop{self._cure(state)}")
         if state.mode != _RUNNING:
             raise SafetyError("robot", f"the robot is in mode {state.mode}, not running")
         if state.program != _PLAYING and not first:
