@@ -26,10 +26,14 @@ if TYPE_CHECKING:
     from whiptool.recording.strike_recording import StrikeRecording
     from whiptool.runs import RunFolder
 
+_LIKE = {6: "such as --model ur5e", 7: "such as --model fr3 or --model panda"}  # by an arm's number of joints
 _EXAMPLE = (
     "Fit a whip's parameters to recorded strikes. "
     "Example: python -m whiptool.identify strike1.csv strike2.csv strike3.csv --free k b m --out fitted"
 )
+
+
+OF_PROFILE = ("bending_stiffness", "bending_damping", "linear_density")  # --free by default, of a whip's profile
 
 
 def full_names(names: tuple[str, ...], plant: Plant) -> tuple[str, ...]:
@@ -133,6 +137,7 @@ class FitRun:
         self._check_films(every)  # before hours of film are tracked
         found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
         recordings = [r for r, _ in found]
+        self._check_joints(recordings)
         if not self.bare:
             pairs = zip(every, recordings, strict=True)
             recordings = [self._labelled(name, r.for_model(self.model)) for name, r in pairs]
@@ -145,6 +150,14 @@ class FitRun:
             recordings = [self.plane.project(recording) for recording in recordings]
         self.recordings, self.held_out = recordings[: len(names)], recordings[len(names) :]
         return common_controller(recordings)
+
+    def _check_joints(self, recordings: Sequence[StrikeRecording]) -> None:
+        """Refuse strikes of an arm with another number of joints than the model's."""
+        for recording in () if self.bare else recordings:
+            n = None if recording.strike is None else len(recording.strike.q_i)
+            if n not in (None, self.model.arm.n):
+                rule = f"a model of the arm that made the strike of {recording.called}, which has {n} joints"
+                raise InputError("--model", f"{self.options.model}, {self.model.arm.n} joints", rule, _LIKE.get(n, ""))
 
     def _check_films(self, recordings: Mapping[str, StrikeRecording | VideoSource]) -> None:
         """Refuse films that do not show what the model moves in: a plane, or space."""
@@ -194,6 +207,7 @@ class FitRun:
         self.plants = self.plants or {0 if self.bare else self.model.whip.N: self.plant}
         for plant in self.plants.values():
             variables_of({**plant.values(), **NEUTRAL}, self.free, {}, {})  # starts of all are in order
+        self._check_whip_seen()
         own = self.options.per_recording
         every, drive, knots = [*self.recordings, *self.held_out], self.options.drive, self.options.knots
         try:
@@ -203,6 +217,16 @@ class FitRun:
             raise self._by_file(error, every) from None
         for remark in remarks:
             self._say(remark)
+
+    def _check_whip_seen(self) -> None:
+        """Refuse to fit a whip's parameters to recordings of joints alone."""
+        from whiptool.identification.drives import unknown_markers
+
+        if self.bare or not all(name.startswith(("whip.", "profile.")) for name in self.free):
+            return
+        for name, recording in zip(self.files, [*self.recordings, *self.held_out], strict=True):
+            if recording.joints_alone:
+                raise unknown_markers(recording).within(f"{name}: ")
 
     def _by_file(self, error: InputError, recordings: Sequence[StrikeRecording]) -> InputError:
         """The error with the file that was given, where it names the source of a recording in it."""
@@ -433,9 +457,58 @@ def _file_names(sources: list[str]) -> list[str]:
     return names
 
 
+def resolved(options: IdentifyOptions) -> IdentifyOptions:
+    """Return the options with the recordings that run folders hold and, unless they are given, the model of their run,
+    and parameters that this model has.
+
+    What was chosen is printed.
+    """
+    from whiptool.identification.inputs import model_of_run, recording_in
+    from whiptool.models.files import model_to_table
+
+    options = dataclasses.replace(options, recordings=tuple(map(recording_in, options.recordings)))
+    if options.drive == "free":
+        return options
+    if not options.given("model"):
+        found = [x for x in map(model_of_run, options.recordings) if x]
+        if found and all(x == found[0] for x in found):
+            of_run = dataclasses.replace(options, **{name: _as_option(x) for name, x in found[0].items()})
+            if model_to_table(of_run.find_model()) != model_to_table(options.find_model()):
+                words = " --mount ".join(map(_words, found[0].values()))
+                note(f"the model is that of the recording's run: --model {words}")
+                options = of_run
+    return _with_parameters(options)
+
+
+def _as_option(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _words(value: Any) -> str:
+    return " ".join(value) if isinstance(value, list) else str(value)
+
+
+def _with_parameters(options: IdentifyOptions) -> IdentifyOptions:
+    """Return the options with parameters of the profile by default, if the whip has a value per node or a profile."""
+    from whiptool.models.profile import profile_from
+
+    if options.given("free"):
+        return options
+    whip = options.find_model().whip
+    if not options.profile:
+        if all(isinstance(x, float | int) for x in (whip.k, whip.b, whip.m)):
+            return options
+        try:
+            profile_from(whip)
+        except InputError:
+            return options  # a name of a node has to be given, as the error of --free says
+    note(f"--profile --free {' '.join(OF_PROFILE)} by default, as the model's whip has a value per node or a profile")
+    return dataclasses.replace(options, profile=True, free=OF_PROFILE)
+
+
 def _work(options: IdentifyOptions) -> int:
     run_folders.check_out(options)  # before hours of film are tracked
-    run = FitRun(options)
+    run = FitRun(resolved(options))
     with run.open_folder() as folder:
         run.write_recordings(folder)
         run.fit()

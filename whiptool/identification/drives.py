@@ -178,6 +178,11 @@ def _command(recording: StrikeRecording, plant: Plant, others: str) -> Strike:
 def unknown_markers(recording: StrikeRecording) -> InputError:
     """Return the error for a recording without a marker on the whip."""
     fix = "names are in lower case" if any(name != name.lower() for name in recording.markers) else ""
+    if recording.joints_alone:
+        fix = (
+            "it holds the joints alone: add what cameras saw of the whip, as CSV (t, tip_x, tip_y, ...) whose sidecar "
+            "names the log of the joints, as docs/your-robot.md shows"
+        )
     rule = "tip or nodes of the whip among them (tip, node1, node2, ...)"
     return InputError(f"{recording.called}: markers", ", ".join(recording.markers), rule, fix)
 

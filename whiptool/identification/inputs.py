@@ -26,7 +26,36 @@ from whiptool.recording.readers import READERS, VideoSource, find_format, log_al
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.readers.joint_log import Logs
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.runs import CONFIG
 from whiptool.vision.markers import Marker
+
+RECORDED = "recording.npz"  # of a strike of a rig or robot, in its run folder
+
+
+def recording_in(path: str) -> str:
+    """Return the recording that a run folder of `rig strike` or `robot strike` holds; any other path unchanged."""
+    inside = Path(path) / RECORDED
+    return str(inside) if inside.is_file() else path
+
+
+def model_of_run(path: str) -> dict[str, Any]:
+    """Return the options `model` and, where it is needed, `mount` for the model of the run that made a recording; empty
+    if the recording is not in a run folder.
+
+    Args:
+        path: `recording.npz` in the folder of a run, or in that of one of its strikes.
+    """
+    folder = Path(path).absolute().parent
+    if Path(path).name != RECORDED:
+        return {}
+    for config in (folder / CONFIG, folder.parent / CONFIG):
+        if config.is_file():
+            table = read_toml(config)
+            options = table.get("options", {})
+            if "model" in table:
+                return {"model": str(config)}
+            return {name: options[name] for name in ("model", "mount") if name in options}
+    return {}
 
 
 def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tuple[list[str], list[str]]:

@@ -55,6 +55,8 @@ _READ = {
     "view": lambda value: camera_of("view", json.loads(str(value))),
 }
 
+ENCODERS = "encoders"  # in place of a camera: the markers are those of the arm
+
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
 class StrikeRecording(NoArray, instead="its t and points"):
@@ -243,6 +245,11 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def seen(self) -> np.ndarray:
         """Whether each point was seen, (T, M)."""
         return ~np.isnan(self.points[..., 0])
+
+    @property
+    def joints_alone(self) -> bool:
+        """Whether the markers are those of an arm, computed from its encoders, and no camera saw the whip."""
+        return self.camera == ENCODERS and not any(x == "tip" or x.startswith("node") for x in self.markers)
 
     @property
     def angular(self) -> bool:

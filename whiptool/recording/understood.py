@@ -200,10 +200,10 @@ def _markers(recording: StrikeRecording) -> Finding:
     count = len(recording.t)
     listed = ", ".join(f"{name} ({'all' if n == count else f'{n} of {count}'} frames)" for name, n in seen.items())
     other = [] if recording.angular else [x for x in seen if x not in KNOWN and not x.removeprefix("node").isdigit()]
-    fix = f"a fit does not predict {', '.join(other)}: name the tip tip, and the hand handle (key markers)" * bool(
-        other
-    )
-    return Finding("markers", listed, STATED, fix=fix, numbers={"seen": seen})
+    fix = f"a fit does not predict {', '.join(other)}: name the tip tip, and the hand handle (key markers)"
+    if recording.joints_alone:
+        fix = "these are the arm's joints, computed from its encoders: a fit needs what cameras saw of the whip, too"
+    return Finding("markers", listed, STATED, fix=fix * bool(other), numbers={"seen": seen})
 
 
 def _missing(recording: StrikeRecording) -> Iterator[Finding]:

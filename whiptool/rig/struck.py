@@ -26,7 +26,7 @@ from whiptool.recording.filmed_approach import (
     tip_seen,
     unseen_around,
 )
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import ENCODERS, StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Phase
 from whiptool.rig.stops import SafetyError, StopSignals, StrikeInterrupted, StrikeStopped
 
@@ -255,6 +255,6 @@ def build_recording(
         points=points[:, 1:][:, far],
         markers=tuple(np.array(markers)[far].tolist()),
         sigma=reach[far] * ENCODER,
-        camera="encoders",
+        camera=ENCODERS,
         **joints,
     )
