@@ -19,6 +19,7 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, ConstantImpedance, Controller, PositionControl, oiac_preset
+from whiptool.limits.clearance import Clearance
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
@@ -254,3 +255,22 @@ def test_a_plan_counts_with_the_sag():
         misses.append(float(near.distance[0]))
     assert misses[0] < 0.01
     assert misses[1] > 2 * misses[0]
+
+
+def test_a_posture_in_which_nothing_may_hang_is_refused_with_the_reason_of_the_nearest(monkeypatch) -> None:
+    """What the check said of the first that it was asked about, which keeps the limits nearest to the middle."""
+    monkeypatch.setattr(first_look, "CANDIDATES", 3)
+    bounds = StrikeBounds((-0.8, 0.3, -0.8, 0.3, 0.4), (-0.6, 0.5, -0.6, 0.5, 1.0))
+    asked: list[Strike] = []
+
+    def check(strike: Strike) -> str:
+        asked.append(strike)
+        return f"on the way to the start, at {len(asked)}.000 s, the whip drags"
+
+    with pytest.raises(InputError, match=r"at 1\.000 s, the whip drags") as found:
+        hanging(belief(), bounds, rng=np.random.default_rng(0), check=check)
+    np.testing.assert_allclose(asked[0].q_i, [-0.7, 0.4])
+    assert "--" not in str(found.value)
+    low = [Clearance(MODEL, floor=0.5)]
+    with pytest.raises(InputError, match="below the floor"):
+        hanging(belief(), bounds, rng=np.random.default_rng(0), keeps=low)

@@ -96,19 +96,31 @@ def hanging(
     if not keeps and check is None:
         return Strike.from_vector(strikes[0])
     striker = _striker(belief, bounds, keeps, t_stay)
+    nearest, refused = strikes[0], list[str]()
     for _ in range(ROUNDS):
         kept = strikes[striker.keep(strikes)]
         distance = np.linalg.norm((kept[:, :a] - middle) / width, axis=1)
         for strike in map(Strike.from_vector, kept[distance.argsort()]):
-            if check is None or check(strike) is None:
+            said = None if check is None else check(strike)
+            if said is None:
                 return strike
+            refused.append(said)
         strikes = at_rest(rng.uniform(lower[:a], upper[:a], (CANDIDATES, a)))
+    said = refused[0] if refused else _beyond(striker, nearest)
     raise InputError(
-        "postures for filming the hanging whip",
-        f"none of {1 + (ROUNDS - 1) * CANDIDATES} within the limits",
-        "at least one",
-        "give wider limits, or skip this measurement: still=False in Python, --no-still on the command line",
+        "still",
+        f"none of {1 + (ROUNDS - 1) * CANDIDATES} postures in which the hanging whip could be filmed; of the one "
+        f"nearest to the middle of the bounds: {said}",
+        "at least one posture within the limits",
+        "say where the base stands above the floor, or skip this measurement with still=False",
     )
+
+
+def _beyond(striker: Striker, vector: np.ndarray) -> str:
+    """Return the limit that a strike (m,) exceeds with the mean of the belief."""
+    strike = Strike.from_vector(vector)
+    path = striker.rollout.trajectory(strike, t_stay=striker.t_stay)
+    return striker.limits.explain(path, striker.rollout.model.arm.joints, strike) or "its simulation diverges"
 
 
 def choose_wiggle(

@@ -284,7 +284,8 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
             assert isinstance(port, RobotPort)
             adapter.tell(_recorded(port, adapter.asked, told), must_teach=True)
         try:
-            with renaming({"posture": "--posture"}):
+            skip = "say where the base stands with --mount, or skip this measurement with --no-still"
+            with renaming({"posture": "--posture"}), renaming({"still": "--still"}, fix=skip):
                 adaptation.run(lambda step: _tell(steps, step, adaptation.prior))
         except AwaitsRecording as waits:
             return _ask(waits, folder.path, options)

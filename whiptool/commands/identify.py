@@ -155,7 +155,7 @@ class FitRun:
         """Refuse strikes of an arm with another number of joints than the model's."""
         for recording in () if self.bare else recordings:
             n = None if recording.strike is None else len(recording.strike.q_i)
-            if n not in (None, self.model.arm.n):
+            if n is not None and n != self.model.arm.n:
                 rule = f"a model of the arm that made the strike of {recording.called}, which has {n} joints"
                 raise InputError("--model", f"{self.options.model}, {self.model.arm.n} joints", rule, _LIKE.get(n, ""))
 
