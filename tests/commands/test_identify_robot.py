@@ -46,6 +46,8 @@ def test_the_model_of_the_run_and_parameters_that_it_has_are_taken(run, capsys):
     said = capsys.readouterr().err
     assert f"--model {run / 'config.toml'}" in said
     assert "--profile --free bending_stiffness bending_damping linear_density by default" in said
+    held_out = IdentifyOptions(recordings=("strike1.csv", str(run)), held_out=(str(run),), free=("k",))
+    assert identify.resolved(held_out).held_out == found.recordings
     given = IdentifyOptions(recordings=(str(run),), model="fr3", free=("gravity",))
     assert identify.resolved(given) == dataclasses.replace(given, recordings=found.recordings)
     (run / "config.toml").write_text(tomli_w.dumps({"model": model_to_table(preset("lemon2024"))}))

@@ -466,7 +466,9 @@ def resolved(options: IdentifyOptions) -> IdentifyOptions:
     from whiptool.identification.inputs import model_of_run, recording_in
     from whiptool.models.files import model_to_table
 
-    options = dataclasses.replace(options, recordings=tuple(map(recording_in, options.recordings)))
+    held_out = options.held_out and tuple(map(recording_in, options.held_out))
+    recordings = tuple(map(recording_in, options.recordings))
+    options = dataclasses.replace(options, recordings=recordings, held_out=held_out)
     if options.drive == "free":
         return options
     if not options.given("model"):
