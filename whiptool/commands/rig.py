@@ -96,6 +96,7 @@ class LearnOptions(ResumableOptions, SearchOptions, RigOptions):
     """Largest number of strikes."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense}|FILE.db3")] = "twin"
     """Camera, by --port:
+
     - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images) or points (positions
       of the tip with the errors of tracked images)
     - servos: realsense or FILE.db3 (a RealSense recording)"""

@@ -66,6 +66,7 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
     servos and their protocol."""
     camera: Annotated[str, arg(metavar="{twin,d435-color,d435-infrared,points,realsense,none}|FILE.db3")] = "twin"
     """Camera, by --port:
+
     - twin: twin or d435-infrared (both render infrared images), d435-color (renders colour images), points (positions
       of the tip with the errors of tracked images) or none
     - servos: realsense, FILE.db3 (a RealSense recording) or none"""
@@ -326,6 +327,7 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
     put its recording next to them as recorded.csv and use --resume."""
     camera: Annotated[str, arg(metavar="{tip,points,twin,d435-color,d435-infrared,realsense,none}|FILE.db3")] = "points"
     """Camera, by --port:
+
     - twin: points (tip with the errors of tracked images), twin or d435-infrared (render infrared images), d435-color
       (renders colour images) or tip (tip with 5 mm noise at 60 Hz, no servos)
     - a robot's address: the same but tip, or none (you film a real whip)
