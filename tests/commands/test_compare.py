@@ -236,7 +236,7 @@ def started(ray):
     pytest.skip(f"Ray does not start on a machine as busy as this: {reason}")
 
 
-@pytest.mark.slow
+@pytest.mark.hours
 def test_a_ray_cluster_makes_no_difference(alone, tmp_path, monkeypatch):
     """A real cluster on this machine, found by its address."""
     ray = pytest.importorskip("ray")

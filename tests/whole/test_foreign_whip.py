@@ -72,7 +72,7 @@ def test_the_arm_sags_before_a_strike_and_stays_there():
     assert np.abs(held_up(np.array(STRIKE.q_i))).max() > 1
 
 
-@pytest.mark.slow
+@pytest.mark.hours
 def test_the_foreign_whip_is_learned_and_judged(benchmark):
     """One of the twelve targets that `benchmarks/foreign.py` has."""
     rows = benchmark.struck(0)

@@ -168,7 +168,7 @@ def test_what_a_passive_swing_cannot_have_is_refused(tracks, tmp_path, capsys):
     assert "--drive passive" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.hours
 def test_a_filmed_swing_from_the_command_line_alone(capsys, tmp_path):
     """Films of the virtual camera, their calibration counted from the hand."""
     pytest.importorskip("cv2", reason="needs the extra `vision`")
