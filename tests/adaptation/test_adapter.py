@@ -45,7 +45,7 @@ class Told(Adapter):
     probability = 0.9
     efforts: list[PlanningEffort]
 
-    def _sought(self, rng, effort: PlanningEffort, sag):
+    def _sought(self, rng, effort: PlanningEffort, sag, o):
         self.__dict__.setdefault("efforts", []).append(effort)
         return dataclasses.replace(PLAN, probability=self.probability)
 

@@ -282,7 +282,7 @@ class TrajectoryOptions(ExecutionOptions):
         """
         if words is not None and self.export_trajectory is not None:
             given, rule = str(self.export_trajectory), "only for a strike within limits"
-            raise InputError("--export-trajectory", given, rule, f"in this strike, {words}")
+            raise InputError("--export-trajectory", given, rule, words)
 
     def write_trajectory(self, trajectory: JointTrajectory | None, controller: Controller) -> None:
         """Write a trajectory to the file that the options name. If that file cannot hold the hand's poses, write them
