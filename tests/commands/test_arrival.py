@@ -120,7 +120,7 @@ def test_a_strike_beyond_the_arms_limits_is_not_written(capsys):
     assert simulate.main([*words, *strike, "--export-trajectory", "strike.csv"]) == 2
     error = capsys.readouterr().err
     assert (
-        "whiptool: --export-trajectory: got 'strike.csv'; allowed: only for a strike within limits; 0.200 s into the strike"
+        "whiptool: --export-trajectory: got 'strike.csv'; allowed: only for a strike within limits; 0.200 s into"
         in error
     )
     assert "the velocity of shoulder_pan_joint is" in error
