@@ -25,7 +25,7 @@ class DoctorOptions(JsonOptions):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnosis:
     """One line of the report: name of a check, its result, and the fix if it failed."""
 
     name: str
@@ -46,11 +46,11 @@ _EXAMPLE = "Check the installation and this machine. Example: python -m whiptool
 main = cli.command(DoctorOptions, "doctor", _EXAMPLE, _work)  # the exit status is 0 unless a core package is missing
 
 
-def examine() -> list[Finding]:
+def examine() -> list[Diagnosis]:
     """Return all findings, in the order in which they are printed."""
     findings = [
-        Finding("whiptool", __version__),
-        Finding("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
+        Diagnosis("whiptool", __version__),
+        Diagnosis("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
     ]
     findings += [_package(name) for name in CORE]
     findings += [_extra(extra, packages.values()) for extra, packages in EXTRAS.items()]
@@ -64,20 +64,20 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _package(name: str) -> Finding:
+def _package(name: str) -> Diagnosis:
     found = _version(name)
-    return Finding(name, found or "not installed", "" if found else "pip install whiptool")
+    return Diagnosis(name, found or "not installed", "" if found else "pip install whiptool")
 
 
-def _extra(extra: str, names: Iterable[str]) -> Finding:
+def _extra(extra: str, names: Iterable[str]) -> Diagnosis:
     """Optional packages: what is missing is named, and is not a defect."""
     versions = {name: _version(name) for name in names}
     missing = not all(versions.values())
     found = ", ".join(f"{name} {found or 'not installed'}" for name, found in versions.items())
-    return Finding(f"extra {extra}", found + (f"; if needed: pip install 'whiptool[{extra}]'" if missing else ""))
+    return Diagnosis(f"extra {extra}", found + (f"; if needed: pip install 'whiptool[{extra}]'" if missing else ""))
 
 
-def _camera() -> list[Finding]:
+def _camera() -> list[Diagnosis]:
     """Whether what is installed for the RealSense camera loads: its wheel does not hold the USB library."""
     from whiptool.errors import InputError
     from whiptool.vision.source import realsense
@@ -87,17 +87,17 @@ def _camera() -> list[Finding]:
     try:
         realsense()
     except InputError as error:
-        return [Finding("RealSense", str(error.given), error.fix)]
-    return [Finding("RealSense", "pyrealsense2 loads")]
+        return [Diagnosis("RealSense", str(error.given), error.fix)]
+    return [Diagnosis("RealSense", "pyrealsense2 loads")]
 
 
-def _processor() -> Finding:
+def _processor() -> Diagnosis:
     from whiptool.rollout.native import cores
 
-    return Finding("cores", str(cores()))
+    return Diagnosis("cores", str(cores()))
 
 
-def _engine() -> list[Finding]:
+def _engine() -> list[Diagnosis]:
     """Compiler, and the engine that strikes really run on here."""
     from whiptool.impedance import ConstantImpedance, Controller
     from whiptool.models import preset
@@ -109,13 +109,13 @@ def _engine() -> list[Finding]:
     logging.getLogger("whiptool").setLevel(logging.ERROR)  # the findings say it
     compiler, forced = find_compiler(), wanted_rung()
     if compiler is None:
-        compiler_finding = Finding("C++ compiler", "none", "install g++ (Debian: apt-get install g++), or set CXX")
+        compiler_finding = Diagnosis("C++ compiler", "none", "install g++ (Debian: apt-get install g++), or set CXX")
     else:
         try:
             version = (compiler_version(compiler).splitlines() or ["?"])[0]
-            compiler_finding = Finding("C++ compiler", f"{compiler}: {version}")
+            compiler_finding = Diagnosis("C++ compiler", f"{compiler}: {version}")
         except CompilerHangs as error:
-            compiler_finding = Finding("C++ compiler", f"{compiler}: {error}", "set CXX to a compiler that works")
+            compiler_finding = Diagnosis("C++ compiler", f"{compiler}: {error}", "set CXX to a compiler that works")
     rollout = CompiledRollout(preset("lemon2024"), Controller(ConstantImpedance()))
     engine = rollout._engine(forward=False)
     lanes = f", {engine.lanes} strikes at a time on each core" if isinstance(engine, NativeEngine) else ""
@@ -123,19 +123,19 @@ def _engine() -> list[Finding]:
     if compiler is not None and rollout.engine != "simd" and forced is None:
         fix = "the compiler fails on the generated code: see the log of `whiptool optimize`"
     by = f" (forced by {VARIABLE})" if forced else ""
-    return [compiler_finding, Finding("engine", rollout.engine + lanes + by, fix)]
+    return [compiler_finding, Diagnosis("engine", rollout.engine + lanes + by, fix)]
 
 
-def _cache() -> Finding:
+def _cache() -> Diagnosis:
     from whiptool.rollout.compiler import cache_folder
 
     folder = cache_folder()
     libraries = list(folder.glob("*.so"))
     size = sum(path.stat().st_size for path in libraries) / 1e6
-    return Finding("compiled code", f"{folder}: {len(libraries)} libraries, {size:.1f} MB")
+    return Diagnosis("compiled code", f"{folder}: {len(libraries)} libraries, {size:.1f} MB")
 
 
-def _graphics() -> Finding:
+def _graphics() -> Diagnosis:
     """Whether MuJoCo can draw here."""
     program = (
         "import mujoco; m = mujoco.MjModel.from_xml_string('<mujoco/>'); r = mujoco.Renderer(m, 16, 16);"
@@ -152,5 +152,5 @@ def _graphics() -> Finding:
         except subprocess.TimeoutExpired:
             continue
         if run.returncode == 0:
-            return Finding("OpenGL", backend)
-    return Finding("OpenGL", "no context", fix)
+            return Diagnosis("OpenGL", backend)
+    return Diagnosis("OpenGL", "no context", fix)
