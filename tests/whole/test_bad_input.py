@@ -352,7 +352,7 @@ simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --trajectory-rate nan
 simulate --strike 0 0 0 0 1 --export-trajectory strike.csv --posture 1 2 3 | 2 numbers
 simulate --strike 0 0 0 0 1 --keep-free 0.1 | 0 for an arm without limits
 simulate --strike 0 0 0 0 1 --clearance 0.1 | 0 for an arm with neither capsules
-simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | within limits; in this strike, at 0.000 s
+simulate --strike 0 0 0 0 1 --floor 0 --export-trajectory strike.csv | within limits; at 0.000 s
 simulate --strike 0 0 0 0 1 --trajectory strike.csv | --trajectory: got 'strike.csv'; allowed: only without --strike
 optimize --minimise beauty | effort, peak-torque
 optimize --minimise robustness --noise 0 | not all 0
