@@ -322,10 +322,8 @@ class HardwareRig(FilmedRig):
         q = loop.joints.positions()
         way = move(q, np.array(strike.q_i), o.approach_speed).D
         back = move(np.array(strike.q_f), q, o.approach_speed).D if o.go_back else 0.0
-        reach, duration = (
-            np.ptp(np.array([q, strike.q_i, strike.q_f]), axis=0),
-            way + o.settle + strike.D + o.t_stay + back,
-        )
+        reach = np.ptp(np.array([q, strike.q_i, strike.q_f]), axis=0)
+        duration = way + o.settle + strike.D + o.t_stay + back
         name = self.model.arm.names[int(reach.argmax())]
         return Motion(strike, self.port, name, float(reach.max()), duration, UNCHECKED)
 

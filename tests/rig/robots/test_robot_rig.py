@@ -235,6 +235,10 @@ def test_the_lag_of_a_robot_is_kept_for_the_next_process(tmp_path: Path, monkeyp
     assert json.loads(file.read_text())["lag"] == found.lag
     assert "the commands lead by" not in made("lab://two")[1]
     assert kept_lag("robot") is None
+    for damaged in ("{}", '{"errors": [1, 2, 3], "lag": "long", "stiffness": 300}', "[]"):
+        file.write_text(damaged)
+        with pytest.raises(InputError, match=r"lab-one\.json"):
+            made("lab://one")
 
 
 def test_a_person_is_asked_once_all_is_known_and_before_anything_moves() -> None:

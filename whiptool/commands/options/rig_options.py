@@ -195,12 +195,9 @@ def mark_of_port(port: str) -> Path:
     """Return the file that records a fault for later calls, of the servos on a serial device or of a robot's address,
     however either is spelled.
     """
-    from platformdirs import user_state_path
+    from whiptool.rig.robots.addresses import state_file
 
-    from whiptool.rig.robots.addresses import canonical_address
-
-    name = canonical_address(port).replace("://", "-") if ADDRESS in port else Path(port).resolve().as_posix()
-    return user_state_path("whiptool") / "stopped" / (name.strip("/").replace("/", "-") + ".json")
+    return state_file("stopped", port)
 
 
 def watch_port(interlock: Interlock, port: str) -> None:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeAlias
+
+from platformdirs import user_state_path
 
 from whiptool.errors import NOTHING, InputError
 from whiptool.extras import Registry
@@ -58,6 +61,20 @@ def canonical_address(address: str) -> str:
     except (OSError, UnicodeError):  # an unknown host, or none that the network has
         host = host.lower()
     return f"{name}://{host}"
+
+
+def state_file(kind: str, port: str) -> Path:
+    """Return the file in which the user's state folder keeps something about an arm.
+
+    Args:
+        kind: Name of a folder, such as `stopped`.
+        port: Address of a robot or serial device of servos; all spellings have the same file.
+
+    Raises:
+        InputError: The address is not a name, `://` and a host.
+    """
+    name = canonical_address(port).replace("://", "-") if "://" in port else Path(port).resolve().as_posix()
+    return user_state_path("whiptool") / kind / (name.strip("/").replace("/", "-") + ".json")
 
 
 def needs_of(address: str) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_json
+from whiptool.given_files import build_from, parsing, read_json
 from whiptool.identification.servo_lag import ServoLag, fit_servo_lag
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
@@ -27,6 +27,7 @@ from whiptool.models.strike import Strike
 from whiptool.models.trajectory import Trajectory
 from whiptool.progress import note
 from whiptool.rig.cyclelog import CycleLog, Cycles, Phase
+from whiptool.rig.robots.addresses import state_file
 from whiptool.rig.robots.robot import Robot, Sample, payload_of
 from whiptool.rig.safety import State
 from whiptool.rig.session import FilmedRig
@@ -141,6 +142,7 @@ class RobotRig(FilmedRig):
         return max((-float(x[0]) for x in heights if x is not None and x[0] < 0), default=0.0)
 
     def _planned(self, arm: Robot, attempt: Attempt) -> Motion:
+        self._recall_lag(attempt.log)
         posture = arm.posture()
         trajectory = self.trajectory(attempt.strike, posture, attempt.believed)
         if self._below_floor(posture, attempt.believed):
@@ -161,7 +163,6 @@ class RobotRig(FilmedRig):
         begins = beginning(strike, trajectory, self.options.t_stay)
         about = {"strike": strike.vector.tolist(), "rate": arm.rate, "period": 1 / arm.rate, "strike_begins": begins}
         watch = _Watch(CycleLog(arm.n, log, about=about), trajectory, begins, signals.listen(), attempt.on_cycle)
-        self._recall_lag(log)
         fault: SafetyError | None = None
         self.interlock.torque = held = HELD
         try:
@@ -197,12 +198,10 @@ class RobotRig(FilmedRig):
         if not self.robot.leads or self.robot.lag is not None:
             return
         for file in [] if log is None else sorted(log.parent.parent.glob(f"strike-*/{LAG}")):
-            self.robot.lag = _lag_in(read_json(file))
+            self.robot.lag, _ = _lag_in(file)
         kept = kept_lag(self.port)
         if self.robot.lag is None and kept is not None and kept.is_file():
-            table = read_json(kept)
-            date = table.pop("date")
-            self.robot.lag, self._kept = _lag_in(table), True
+            (self.robot.lag, date), self._kept = _lag_in(kept), True
             lag = f"{1e3 * self.robot.lag.total:.1f} ms"
             note(f"the commands lead by {lag}, the lag of the joints found on {date} ({kept}; delete it to forget it)")
 
@@ -236,22 +235,19 @@ class RobotRig(FilmedRig):
 
 def kept_lag(port: str) -> Path | None:
     """Return the file that keeps the lag of a robot's joints for later runs; None: the port is no robot's address."""
-    if "://" not in port:
-        return None
-    from platformdirs import user_state_path
-
-    from whiptool.rig.robots.addresses import canonical_address
-
-    return (
-        user_state_path("whiptool")
-        / "lags"
-        / (canonical_address(port).replace("://", "-").strip("/").replace("/", "-") + ".json")
-    )
+    return state_file("lags", port) if "://" in port else None
 
 
-def _lag_in(table: dict[str, Any]) -> ServoLag:
-    values: dict[str, Any] = {name: tuple(x) if isinstance(x, list) else x for name, x in table.items()}
-    return ServoLag(**values)
+def _lag_in(file: Path) -> tuple[ServoLag, str]:
+    """Return the lag in a file, and the date on which it was found; empty: the file is of a run, and has none.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    with parsing(file, "a lag of joints"):
+        table = dict(read_json(file))
+        date = str(table.pop("date", ""))
+        return build_from(ServoLag, table, "", errors=tuple(map(float, table.pop("errors")))), date
 
 
 class _Watch:
