@@ -155,7 +155,7 @@ def choose_wiggle(
     a = belief.plant.model.arm.n
     reach = np.minimum(lower[:a], lower[a:-1]), np.maximum(upper[:a], upper[a:-1])
     striker = _striker(belief, bounds, keeps, t_stay) if keeps else None
-    slowest = np.inf
+    slowest, said = np.inf, None
     for _ in range(ROUNDS):
         q_i = rng.uniform(lower[:a], upper[:a], (candidates, a))
         q_f = np.clip(q_i + rng.uniform(-SWING, SWING, q_i.shape), *reach)
@@ -171,9 +171,13 @@ def choose_wiggle(
         gain = foreseen if np.isfinite(foreseen).any() else gain
         for best in np.argsort(-gain)[: np.isfinite(gain).sum()]:
             strike = Strike.from_vector(strikes[best])
-            if check is None or check(strike) is None:
+            refused = None if check is None else check(strike)
+            if refused is None:
                 return strike, float(gain[best])
+            said = said or refused
         slowest = min(slowest, fastest.min(where=fastest > FASTEST, initial=np.inf))
+    if said is not None:
+        raise InputError("wiggle", "no movement that may be made", "at least one", f"the best of them: {said}")
     if np.isfinite(slowest):
         given = f"movements in which the tip reaches {slowest:.1f} m/s or more"
         raise InputError("wiggle", given, f"at most {FASTEST:g} m/s", "leave it out")

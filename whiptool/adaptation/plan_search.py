@@ -280,6 +280,7 @@ class Search(ABC):
         tried: int,
         *,
         refused: str | None,
+        forbidden: str | None,
     ) -> Plan:
         """Return the plan: the chosen strike, predictions of its outcome, and the reason for the choice.
 
@@ -290,6 +291,7 @@ class Search(ABC):
             spent: Time that the planner took [s].
             tried: Number of strikes that were tried.
             refused: Why the strike must not be made; None: it may be made.
+            forbidden: Why the best aimed strike must not be made; None: it may, and is the chosen strike.
         """
         passes, near = self.each(strike[None], whips), self.mean(strike[None])
         miss, known = passes.distance[0], np.isfinite(passes.distance[0])
@@ -310,6 +312,8 @@ class Search(ABC):
             reason += f"; no faster strike was found, although {asked:g} m/s is required"
         if usage is not None:
             reason += f", using {usage:.0%} of the motors' limits"
+        if forbidden is not None and refused is None:
+            reason += f"; a random strike, to learn from, because the best aimed one must not be made: {forbidden}"
         if refused is not None:
             reason += f"; it must not be made, and none was found that may: {refused}"
         drawn = np.sort(self.error.drawn(miss, rng))

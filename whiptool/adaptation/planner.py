@@ -298,10 +298,11 @@ def plan(
             break
     strike = first if chosen is None else chosen
     assert strike is not None
-    refused = search.refusal(strike)
-    if refused is not None:
+    forbidden, safe = search.refusal(strike), None
+    if forbidden is not None:
         safe, number = search.safe(rng, effort, whips)
         tried += number
-        strike, refused = (strike, refused) if safe is None else (safe, None)
+        strike = strike if safe is None else safe
+    refused = forbidden if safe is None else None
     fresh = belief.sample(rng, JUDGED)  # the strike was chosen for the others, and does better there
-    return search.report(strike, fresh, rng, time.perf_counter() - began, tried, refused=refused)
+    return search.report(strike, fresh, rng, time.perf_counter() - began, tried, refused=refused, forbidden=forbidden)

@@ -472,13 +472,15 @@ def resolved(options: IdentifyOptions) -> IdentifyOptions:
     if options.drive == "free":
         return options
     if not options.given("model"):
-        found = [x for x in map(model_of_run, options.recordings) if x]
-        if found and all(x == found[0] for x in found):
-            of_run = dataclasses.replace(options, **{name: _as_option(x) for name, x in found[0].items()})
-            if model_to_table(of_run.find_model()) != model_to_table(options.find_model()):
-                words = " --mount ".join(map(_words, found[0].values()))
-                note(f"the model is that of the recording's run: --model {words}")
-                options = of_run
+        found = [x for x in map(model_of_run, (*options.recordings, *(options.held_out or ()))) if x]
+        of_runs = [dataclasses.replace(options, **{k: _as_option(v) for k, v in x.items()}) for x in found]
+        tables = [model_to_table(one.find_model()) for one in of_runs]
+        if any(table != tables[0] for table in tables):
+            raise InputError("--model", "recordings of runs with different models", "one model, given with --model")
+        if tables and tables[0] != model_to_table(options.find_model()):
+            words = " --mount ".join(map(_words, found[0].values()))
+            note(f"the model is that of the recording's run: --model {words}")
+            options = of_runs[0]
     return _with_parameters(options)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -82,6 +82,10 @@ class RecordingFit:
         if self.spread is None:
             raise InputError("recording", self.source, "a held-out recording, whose readings were predicted")
         return half_width(level, self.freedom) * self.spread
+
+    def half_width(self, level: float) -> float:
+        """Return the root mean square of `half_widths` as lengths [m] or angles [rad], without those of depth."""
+        return root_mean_square([replace(self, residuals=self.half_widths(level))]) or 0.0
 
     def coverage(self, level: float) -> float:
         """Return the share of the readings that lie within their predictive intervals of this level."""

@@ -332,7 +332,7 @@ def _recording_table(recording: StrikeRecording, found: RecordingFit, held_out: 
         else {
             "coverage_50": found.coverage(0.5),
             "coverage_90": found.coverage(0.9),
-            "half_width_90": float(np.sqrt(np.mean(found.half_widths(0.9) ** 2))),
+            "half_width_90": found.half_width(0.9),
         },
         "similarity": None if alike is None else {k: _plain(x) for k, x in dataclasses.asdict(alike).items()},
     }
