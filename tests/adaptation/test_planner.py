@@ -336,7 +336,12 @@ def test_where_no_aimed_strike_may_be_made_a_random_one_is():
     assert check(Strike.from_vector(found.strike)) is None
     assert "must not be made" not in found.reason
     asked: list[Strike] = []
-    spared = planned(0.02, check=lambda strike: asked.append(strike) or ("no" if len(asked) <= planner.CHECKED else None))
+
+    def reluctant(strike: Strike) -> str | None:
+        asked.append(strike)
+        return "no" if len(asked) <= planner.CHECKED else None
+
+    spared = planned(0.02, check=reluctant)
     assert spared.allowed
     assert spared.reason.endswith("a random strike, to learn from, because the best aimed one must not be made: no")
 

@@ -10,7 +10,7 @@ import pytest
 from command_line import assert_one_line, called
 from recordings import T, full, images, places, plain_rows, same, times, write_rows, write_video
 
-from whiptool.recording.readers import read_recording
+from whiptool.recording.readers import open_any, read_recording
 from whiptool.recording.strike_recording import StrikeRecording
 
 
@@ -93,6 +93,25 @@ def test_what_is_converted_reads_back_the_same(tmp_path, changes):
     assert done.returncode == 0, done.stderr
     assert "b.csv" in json.loads(done.stdout)["written"]
     same(recording, read_recording(tmp_path / "b.csv"), but=("source", "sha256"))
+
+
+def test_no_file_is_overwritten_nor_given_the_sidecar_of_another(tmp_path):
+    full().save(tmp_path / "a.npz")
+    (tmp_path / "a.toml").write_text('units = "mm"')
+    assert_one_line(called("recording", "convert", "a.npz", "a.csv", cwd=tmp_path), "another name than a")
+    assert called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path).returncode == 0
+    assert_one_line(called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path), "b.csv, b.toml")
+    assert (tmp_path / "a.toml").read_text() == 'units = "mm"'
+
+
+def test_a_log_reads_back_the_same(tmp_path):
+    rows = "".join(f"{k / 100},{k / 10},{k / 20}\n" for k in range(40))
+    (tmp_path / "log.csv").write_text(f"t,position_one [deg],position_two [deg]\n{rows}")
+    done = called("recording", "convert", "log.csv", "new.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    log = open_any(str(tmp_path / "new.csv")).joints
+    assert log.names == ("one", "two")
+    np.testing.assert_allclose(log.q, np.deg2rad([[k / 10, k / 20] for k in range(40)]), atol=1e-15)
 
 
 def test_angles_of_links_are_converted_too(tmp_path):

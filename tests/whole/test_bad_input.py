@@ -60,7 +60,7 @@ NEEDS = {
     "servos": "--port /dev/nowhere",
     "identify": "good.npz",
     "recording-show": "good.npz",
-    "recording-convert": "good.npz good.csv",
+    "recording-convert": "good.npz new.csv",
     "view": "of-simulate",
     "map-strike": "of-simulate",
     "adapt-next": "--run of-simulate",
@@ -650,8 +650,9 @@ recording-show garbage.csv | garbage.csv
 recording-show good.npz good.npz | once
 recording-convert good.npz | OUT.csv
 recording-convert good.npz good.npz | OUT.csv
-recording-convert absent.csv good.csv | absent.csv
-recording-convert garbage.db3 good.csv | garbage.db3
+recording-convert absent.csv new.csv | absent.csv
+recording-convert garbage.db3 new.csv | garbage.db3
+recording-convert good.npz good.csv | another name
 strike --strike 1 2 | strike
 strike --strike 0 0 0 0 0 0 1 | 5 numbers
 strike --strike nan 0 0 0 1 | a vector of finite numbers

@@ -18,10 +18,12 @@ from whiptool.errors import InputError
 from whiptool.recording.finding import DOUBTFUL, Finding
 
 if TYPE_CHECKING:
+    from whiptool.recording.readers.joint_log import JointLog, Logs
     from whiptool.recording.strike_recording import StrikeRecording
     from whiptool.recording.understood import Understood
 
 _WIDTH, _TOPIC, _CERTAINTY = 100, 11, 9  # [characters] of a line, and of its first two columns
+_WRITTEN = (".csv", ".toml", ".joints.csv", ".hand.csv", ".cameras.toml")  # endings of what `convert` may write
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +72,13 @@ class ConvertOptions(JsonOptions):
         if self.out.suffix != ".csv":
             raise InputError("OUT.csv", str(self.out), "a file that ends in .csv")
         check_place("OUT.csv", self.out)
-        if self.out.exists() and self.out.samefile(self.file):
-            raise InputError("OUT.csv", str(self.out), "another file than the recording")
+        stem = self.out.with_suffix("")
+        if stem.absolute() == Path(self.file).absolute().with_suffix(""):
+            rule = f"another name than {stem.name}, whose sidecar {stem.name}.toml belongs to the recording"
+            raise InputError("OUT.csv", str(self.out), rule)
+        there = [str(file) for ending in _WRITTEN if (file := self.out.with_suffix(ending)).exists()]
+        if there:
+            raise InputError("OUT.csv", str(self.out), f"a name for which {', '.join(there)} does not exist yet")
 
     def needs(self) -> tuple[str, ...]:
         from whiptool.recording.readers import needed_for, split_episode
@@ -80,15 +87,18 @@ class ConvertOptions(JsonOptions):
 
 
 def _show(options: ShowOptions) -> int:
+    from whiptool.identification.inputs import camera_options
     from whiptool.models.files import load_model
     from whiptool.recording.compared import compared
     from whiptool.recording.picture import draw
     from whiptool.recording.understood import understand
 
     run_folders.check_matplotlib()
-    given = {} if options.cameras is None else {"cameras": options.cameras}
     arm = None if options.model is None else load_model(options.model).arm
-    found = compared([understand(file, **given) for file in options.files], arm)
+    cameras = [camera_options(file, options.cameras) for file in options.files]
+    if options.cameras is not None and not any(cameras):
+        raise InputError("--cameras", str(options.cameras), "only with recordings in pixels")
+    found = compared([understand(file, **given) for file, given in zip(options.files, cameras, strict=True)], arm)
     draw(found, options.out)
     summary = {"files": [one.table for one in found], "picture": str(options.out)}
     options.tell(summary, "\n\n".join([*map(_described, found), f"drawn in {options.out}"]))
@@ -120,6 +130,7 @@ def _convert(options: ConvertOptions) -> int:
         raise InputError("FILE", options.file, "tracks or a log", "images have no tracks yet: identify tracks the tip")
     if isinstance(found, Logs):
         written = write_logs(found, options.out)
+        _check_logs(found, written)
     else:
         written = write_csv(found, options.out)
         _check_read_back(found, written)
@@ -144,6 +155,26 @@ def _check_read_back(recording: StrikeRecording, written: list[Path]) -> None:
         raise InputError("FILE", recording.called, cause, "keep it as NPZ: StrikeRecording.save")
 
 
+def _check_logs(logs: Logs, written: list[Path]) -> None:
+    """Remove the files of logs whose joints or poses do not read back the same."""
+    from whiptool.recording.readers import open_any
+    from whiptool.recording.readers.joint_log import Logs
+
+    again = [one for one in (open_any(str(path)) for path in written) if isinstance(one, Logs)]
+    for log, found in ((logs.joints, [x.joints for x in again]), (logs.hand, [x.hand for x in again])):
+        if log is None or any(_same_log(log, other) for other in found if other is not None):
+            continue
+        for path in written:
+            path.unlink()
+        raise InputError("FILE", ", ".join(log.names), "names of joints that columns of a CSV file can have")
+
+
+def _same_log(a: JointLog, b: JointLog) -> bool:
+    """Whether two logs have the same times, names and values, the first's in degrees or radians."""
+    values = np.deg2rad(a.q) if a.unit == "deg" else a.q
+    return a.names == b.names and np.array_equal(a.t, b.t) and np.array_equal(values, b.q)
+
+
 def _same(a: StrikeRecording, b: StrikeRecording, name: str) -> bool:
     """Whether a field is the same, or is not of the recording itself."""
     from whiptool.recording.camera import Camera
@@ -164,7 +195,7 @@ _SHOWN = (
 )
 _CONVERTED = (
     "Write a recording, or a robot's log, as CSV that reads back the same. "
-    "Example: python -m whiptool.recording convert take1.c3d take1.csv"
+    "Example: python -m whiptool.recording convert take1.c3d swing1.csv"
 )
 _MAINS = {
     "show": (_SHOWN, cli.command(ShowOptions, "recording show", _SHOWN, _show)),

@@ -273,13 +273,19 @@ def opened(path: str, *, handle: bool = False, cameras: Path | None = None) -> S
     form = READERS[find_format(file)]
     if handle and form.tracks is None and form.video is not None:
         raise _handle_filmed(path)
-    filmed = cameras is not None and (in_pixels(path) or form.tracks is None)
-    found = open_any(path, **({"cameras": cameras} if filmed else {}))
+    found = open_any(path, **camera_options(path, cameras))
     if isinstance(found, Logs):
         raise log_alone(path)
     if handle and isinstance(found, VideoSource):
         raise _handle_filmed(path)
     return found
+
+
+def camera_options(path: str, cameras: Path | str | None) -> dict[str, Any]:
+    """Return the option of a recording's reader for a file of cameras; empty where the recording is not in pixels."""
+    form = READERS[find_format(split_episode(path)[0])]
+    filmed = in_pixels(path) or (form.tracks is None and form.video is not None)
+    return {"cameras": cameras} if cameras is not None and filmed else {}
 
 
 def _handle_filmed(path: str) -> InputError:

@@ -20,7 +20,7 @@ from whiptool.recording.logs import order_of
 from whiptool.recording.readers.joint_log import JointLog, Logs
 from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.recording.understood import Understood
+from whiptool.recording.understood import TABLES, Understood
 
 SURE = 3.0  # standard errors from which a difference is one
 CLOCK_OFF = 1e-3  # [s] of an offset that matters
@@ -114,7 +114,7 @@ def _with_logs(
         if "handle" not in one.found.markers:
             yield from _by_beginning(one.found, path, called, key, start)
             continue
-        found = align(marker_path(one.found, "handle"), path)
+        found = align(marker_path(one.found.upright("z"), "handle"), path)
         if found is None:
             reason = "the speeds of the marker handle and of the hand do not agree at any offset"
             fix = "are these records of one motion, and is handle the hand?"
@@ -154,10 +154,12 @@ def _frame(found: Alignment, called: str, one: Understood, places: np.ndarray) -
     """Yield scale, axes and origin of the tracks in the frame of the hand."""
     scale, error = found.scale, found.errors["scale"]
     unit = min(UNITS, key=lambda name: abs(math.log(scale * UNITS[name])))
-    right = unit == "m"
+    right = unit == "m"  # the places are in metres now, from whichever unit was taken
     off = abs(scale * UNITS[unit] - 1)
     value = f"places of the tracks are {scale:.4g} +- {error:.1g} times those of the {called}"
-    fix = "" if right else f'say units = "{unit}" in the sidecar'
+    plain = one.format in TABLES and "units" not in one.said
+    fix = f'say units = "{unit}" in the sidecar' if plain else "another unit was taken than the file has: change units"
+    fix = "" if right else fix
     certain = MEASURED if right and off < max(0.02, SURE * error) else DOUBTFUL
     yield Finding("scale", value, certain, "", fix, {"scale": scale, "error": error, "units": unit})
     line = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
@@ -178,7 +180,7 @@ def _axes(found: Alignment, called: str, one: Understood) -> Iterator[Finding]:
     whole = float(np.linalg.norm(Rotation.from_matrix(R).as_rotvec()))
     error = found.errors["rotation"]
     names = [("-" if row.min() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in nearest]
-    stated = "axes" in one.said
+    own = one.format in TABLES  # other readers turn and convert what the file has
     numbers: dict[str, Any] = {"rotation": R.tolist(), "error": error}
     reason = f"by the same paths; +- {math.degrees(error):.1g} deg"
     if whole <= max(SURE * error, TURNED):
@@ -187,7 +189,9 @@ def _axes(found: Alignment, called: str, one: Understood) -> Iterator[Finding]:
     elif left < NEAR and not np.array_equal(nearest, np.eye(3)):
         value = f"{', '.join(names)} are the base's x, y, z, within {math.degrees(left):.1f} deg"
         listed = ", ".join(f'"{name}"' for name in names)
-        fix = "change axes in the sidecar" if stated else f"say axes = [{listed}] in the sidecar, for a model in space"
+        fix = f"say axes = [{listed}] in the sidecar, for a model in space"
+        if not own or "axes" in one.said:
+            fix = "change axes or up in the sidecar"
         yield Finding("frame", value, DOUBTFUL, reason, fix, numbers | {"axes": names})
     else:
         value = f"turned by {math.degrees(whole):.1f} deg against those of the base"
@@ -202,8 +206,8 @@ def _axes(found: Alignment, called: str, one: Understood) -> Iterator[Finding]:
     if wrong:
         unit = UNITS[str(one.said.get("units", "m"))]
         listed = ", ".join(f"{(x / unit):.4g}" for x in found.shift)
-        add = ", added to that which is stated," if "origin" in one.said else ""
-        fix = "change origin in the sidecar" if stated else f"say origin = [{listed}]{add} in the sidecar"
+        plain = own and not {"axes", "origin"} & set(one.said)
+        fix = f"say origin = [{listed}] in the sidecar" if plain else "change origin in the sidecar, in the file's axes"
     reason = f"where the marker may be up to {LEVER_PRIOR:g} m from the hand"
     numbers = {"origin": found.shift.tolist(), "error": error}
     yield Finding("origin", value, DOUBTFUL if wrong else MEASURED, reason, fix, numbers)

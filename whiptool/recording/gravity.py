@@ -202,12 +202,12 @@ def swing_length(recording: StrikeRecording) -> tuple[float, float] | None:
     return G / float(rates[best]) ** 2, length
 
 
-def gravity_findings(recording: StrikeRecording, units: str = "m") -> Iterator[Finding]:
+def gravity_findings(recording: StrikeRecording, units: str | None = "m") -> Iterator[Finding]:
     """Yield what gravity says of axes and units, and how certain it is.
 
     Args:
         recording: Recording whose places were converted to metres.
-        units: Unit from which they were converted.
+        units: Unit from which they were converted; None: one that the reader knows.
     """
     yield from _of_hanging(recording)
     fall = falling(recording)
@@ -264,7 +264,7 @@ def _axes(up: str, d: int) -> str:
     return f'axes = ["{forward}", "{"-" if left[i] < 0 else ""}{"xyz"[i]}", "{up}"] (for a model in space)'
 
 
-def _of_fall(fall: Fall, units: str) -> Iterator[Finding]:
+def _of_fall(fall: Fall, units: str | None) -> Iterator[Finding]:
     """Yield the vertical and the unit of a marker that falls."""
     value = f"{fall.marker} falls with {fall.size:.4g} +- {fall.error:.2g} m/s^2"
     reason = f"from {fall.span[0]:.2f} to {fall.span[1]:.2f} s its acceleration is even"
@@ -276,8 +276,14 @@ def _of_fall(fall: Fall, units: str) -> Iterator[Finding]:
     yield Finding("up", f"{up} is up, against the fall", DOUBTFUL if fix else MEASURED, reason, fix)
 
 
-def _unit(ratio: float, units: str, value: str, reason: str) -> Finding:
+def _unit(ratio: float, units: str | None, value: str, reason: str) -> Finding:
     """What gravity says of a unit by which sizes are `ratio` times what they should be."""
+    if units is None:
+        if 1 / FACTOR < ratio < FACTOR:
+            return Finding("units", f"the unit agrees with gravity: {value}", MEASURED, reason)
+        fix = "the unit of the file was taken wrongly: state units in the sidecar"
+        value = f"places are {ratio:.3g} times as far apart as they are: {value}"
+        return Finding("units", value, DOUBTFUL, reason, fix)
     found = min(UNITS, key=lambda name: abs(math.log(ratio * UNITS[name] / UNITS[units])))
     left = ratio * UNITS[found] / UNITS[units]
     if not 1 / FACTOR < left < FACTOR:

@@ -164,6 +164,14 @@ def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) ->
     return [f"{name}: {holes} where about {missing} samples are missing, {where}"]
 
 
+class ClocksApart(InputError):
+    """Times of a log and of the frames that do not overlap."""
+
+    def renamed(self, name: str, fix: str = "") -> InputError:
+        """Return the same error under another name, see `InputError.renamed`."""
+        return ClocksApart(name, self.given, self.allowed, self.fix or fix)
+
+
 def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float, float] | None) -> None:
     """Refuse frames, logs and command that do not overlap in time.
 
@@ -173,7 +181,8 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
         command: Start and end of the strike, if it is known [s].
 
     Raises:
-        InputError: The times do not overlap; the message names likely errors of the clocks.
+        ClocksApart: A log and the frames do not overlap.
+        InputError: The frames and the strike do not; each message names likely errors of the clocks.
     """
     if command is not None and not (t[0] <= command[1] + LEAD and t[-1] >= command[0] - LEAD):
         cause = (
@@ -188,7 +197,7 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
             continue
         cause = f"do the clocks differ? Give when the command began by each: keys start and {name}_start of the sidecar"
         given = f"from {times[0]:.6g} to {times[-1]:.6g} s"
-        raise InputError(f"{name}_t", given, f"times of the frames, {t[0]:.6g} to {t[-1]:.6g} s", cause)
+        raise ClocksApart(f"{name}_t", given, f"times of the frames, {t[0]:.6g} to {t[-1]:.6g} s", cause)
 
 
 def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:

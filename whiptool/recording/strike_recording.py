@@ -310,7 +310,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         self.check_coordinates(model.dimension)
         if self.strike is not None and len(self.strike.q_i) == model.arm.n:
             check_turns(f"{self.called}: strike", self.strike.vector[:-1], model.arm)
-        return self._upright(UP_IN[model.dimension]).ordered(model.arm.joints)
+        return self.upright(UP_IN[model.dimension]).ordered(model.arm.joints)
 
     def check_coordinates(self, d: int) -> None:
         """Refuse angles, and positions with fewer coordinates than `d`; pixels of a camera are accepted.
@@ -326,7 +326,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
             fix = "record motion capture or two cameras, or take a model in the plane"
             raise InputError(f"{self.called}: points", "2 coordinates, in a plane", rule, fix)
 
-    def _upright(self, up: str) -> StrikeRecording:
+    def upright(self, up: str) -> StrikeRecording:
         """The same recording, turned about the axis that points forward so that another one points up."""
         if not self.up or self.up == up or self.points.shape[2] != 3:
             return self

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
 from whiptool.recording.gravity import gravity_findings
 from whiptool.recording.labels import check_labels
-from whiptool.recording.logs import HOLE, gaps, told_of_spans
+from whiptool.recording.logs import HOLE, ClocksApart, gaps, told_of_spans
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_any, split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
 from whiptool.recording.readers.sidecar import Sidecar
@@ -26,6 +25,7 @@ EXACT = 1e-8  # [s] below which stamps are those of an even clock
 KNOWN = ("tip", "handle", "shoulder", "elbow")  # markers that a fit predicts, besides node1, node2, ...
 NOT_STATED = "the file does not"  # in a note of a reader on what it assumed
 _IN_METRES = ("npz",)  # formats of whiptool, whose units and axes are fixed
+TABLES = (*_IN_METRES, "csv")  # whose places are taken as they are, unless a sidecar says otherwise
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,8 @@ def understand(path: str, **options: Any) -> Understood:
     apart = None
     try:
         found = open_any(path, **options)
-    except InputError as error:
-        if not error.name.endswith(("joints_t", "hand_t")):
-            raise
-        found = open_any(path, **options, joints=False, hand=False)  # whose clocks are to be found
+    except ClocksApart as error:
+        found = open_any(path, **{**options, "joints": False, "hand": False})  # whose clocks are to be found
         apart = _logs_apart(Path(file), said)
         reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
         findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
@@ -136,7 +134,7 @@ def _of_tracks(recording: StrikeRecording, form: str, said: dict[str, Any]) -> I
     yield _markers(recording)
     yield from _missing(recording)
     yield from _frame(recording, form, said, notes)
-    yield from gravity_findings(recording, str(said.get("units", "m")))
+    yield from gravity_findings(recording, said.get("units", "m" if form in TABLES else None))
     yield from _labels(recording)
     sigma = recording.sigma[recording.seen]
     unit = "pixels" if recording.view is not None else "rad" if recording.angular else "m"

@@ -43,6 +43,11 @@ def test_a_project_of_sleap_counts_what_was_corrected(motion, tmp_path):
     found = read_recording(tmp_path / "a.slp", **PLANE, fps=100)
     shift = (found.points[10] - motion.places[10] / 1e3) / 1e-3
     np.testing.assert_allclose(shift, [[5, -5], [5, -5]], atol=1e-9)
+    sio.save_analysis_h5(labels, str(tmp_path / "a.analysis.h5"))  # a point that a person placed has no score
+    for options in ({}, {"likelihood": 0.5}):
+        again = read_recording(tmp_path / "a.analysis.h5", **PLANE, fps=100, **options)
+        np.testing.assert_allclose(again.points[10], found.points[10], atol=1e-9)
+    assert not read_recording(tmp_path / "a.analysis.h5", **PLANE, fps=100, likelihood=0.95).seen[9].any()
     frame.instances[-1].track = None
     frame.instances.append(sio.PredictedInstance.from_numpy(points, labels.skeleton, track=labels.tracks[0], score=1.0))
     sio.save_slp(labels, str(tmp_path / "b.slp"))

@@ -167,6 +167,8 @@ def _parts(message: Any, kind: str, index: int, place: str) -> tuple[Any, Any]:
 
 
 def _quaternion(q: Any) -> tuple[float, float, float, float]:
+    if q.x == q.y == q.z == q.w == 0:
+        raise InputError("orientation", "0, 0, 0, 0", "a quaternion in every message")
     return q.x, q.y, q.z, q.w
 
 

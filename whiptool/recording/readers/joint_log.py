@@ -112,10 +112,21 @@ def read_csv_logs(path: Path) -> Logs:
     names, _ = read_columns(path)
     posed = set(POSE) <= set(names)
     jointed = any(layout.columns(names) for layout in LAYOUTS) or any(Column.of(x).kind == POSITION for x in names)
-    hand = read_joint_log(path, list(POSE)) if posed else None
-    if hand is not None:
-        hand = replace(hand, notes=tuple(note.replace("joints:", "hand:") for note in hand.notes))
+    hand = read_poses(path) if posed else None
     return Logs(read_joint_log(path) if jointed or not posed else None, hand)
+
+
+def read_poses(path: Path) -> JointLog:
+    """Read a log of the hand's poses from a CSV file with the columns `POSE`: `q` (S, 7) has places [m] and quaternions
+    (x, y, z, w).
+
+    Raises:
+        InputError: See `read_joint_log`; or a quaternion is 0.
+    """
+    log = read_joint_log(path, list(POSE))
+    if not np.linalg.norm(log.q[:, 3:], axis=1).all():
+        raise InputError(f"{path}: {', '.join(POSE[3:])}", "0, 0, 0, 0", "a quaternion in every row")
+    return replace(log, notes=tuple(note.replace("joints:", "hand:") for note in log.notes))
 
 
 def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None = None) -> JointLog:

@@ -91,7 +91,7 @@ def recorded(path: Path, options: dict[str, Any], read: dict[str, np.ndarray]) -
         found = Poses(WHAT, points, parts, scores, stamps=t, of=str(clock))
         return poses.recorded(path, side, found)
     if scores is not None and "likelihood" in side.table:
-        points = np.where((scores >= side.number("likelihood", 0.0, low=0.0))[..., None], points, np.nan)
+        points = np.where((scores < side.number("likelihood", 0.0, low=0.0))[..., None], np.nan, points)
     capture = Capture(
         what=WHAT,
         t=t,

@@ -37,7 +37,7 @@ class Poses:
         pixels: Pixels (u to the right, v down) of the body parts, NaN where missing, (T, M, 2).
         parts: Names of the body parts, (M,).
         likelihood: Likelihood or score of each point, (T, M); None: the file has none.
-        usual: Likelihood below which a point is missing if the sidecar does not say.
+        usual: Likelihood below which a point is missing if the sidecar does not say; None: none is.
         numbers: Numbers of the frames, (T,); None: from 0 on.
         stamps: Time stamps in the file [s], (T,); None: it has none.
         of: Source of the stamps.
@@ -48,7 +48,7 @@ class Poses:
     pixels: np.ndarray
     parts: Sequence[str]
     likelihood: np.ndarray | None = None
-    usual: float = 0.0
+    usual: float | None = None
     numbers: np.ndarray | None = None
     stamps: np.ndarray | None = None
     of: str = ""
@@ -73,9 +73,9 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
             raise InputError("markers", part, "one of the body parts " + ", ".join(parts)[:300])
     which = [parts.index(part) for part in names.values()]
     pixels, notes = poses.pixels[:, which].copy(), list(poses.notes)
-    if poses.likelihood is not None:
-        least = side.number("likelihood", poses.usual, low=0.0, high=HIGH)
-        unlikely = ~(poses.likelihood[:, which] >= least) & np.isfinite(pixels).all(axis=2)
+    if poses.likelihood is not None and (poses.usual is not None or "likelihood" in side.table):
+        least = side.number("likelihood", poses.usual or 0.0, low=0.0, high=HIGH)
+        unlikely = (poses.likelihood[:, which] < least) & np.isfinite(pixels).all(axis=2)
         pixels[unlikely] = np.nan
         if count := int(unlikely.sum()):
             notes.append(f"{counted(count, 'point')} with a likelihood below {least:g} taken as missing")

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from whiptool.errors import InputError
-from whiptool.models.joint_trajectory import POSE
 from whiptool.recording.readers.bag_files import is_bag
 from whiptool.recording.readers.bag_logs import bag_hand, bag_joints
-from whiptool.recording.readers.joint_log import JointLog, read_joint_log
+from whiptool.recording.readers.joint_log import JointLog, read_joint_log, read_poses
 from whiptool.recording.readers.lerobot_dataset import STATE, joints_of, lerobot_episode
 
 
@@ -58,8 +56,7 @@ def read_hand(path: Path, topic: str | None = None, frames: Sequence[str] | None
     if is_bag(path, b""):
         return bag_hand(path, topic, frames)
     _no_topic(topic or frames, path)
-    log = read_joint_log(path, list(POSE))
-    return replace(log, notes=tuple(note.replace("joints:", "hand:") for note in log.notes))
+    return read_poses(path)
 
 
 def _no_topic(given: object, path: Path) -> None:

@@ -35,7 +35,7 @@ from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera, write_cameras
 from whiptool.recording.logs import TIME, Column
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.joint_log import PREFIX, Logs, reads_back
-from whiptool.recording.readers.sidecar import ANGLES, SPACE, UNITS, VIEW, Sidecar
+from whiptool.recording.readers.sidecar import SPACE, UNITS, VIEW, Sidecar
 from whiptool.recording.readers.table import (
     AXES,
     read_columns,
@@ -232,8 +232,6 @@ def write_logs(logs: Logs, path: Path | str) -> list[Path]:
     path, joints, hand = Path(path), logs.joints, logs.hand
     files: list[tuple[Path, list[str], np.ndarray]] = []
     if joints is not None:
-        if joints.unit not in ("", *ANGLES[:2]):
-            raise InputError("joints", joints.unit, "angles in rad or deg", "state joint_units and joint_ranges")
         q = np.deg2rad(joints.q) if joints.unit == "deg" else joints.q
         named = [PREFIX + name for name in joints.names] or [f"q_{i + 1}" for i in range(q.shape[1])]
         files.append((path, ["t", *named], np.column_stack([joints.t, q])))
