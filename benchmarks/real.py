@@ -41,12 +41,13 @@ from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.identification.drives import pieces as cut
 from whiptool.identification.fit import FitOptions, fit
-from whiptool.identification.inputs import each_episode, opened, read_marker, tracked
+from whiptool.identification.inputs import common_controller, each_episode, opened, read_marker, tracked
 from whiptool.identification.plant import BareArm, Plant, read_bare_arm
 from whiptool.identification.results import Fit, RecordingFit
 from whiptool.identification.variables import names_of
 from whiptool.impedance import Controller
 from whiptool.models import read_model
+from whiptool.models.numbers import number
 from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
@@ -56,6 +57,7 @@ OTHER_STARTS = 2  # drawn, from which the classes of the first fit are judged ag
 FOLDS = 3  # every third recording is held out in turn
 KEYS = ("recordings", "held_out", "each", "model", "drive", "free", "pieces", "knots", "per_recording", "starts",
         "horizons")  # fmt: skip
+LISTS = ("recordings", "held_out", "free", "pieces", "per_recording", "horizons")
 
 
 @dataclass(frozen=True)
@@ -201,6 +203,9 @@ def user_recordings(folder: Path) -> Given:
     for key in ("recordings", "model", "free"):
         if key not in table:
             raise InputError(f"{file}: {key}", "nothing", "a value", f"keys are {', '.join(KEYS)}")
+    for key in LISTS:
+        if not isinstance(table.get(key, []), list):
+            raise InputError(f"{file}: {key}", table[key], "a list")
     drive = table.get("drive", "command")
     names = each_episode([str(folder / x) for x in table["recordings"]])
     recordings = [tracked(opened(x, handle=drive == "handle"), name=x, tip=read_marker(None))[0] for x in names]
@@ -210,27 +215,29 @@ def user_recordings(folder: Path) -> Given:
     else:
         model = read_model(folder / table["model"])
         recordings = [r.for_model(model) for r in recordings]
-        plant = Plant(model, Controller() if drive == "command" else None)
+        plant = Plant(model, (common_controller(recordings) or Controller()) if drive == "command" else None)
     free = tuple(full for x in table["free"] for full in (names_of(x, plant.values()) or [x]))
     kept = {key: table[key] for key in ("knots", "starts") if key in table}
     options = FitOptions(
         drive=drive, per_recording=tuple(table.get("per_recording", ())), pieces=tuple(table.get("pieces", ())), **kept
     )
-    horizons = tuple(map(float, table.get("horizons", HORIZONS)))
+    horizons = tuple(number(f"{file}: horizons", x, low=0, strict=True) for x in table.get("horizons", HORIZONS))
     return Given(folder.name, recordings, [held], plant, free, options, horizons)
 
 
 def held_out(table: dict[str, Any], names: list[str], file: Path) -> list[int]:
     """Numbers of the recordings that a `real.toml` holds out."""
     if "each" in table:
-        return list(range(int(table["each"]) - 1, len(names), int(table["each"])))
+        if table["each"] not in range(2, len(names) + 1):
+            raise InputError(f"{file}: each", table["each"], f"a whole number from 2 to {len(names)}")
+        return list(range(table["each"] - 1, len(names), table["each"]))
     found = []
     for x in table.get("held_out", [len(names) - 1]):
         match = [i for i, name in enumerate(names) if i == x or (isinstance(x, str) and name.endswith(x))]
         if len(match) != 1:
             raise InputError(f"{file}: held_out", x, f"numbers from 0 to {len(names) - 1} or names of recordings")
         found += match
-    if len(found) == len(names):
+    if not 0 < len(set(found)) < len(names):
         raise InputError(f"{file}: held_out", found, "some of the recordings, so that others are fitted")
     return found
 
@@ -310,7 +317,12 @@ def main() -> None:
     with contextlib.redirect_stdout(sys.stderr):
         try:
             for folder in arguments.folders:
-                found |= studies(folder, quick=arguments.quick)
+                new = studies(folder, quick=arguments.quick)
+                if both := found.keys() & new.keys():
+                    raise InputError(
+                        "FOLDER", str(folder), f"other names of studies than {', '.join(both)}, given before"
+                    )
+                found |= new
         except InputError as error:
             parser.error(str(error))
         if arguments.ropes:

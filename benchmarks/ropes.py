@@ -86,13 +86,7 @@ def hand_path(rng: np.random.Generator) -> CubicHermiteSpline:
 def rope(number: int) -> Rope:
     """Simulate one of the ropes."""
     rng = np.random.default_rng(number)
-    stiffness = rng.uniform(0.005, 0.03)
-    profile = WhipProfile(
-        length=rng.uniform(0.7, 1.0),
-        linear_density=rng.uniform(0.04, 0.1),
-        bending_stiffness=stiffness,
-        bending_damping=stiffness * rng.uniform(0.02, 0.06),
-    )
+    profile = drawn_profile(rng)
     hands = [hand_path(rng) for _ in range(HELD_OUT + 1)]
     paths = CosseratWhip(profile, elements=ELEMENTS, wave_speed=300.0, radius=0.008).swing(hands, rate=1000.0)
     assert paths.nodes is not None
@@ -203,7 +197,9 @@ def dismech(rope: Rope, *, iterations: int = 25) -> Found | None:
         outer["WARP_CACHE_PATH"] = str(python.parents[1] / "warp")
         done = subprocess.run([python, script, *files], capture_output=True, text=True, env=outer, check=False)
         if done.returncode:
-            return {"failed": done.stderr.strip().splitlines()[-1]}
+            reason = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+            print(f"dismech-newton failed: {reason}", file=sys.stderr)
+            return {"failed": reason}
         found = np.load(files[1])
         predicted = found["predicted"][:, 0]
         values, seconds = found["values"].tolist(), float(found["seconds"])
@@ -216,11 +212,11 @@ PEERS: dict[str, Callable[[Rope], Found | None]] = {
 
 
 def kept(file: Path | None, make: Callable[[], Any]) -> Any:
-    """What a file holds, or what is made and then written there."""
+    """What a file holds, or what is made and then written there; a fit that failed is tried again the next time."""
     if file is not None and file.exists():
         return json.loads(file.read_text())
     made = make()
-    if file is not None:
+    if file is not None and made and "error" in made:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, json.dumps(made))
     return made
@@ -236,13 +232,15 @@ def study(count: int, folder: Path | None, peers: tuple[str, ...] = tuple(PEERS)
             file = folder / f"rope{number}-{name}.json" if folder else None
             row[name] = kept(file, lambda name=name, simulated=simulated: PEERS[name](simulated()))
         rows.append(row)
-    truth = [[r.bending_stiffness, r.bending_damping] for r in map(true_profile, range(count))]
+    truth = [
+        [r.bending_stiffness, r.bending_damping]
+        for r in (drawn_profile(np.random.default_rng(number)) for number in range(count))
+    ]
     return {"rows": rows, "truth": truth, "summary": {name: summary(rows, truth, name) for name in peers}}
 
 
-def true_profile(number: int) -> WhipProfile:
-    """The numbers of a rope, without its simulation."""
-    rng = np.random.default_rng(number)
+def drawn_profile(rng: np.random.Generator) -> WhipProfile:
+    """The first numbers that a rope's generator draws: the rope itself."""
     stiffness = rng.uniform(0.005, 0.03)
     length, density, ratio = rng.uniform(0.7, 1.0), rng.uniform(0.04, 0.1), rng.uniform(0.02, 0.06)
     return WhipProfile(length, density, stiffness, stiffness * ratio)
