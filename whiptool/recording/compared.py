@@ -17,6 +17,7 @@ from whiptool.models.parameters import AnyArm
 from whiptool.recording.alignment import LEVER_PRIOR, RATE_PRIOR, WINDOW, Alignment, Path, align, speeds
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, Finding
 from whiptool.recording.logs import order_of
+from whiptool.recording.readers import split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
 from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import StrikeRecording
@@ -59,7 +60,8 @@ def compared(files: Sequence[Understood], arm: AnyArm | None = None) -> list[Und
 
 def _named(one: Understood, file: str) -> bool:
     """Whether the sidecar of tracks names a file, with which they are compared anyway."""
-    folder = pathlib.Path(one.path).parent
+    place = pathlib.Path(split_episode(one.path)[0])
+    folder = place if place.is_dir() else place.parent
     return any(folder / str(one.said.get(key, "")) == pathlib.Path(file) for key in ("joints", "hand"))
 
 

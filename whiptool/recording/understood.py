@@ -72,9 +72,9 @@ def understand(path: str, **options: Any) -> Understood:
     Raises:
         InputError: The file cannot be read.
     """
-    file, _ = split_episode(path)
+    file, episode = split_episode(path)
     form = find_format(file)
-    said = {} if form in _IN_METRES else _said(Path(file)) | options
+    said = {} if form in _IN_METRES else _said(Path(file), episode.get("episode", 0)) | options
     findings = [Finding("format", READERS[form].what, STATED, "by its name and first bytes", numbers={"format": form})]
     apart = None
     try:
@@ -98,7 +98,8 @@ def understand(path: str, **options: Any) -> Understood:
 
 def _logs_apart(path: Path, said: Mapping[str, Any]) -> Logs:
     """The logs that a sidecar names, by their own clocks."""
-    side = Sidecar({**said, "start": 0.0, "joints_start": 0.0, "hand_start": 0.0}, path.parent, f"{path}: ")
+    folder = path if path.is_dir() else path.parent
+    side = Sidecar({**said, "start": 0.0, "joints_start": 0.0, "hand_start": 0.0}, folder, f"{path}: ")
     fields = side.fields()
     joints = hand = None
     if "joints_q" in fields:
@@ -120,10 +121,12 @@ def _own_logs(recording: StrikeRecording) -> Logs | None:
     return None if joints is None and hand is None else Logs(joints, hand)
 
 
-def _said(path: Path) -> dict[str, Any]:
-    """What the sidecar of a file says."""
+def _said(path: Path, episode: int) -> dict[str, Any]:
+    """What the sidecar of a file says, of a dataset that of an episode."""
     file = path / "whiptool.toml" if path.is_dir() else path.with_suffix(".toml")
-    return read_toml(file) if file.is_file() else {}
+    table = read_toml(file) if file.is_file() else {}
+    of_episodes = table.pop("episode", {})
+    return table | (of_episodes.get(str(episode), {}) if isinstance(of_episodes, dict) else {})
 
 
 def _of_tracks(recording: StrikeRecording, form: str, said: dict[str, Any]) -> Iterator[Finding]:

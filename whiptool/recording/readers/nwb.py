@@ -37,7 +37,7 @@ def of_nwb(file: Any) -> dict[str, np.ndarray] | None:
 
     def look(name: str, item: Any) -> None:
         kind = item.attrs.get("neurodata_type", b"")
-        if (kind.decode() if isinstance(kind, bytes) else str(kind)) == SERIES:
+        if _text(kind) == SERIES:
             found.setdefault(name.rpartition("/")[0], []).append(item)
 
     file.visititems(look)
@@ -55,7 +55,7 @@ def _estimation(name: str, series: list[Any]) -> dict[str, np.ndarray]:
     if any(len(t) != len(clocks[0][0]) or (t != clocks[0][0]).any() for t, _ in clocks):
         raise InputError(name, "series with different times", "the same times for all body parts")
     data = [one["data"] for one in series]
-    units = {str(x.attrs.get("unit", "")).lower() for x in data}
+    units = {_text(x.attrs.get("unit", "")).lower() for x in data}
     if len(units) > 1:
         raise InputError(name, f"units {', '.join(sorted(units))}", "one unit")
     points = [x[:] * x.attrs.get("conversion", 1.0) + x.attrs.get("offset", 0.0) for x in data]
@@ -69,6 +69,11 @@ def _estimation(name: str, series: list[Any]) -> dict[str, np.ndarray]:
     if all("confidence" in one for one in series):
         read["scores"] = np.stack([one["confidence"][:] for one in series], axis=1).astype(float)
     return read
+
+
+def _text(value: Any) -> str:
+    """A text attribute, which MATLAB writes as bytes."""
+    return value.decode() if isinstance(value, bytes) else str(value)
 
 
 def _times(series: Any) -> tuple[np.ndarray, str]:
