@@ -18,6 +18,7 @@ from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
 from whiptool.impedance import OIAC, Controller
 from whiptool.limits.arm_limits import MotorLimits
+from whiptool.limits.limits import Limits
 from whiptool.models import preset
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.models.trajectory import Approach
@@ -322,6 +323,36 @@ def test_what_is_refused_leaves_more_of_the_motors_free():
     without: list[Strike] = []
     planned(0.02, strong, check=lambda strike: without.append(strike) or "no")
     assert len(without) == planner.CHECKED + 3 * NEXT.polished  # the best, and others
+
+
+class Reach(Limits):
+    """The start of no joint is farther from 0 than this: known of a whole trajectory, not of peak values."""
+
+    judges, by_peaks, words = "reach", False, "the reach"
+
+    def __init__(self, farthest: float) -> None:
+        self.farthest = farthest
+
+    def violation_of_peaks(self, near: Approach) -> np.ndarray:
+        return np.full(len(near.distance), -1.0)
+
+    def violation(self, trajectory) -> float:
+        return float(trajectory.tau.max()) / 2 - self.farthest
+
+    def explain(self, trajectory, joints) -> str:
+        return "too far"
+
+
+def test_a_strike_is_chosen_within_limits_of_whole_trajectories_too():
+    """As where `check` refuses the same strikes, the next best aimed one is made and not a random one."""
+    farthest = np.abs(planned(0.02, limits=(MOTOR,)).strike[:2]).max() - 1e-3  # less than the best one
+    check = {"check": lambda strike: None if np.abs(strike.q_i).max() <= farthest else "too far"}
+    checked, found = planned(0.02, limits=(MOTOR,), **check), planned(0.02, limits=(MOTOR, Reach(farthest)))
+    assert found.allowed
+    assert np.abs(found.strike[:2]).max() <= farthest
+    assert "random" not in found.reason
+    assert found.strike == checked.strike
+    assert planned(0.02, limits=Reach(1.0)).usage is None  # of motors, which have no limits
 
 
 def test_where_no_aimed_strike_may_be_made_a_random_one_is():

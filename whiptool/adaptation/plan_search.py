@@ -139,7 +139,7 @@ class Search(ABC):
     Attributes:
         margins: Fractions of the limits that are left unused, one for each successive search; without limits only the
             first search is made.
-        checked: Number of the best strikes of a search that are tried with `check`; None: all.
+        checked: Number of the best strikes of a search of which one may be chosen, see `allows`; None: all.
         margin: The fraction of the current search.
         spread: Standard deviation of the first random steps around the best strike, as a fraction of the bounds' width.
     """
@@ -187,14 +187,18 @@ class Search(ABC):
         """
 
     def allows(self, strike: np.ndarray) -> bool:
-        """Whether a strike (m,) may be chosen."""
-        return self.check is None or self.check(Strike.from_vector(strike)) is None
+        """Whether a strike (m,) may be chosen: it keeps the limits at all times, and `check` allows it."""
+        return bool(self.striker.keep(strike[None])[0]) and self._checked(strike) is None
+
+    def _checked(self, strike: np.ndarray) -> str | None:
+        """What `check` says against a strike (m,); None: nothing."""
+        return None if self.check is None else self.check(Strike.from_vector(strike))
 
     def refusal(self, strike: np.ndarray) -> str | None:
         """Return why a strike (m,) must not be made: what `check` says, or the limit that it exceeds; None: it may."""
-        made = Strike.from_vector(strike)
-        said = None if self.check is None else self.check(made)
+        said = self._checked(strike)
         if said is None and not self.striker.keep(strike[None])[0]:
+            made = Strike.from_vector(strike)
             path = self.rollout.trajectory(made, t_stay=self.striker.t_stay)
             said = self.striker.limits.explain(path, self.rollout.model.arm.joints, made) or "its simulation diverges"
         return said
@@ -210,7 +214,7 @@ class Search(ABC):
             strikes = strikes[self.striker.keep(strikes)]
             scores = self.score(strikes, whips) if len(strikes) else np.empty(0)
             for strike in strikes[np.argsort(-scores)]:
-                if self.allows(strike):
+                if self._checked(strike) is None:
                     return strike, count * effort.pool
         return None, _SAFE * effort.pool
 

@@ -19,6 +19,7 @@ from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort, Searc
 from whiptool.adaptation.prior import Belief
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import Target
+from whiptool.limits.arm_limits import ArmLimits, MotorLimits
 from whiptool.models.trajectory import Approach
 from whiptool.strike_map.answers import Front
 from whiptool.strike_map.striker import refine
@@ -34,8 +35,9 @@ _NEAR, _LAST_STEPS = 0.015, 3  # [m] of miss on the mean that so many steps alon
 class PlanarSearch(Search):
     """Search in the plane: the best of random strikes, past strikes and their neighbours are refined along derivatives.
 
-    If limits or a least speed allow only a small part of the bounds, random steps find that part. If `check` forbids
-    the best three strikes, the search is repeated with a larger margin to the limits, from 10 to 40 %.
+    If limits or a least speed allow only a small part of the bounds, random steps find that part. If limits of whole
+    trajectories or `check` forbid the best three strikes, the search is repeated with a larger margin to the limits,
+    from 10 to 40 %.
     """
 
     margins, checked, spread = MARGINS, CHECKED, 0.04
@@ -72,8 +74,9 @@ class PlanarSearch(Search):
         return self.excess(self.mean(strikes))
 
     def usage(self, near: Approach) -> float | None:
-        """Return the usage of the motors' speed-torque line by one strike; None without limits. See `Search.usage`."""
-        return float(self._violation(near)[0]) + 1 if self.striker.limits else None
+        """Return the usage of the motors' or joints' limits by one strike; None without any. See `Search.usage`."""
+        of_motors = any(isinstance(limits, MotorLimits | ArmLimits) for limits in self.striker.limits.members)
+        return float(self._violation(near)[0]) + 1 if of_motors else None
 
     def excess(self, near: Approach) -> np.ndarray:
         """Return by how much strikes, whose closest approaches are `near`, exceed the limits less the margin, plus
@@ -158,10 +161,6 @@ class AimedSearch(Search):
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
         """Return the excess of strikes (B, m) over the limits, (B,), at most 10; see `Search.beyond`."""
         return np.minimum(self.striker.land(strikes, self.goals(len(strikes))).beyond, 10)
-
-    def allows(self, strike: np.ndarray) -> bool:
-        """Whether a strike (m,) may be chosen: it keeps the limits at all times, and `check` allows it."""
-        return bool(self.striker.keep(strike[None])[0]) and super().allows(strike)
 
     def spare(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
         """Return the random strikes that pass the goal best, those within the limits first; see `Search.spare`."""
