@@ -32,6 +32,11 @@ class Without:
         return None if name.partition(".")[0] in self.missing else self.finder.find_spec(name, path, target)
 
 
+def hide(missing: set[str]) -> None:
+    """Keep top-level modules from being imported, as if they were not installed."""
+    sys.meta_path[:] = [Without(finder, missing) for finder in sys.meta_path]
+
+
 class Started(BaseException):
     """A command came to making its run folder."""
 
@@ -67,8 +72,7 @@ def start(*_: Any, **__: Any) -> None:
 
 
 if __name__ == "__main__":
-    missing = set(json.loads(sys.argv[1]))
-    sys.meta_path[:] = [Without(finder, missing) for finder in sys.meta_path]
+    hide(set(json.loads(sys.argv[1])))
     failed = not_importable()
     from whiptool.runs import RunFolder
 

@@ -13,9 +13,11 @@ from command_line import called, whiptool
 from processes import HANG
 from repository import ROOT
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md")), *sorted((DOCS / "how-to").glob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"(?<!\})`([^`\n]+)`")  # code of a line; not a role such as {doc}
+INSTALL = re.compile(r"pip install 'whiptool\[([\w,]+)\]'")
 OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 # servos, robots and clusters that no test has
@@ -33,6 +35,18 @@ SHORT = re.compile(
 )
 
 
+def name_of(page: Path) -> str:
+    """Return a page's name in the documentation, such as `tutorial.md` and `how-to/identify.md`."""
+    return str(page.relative_to(DOCS)) if page.is_relative_to(DOCS) else page.name
+
+
+def needs_of(page: Path) -> set[str] | None:
+    """Return the extras that a page names at its top, in the paragraph that begins with `*Needs:*`, or None."""
+    paragraphs = page.read_text(encoding="utf-8").split("\n\n")[:3]
+    needs = [text for text in paragraphs if text.startswith("*Needs:*")]
+    return {extra for found in INSTALL.findall(needs[0]) for extra in found.split(",")} if needs else None
+
+
 @dataclass(frozen=True)
 class Command:
     """A command of a page.
@@ -46,7 +60,7 @@ class Command:
     line: str
 
     def __str__(self) -> str:
-        return f"{self.page.name}: {self.line}"
+        return f"{name_of(self.page)}: {self.line}"
 
     @property
     def ours(self) -> bool:

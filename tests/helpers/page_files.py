@@ -15,7 +15,7 @@ import tomli_w
 from command_line import called
 from films import film
 from human_data import write_made_up
-from page_commands import Command, parts_of
+from page_commands import DOCS, Command, name_of, parts_of
 from pendulum_swing import pendulum, swing
 from swings import Whip
 
@@ -47,13 +47,13 @@ def provide(page: Path, folder: Path) -> None:
         named = FILE_OF_ITS_OWN.match(body)
         if language == "toml" and named:
             (folder / named[1]).write_text(body, encoding="utf-8")
-    for make in MADE.get(page.stem, ()):
+    for make in MADE.get(name_of(page), ()):
         make(folder)
 
 
 def provide_for(command: Command, folder: Path) -> None:
     """Write into a folder what a command is told of: recordings, which take seconds, and RUN, the newest run."""
-    for words, make in RECORDED.get(command.page.stem, {}).items():
+    for words, make in RECORDED.get(name_of(command.page), {}).items():
         if words in command.line:
             make(folder)
     link, runs = folder / "RUN", sorted((folder / "runs").glob("*"), key=lambda run: run.stat().st_mtime)
@@ -137,6 +137,11 @@ def _say(side: Path, **more: Any) -> None:
     """Add to what a sidecar says; a recording of a camera in space leaves it to the command where the cameras stand."""
     table = tomllib.loads(side.read_text(encoding="utf-8")) | more
     side.write_text(tomli_w.dumps({key: x for key, x in table.items() if key != "cameras"}), encoding="utf-8")
+
+
+def own_whip(folder: Path) -> None:
+    """The model that another page writes."""
+    provide(DOCS / "how-to" / "whips.md", folder)
 
 
 def prior(folder: Path) -> None:
@@ -245,6 +250,11 @@ def a_killed_search(folder: Path) -> None:
     (killed / "result.json").unlink()
 
 
+def a_run(folder: Path) -> None:
+    """A simulated strike, in the folder of runs."""
+    called("simulate", "--strike", *map(str, STRIKES[0]), "--no-video", cwd=folder)
+
+
 def pendulums_swings(folder: Path) -> None:
     """Twelve swings of a double pendulum, by its encoders, and a guess of its links."""
     rng, links = np.random.default_rng(0), (ArmLink(0.2, 0.2), ArmLink(0.1, 0.2))
@@ -257,14 +267,15 @@ def pendulums_swings(folder: Path) -> None:
 
 Make: TypeAlias = Callable[[Path], object]
 MADE: dict[str, tuple[Make, ...]] = {
-    "commands": (people,),
-    "how-to": (prior,),
-    "human": (people,),
-    "results": (people,),
+    "commands.md": (people,),
+    "how-to/identify.md": (own_whip,),
+    "how-to/unknown-whips.md": (prior,),
+    "human.md": (people,),
+    "results.md": (people,),
 }
 # What is made before a command that holds these words
 RECORDED: dict[str, dict[str, Make]] = {
-    "commands": {
+    "commands.md": {
         "--resume runs/directl-": a_killed_search,
         "strike2.mkv": of_strikes,
         "recording show strike1.csv": of_strikes,
@@ -275,15 +286,18 @@ RECORDED: dict[str, dict[str, Make]] = {
         "next --run robot recorded.csv": next_recorded,
         "next --run robot left.mkv": next_filmed,
     },
-    "file-formats": {"recording show strike1.csv": robots_strikes, "take1.c3d": a_take},
-    "how-to": {
-        "identify strike1.csv": robots_strikes,
-        "lab/strike0.csv": first_in_lab,
-        "next --run run left.mkv": next_filmed,
+    "file-formats.md": {"recording show strike1.csv": robots_strikes, "take1.c3d": a_take},
+    "how-to/cameras.md": {"strike1-left.csv": tables_of_pixels},
+    "how-to/identify.md": {
         "identify strike1.mkv": coloured_films,
         "--drive passive --free": swings,
         "--drive passive --clamp": clamped_swings,
         "double.npz": pendulums_swings,
-        "strike1-left.csv": tables_of_pixels,
+    },
+    "how-to/robot-trajectories.md": {
+        "view RUN": a_run,
+        "identify strike1.csv": robots_strikes,
+        "lab/strike0.csv": first_in_lab,
+        "next --run run left.mkv": next_filmed,
     },
 }

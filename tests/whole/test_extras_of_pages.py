@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from page_commands import OURS, PAGES, SERVES, Command, lines_of, parts_of
+from page_commands import INSTALL, OURS, PAGES, SERVES, Command, commands_of, lines_of, name_of, needs_of, parts_of
 from page_files import provide
 from processes import HANG
 from repository import ROOT
@@ -22,7 +22,6 @@ from whiptool.extras import EXTRAS, extras_with
 
 OVERVIEW = ROOT / "docs/commands.md"
 FILMS = (".mkv", ".mp4")
-INSTALL = re.compile(r"pip install 'whiptool\[([\w,]+)\]'")
 
 
 class Asked(BaseException):
@@ -48,7 +47,18 @@ def extras_of(command: Command, folder) -> set[str]:
     return set()  # it has no options yet: the run that it goes on with is not there
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_a_page_begins_with_what_its_commands_need(page, tmp_path):
+    """README names no extras, and the overview of commands has a table of them; an index is the
+    page of its pages."""
+    provide(page, tmp_path)
+    commands = [c for c in commands_of(page) if "doctor" not in c.line and SERVES not in c.line]
+    needed = set().union(*(extras_of(command, tmp_path) for command in commands))
+    if commands and page.name not in ("README.md", "index.md", OVERVIEW.name):
+        assert needed <= needs_of(page)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_a_page_names_extras_before_the_commands_that_take_them(page, tmp_path):
     provide(page, tmp_path)
     named: set[str] = set()

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from page_commands import NEEDS_HARDWARE, PAGES, SERVES, Command, commands_of
+from page_commands import NEEDS_HARDWARE, PAGES, SERVES, Command, commands_of, name_of
 from page_files import provide, provide_for
 from processes import HANG
 
@@ -45,11 +45,11 @@ def folder_of(tmp_path_factory):
     made: dict[str, Path] = {}
 
     def folder(command: Command) -> Path:
-        page = command.page
-        if page.stem not in made:
-            made[page.stem] = tmp_path_factory.mktemp(page.stem)
-            provide(page, made[page.stem])
-        return made[page.stem]
+        name = name_of(command.page)
+        if name not in made:
+            made[name] = tmp_path_factory.mktemp(name.removesuffix(".md").replace("/", "-"))
+            provide(command.page, made[name])
+        return made[name]
 
     return folder
 

@@ -29,5 +29,5 @@ def test_words_are_found_in_prose_and_not_in_code(name, text, lines, tmp_path):
 
 def test_pages_notebooks_and_modules_are_looked_at():
     found = {str(path) for path in files()}
-    assert {"README.md", "docs/how-to.md", "notebooks/05_identify.ipynb", "whiptool/goals/goals.py"} <= found
+    assert {"README.md", "docs/how-to/identify.md", "notebooks/05_identify.ipynb", "whiptool/goals/goals.py"} <= found
     assert "CHANGELOG.md" not in found
