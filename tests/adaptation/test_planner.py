@@ -20,6 +20,7 @@ from whiptool.impedance import OIAC, Controller
 from whiptool.limits.arm_limits import MotorLimits
 from whiptool.limits.limits import Limits
 from whiptool.models import preset
+from whiptool.models.excess import Excess
 from whiptool.models.strike import Strike, StrikeBounds
 from whiptool.models.trajectory import Approach
 
@@ -339,8 +340,8 @@ class Reach(Limits):
     def violation(self, trajectory) -> float:
         return float(trajectory.tau.max()) / 2 - self.farthest
 
-    def explain(self, trajectory, joints) -> str:
-        return "too far"
+    def explain(self, trajectory, joints) -> Excess:
+        return Excess("too far")
 
 
 def test_a_strike_is_chosen_within_limits_of_whole_trajectories_too():

@@ -173,6 +173,15 @@ def test_a_strike_goes_out_as_a_trajectory_and_comes_back_as_a_recording(tmp_pat
     assert (seen.recording.strike, seen.recording.t_stay) == (STRIKE_ROBOT_PORT, 0.2)
 
 
+def test_a_strike_from_its_own_start_is_judged_once(tmp_path, monkeypatch):
+    judged, judge = [], Execution.judged
+    monkeypatch.setattr(Execution, "judged", lambda *args, **kw: judged.append(args[2]) or judge(*args, **kw))
+    low = Strike((0.1, -1.9, 1.2, -0.9, 0.3, 0.0), (0.5, -1.2, 0.6, -1.6, -0.4, 0.2), 0.6)
+    port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), t_stay=0.2)
+    assert "the whip's node 20 is" in (port.strike(low, 1, tmp_path).refused or "")
+    assert judged == [low]
+
+
 def test_a_trajectory_begins_where_the_robot_stands_by_the_robots_own_names_and_rate(tmp_path):
     posture = (-1.5, -1.2, -0.2, -0.5, 2.0, 0.4)
     port = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=posture, prefix="left_"), t_stay=0.2)

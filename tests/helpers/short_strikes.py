@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from whiptool.models.excess import Excess
 from whiptool.models.trajectory import Approach, Trajectory
 
 
@@ -37,6 +38,6 @@ class ShortStrikes:
         self.judged += 1
         return float(trajectory.t[-1]) - self.longest
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str], /) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str], /) -> Excess:
         """Its length in words."""
-        return f"it lasts {trajectory.t[-1]:.2f} s"
+        return Excess(f"it lasts {trajectory.t[-1]:.2f} s")

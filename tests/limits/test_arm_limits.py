@@ -94,7 +94,7 @@ def test_unknown_positions_are_no_alibi():
     ],
 )  # fmt: skip
 def test_the_worst_instant_in_words(states, said):
-    assert LIMITS.explain(path(**states), ("a", "b", "c")) == said
+    assert str(LIMITS.explain(path(**states), ("a", "b", "c"))) == said
 
 
 def test_arms_have_limits_or_none():
@@ -115,9 +115,9 @@ def test_the_change_of_torque_is_judged_on_whole_strikes_alone():
     assert limited.violation(strike) == pytest.approx(550 / 400 - 1)
     peak = np.abs(tau[:, 0]).max()
     assert limited.violation_of_peaks(strike.approach(np.zeros(3))) == pytest.approx([peak / 10 - 1])
-    said = limited.explain(strike, ("a", "b", "c"))
+    said = str(limited.explain(strike, ("a", "b", "c")))
     assert said == "at 0.121 s the torque of a changes by -550 N m/s; its limit is 400 N m/s"
-    sliding = dataclasses.replace(limited, slides=(0,)).explain(strike, ("a", "b", "c"))
+    sliding = str(dataclasses.replace(limited, slides=(0,)).explain(strike, ("a", "b", "c")))
     assert sliding == "at 0.121 s the force of a changes by -550 N/s; its limit is 400 N/s"
 
 
@@ -234,9 +234,9 @@ def test_peaks_are_never_below_the_strike_itself():
 
 def test_the_worst_instant_of_motors_in_words():
     v, tau = np.array([[0.0, 0.0], [5.0, -5.0]]), np.array([[1.0, 0.0], [0.5, -1.5]])
-    said = MOTOR.explain(trajectory(v, tau), ("shoulder", "elbow"))
+    said = str(MOTOR.explain(trajectory(v, tau), ("shoulder", "elbow")))
     assert said == ("at 0.010 s the elbow turns at -5.00 rad/s and asks for -1.50 N m, where the toy gives 1.00 N m")
-    fast = MOTOR.explain(trajectory(3 * v, tau), ("shoulder", "elbow"))
+    fast = str(MOTOR.explain(trajectory(3 * v, tau), ("shoulder", "elbow")))
     assert fast.endswith("the toy gives 0.00 N m")
 
 

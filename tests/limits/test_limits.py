@@ -75,9 +75,9 @@ def test_the_panda_has_its_maker_s_limits_and_the_ur5e_none_of_acceleration():
 def test_in_words():
     strike = np.array([0.0, 0, 0, 0.5, 1.0, 0, 1.0])
     said = "the acceleration of b is commanded up to 5.77 {0}; its limit is 4 {0}"
-    assert LIMITS.explain(strike, "abc") == said.format("rad/s^2")
+    assert str(LIMITS.explain(strike, "abc")) == said.format("rad/s^2")
     sliding = CommandLimits(LIMITS.joints, slides=(1,))
-    assert sliding.explain(strike, "abc") == said.format("m/s^2")
+    assert str(sliding.explain(strike, "abc")) == said.format("m/s^2")
 
 
 def test_what_is_kept_is_where_no_function_is_above_zero():

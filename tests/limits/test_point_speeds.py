@@ -34,7 +34,7 @@ def test_a_commanded_turn_about_one_axis_uses_its_largest_speed():
     limits = PathSpeeds(ARM, (("elbow", 1.5), ("hand", 100.0)))
     elbow = FASTEST * 1.0 / 0.5 * 0.425 / 1.5
     assert limits.violation(PAN.vector[None])[0] == pytest.approx(elbow - 1)
-    assert limits.explain(PAN.vector, ARM.joints) == (
+    assert str(limits.explain(PAN.vector, ARM.joints)) == (
         f"at 0.250 s the elbow is commanded at {1.5 * elbow:.2f} m/s; its limit is 1.5 m/s"
     )
 
@@ -54,7 +54,7 @@ def test_a_motion_beyond_a_limit_is_told_by_its_point():
     limits = PointSpeeds(ARM, (("flange", 2.0),))
     fastest = point_speeds(ARM, ("flange",), path.q[:, :6], path.v[:, :6]).max()
     assert limits.violation(path) == pytest.approx(fastest / 2 - 1)
-    assert f"the flange moves at {fastest:.2f} m/s; its limit is 2 m/s" in limits.explain(path, ARM.joints)
+    assert f"the flange moves at {fastest:.2f} m/s; its limit is 2 m/s" in str(limits.explain(path, ARM.joints))
     both = AllLimits([limits])
     assert both.judged_whole(path, PAN)[1] == "speed"
     assert "flange" in both.explain(path, ARM.joints, PAN)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 
+from whiptool.limits import robot_trajectory
 from whiptool.limits.all_limits import default_limits
 from whiptool.limits.robot_trajectory import Execution, swing_period
 from whiptool.models import preset
+from whiptool.models.excess import Excess
 from whiptool.models.strike import Strike
 from whiptool.rollout.servo_replay import replay_trajectory
 
@@ -47,6 +52,34 @@ def test_what_is_beyond_a_limit_is_said():
     )
     quick = Strike(start, strike.q_f, 0.3)
     assert "velocity" in (Execution().of_strike(model, quick, 0.2, limits)[1] or "")
+
+
+def test_strikes_of_one_model_are_judged_by_one_simulator_and_one_swing(monkeypatch):
+    """A planner asks of many strikes, and each simulator and each swing takes longer than a strike."""
+    made = []
+
+    def counted(name):
+        make = getattr(robot_trajectory, name)
+        monkeypatch.setattr(robot_trajectory, name, lambda *args, **kw: made.append(name) or make(*args, **kw))
+
+    counted("CompiledRollout")
+    counted("hanging_modes")
+    model = dataclasses.replace(preset("ur5e"), gravity=9.8)  # which no other test has
+    limits = default_limits(model, prescribed=True)
+    start = (0.1, -1.9, 1.2, -0.9, 0.3, 0.0)
+    for end in (-1.2, -1.25):
+        strike = Strike(start, (0.5, end, 0.6, -1.6, -0.4, 0.2), 0.6)
+        said = Execution(posture=(-1.5, -1.2, -0.2, -0.5, 2.0, 0.4)).judged(model, strike, 0.2, limits)[1]
+        assert re.match(r"0\.\d\d\d s into the strike the whip's node 20 is \d+ mm below the floor", said or "")
+    assert sorted(made) == ["CompiledRollout", "hanging_modes"]
+
+
+def test_an_instant_is_on_the_way_to_the_start_or_in_the_strike():
+    beyond = Excess("the arm is low", 2.9)
+    assert str(beyond) == "at 2.900 s the arm is low"
+    assert beyond.by_parts(3.0) == "on the way to the start, at 2.900 s, the arm is low"
+    assert beyond.by_parts(2.75) == "0.150 s into the strike the arm is low"
+    assert str(Excess("the arm is low")) == Excess("the arm is low").by_parts(3.0) == "the arm is low"
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from whiptool.adaptation.twins import Twin
 from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.goals.target import Target, as_target
 from whiptool.limits.all_limits import default_limits
+from whiptool.limits.limits import Limits
 from whiptool.limits.robot_trajectory import Execution
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
@@ -260,8 +262,13 @@ class RobotPort:
         self, strike: Strike, believed: Model | None, execution: Execution | None = None
     ) -> tuple[JointTrajectory, str | None]:
         """The trajectory of a strike, and what it exceeds."""
-        limits, how = default_limits(self.model, prescribed=True), execution or self.execution
-        return how.judged(self.model, strike, self.t_stay, limits, believed=believed)
+        how = execution or self.execution
+        return how.judged(self.model, strike, self.t_stay, self._limits, believed=believed)
+
+    @cached_property
+    def _limits(self) -> list[Limits]:
+        """The limits that strikes have to keep."""
+        return default_limits(self.model, prescribed=True)
 
     def _told(self, strike: Strike, folder: Path, believed: Model | None) -> Path:
         """Write a strike's trajectory, and return its file.
@@ -272,8 +279,10 @@ class RobotPort:
         """
         path, beyond = self._planned(strike, believed)
         if beyond is not None:
-            at_start = replace(self.execution, posture=None)
-            if of_strike := self._planned(strike, believed, at_start)[1]:
+            of_strike, at_start = beyond, replace(self.execution, posture=None)
+            if self.execution.posture is not None:
+                of_strike = self._planned(strike, believed, at_start)[1]
+            if of_strike is not None:
                 raise StrikeRefused("strike", strike.vector.tolist(), "a strike within the limits", of_strike)
             rule = "a posture from which a straight line of the joints leads to the strike's start within the limits"
             raise InputError("posture", self.execution.posture, f"{rule}; {beyond}")

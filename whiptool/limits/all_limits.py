@@ -12,6 +12,7 @@ from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.point_speeds import PointSpeeds
+from whiptool.models.excess import Excess
 from whiptool.models.mount import default_floor
 from whiptool.models.numbers import LONGEST, metres
 from whiptool.models.parameters import Model
@@ -286,7 +287,12 @@ class AllLimits:
 
     def explain(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> str | None:
         """Return a description of the limit that a strike exceeds most; None if it keeps all."""
-        found: list[tuple[float, Callable[[], str]]] = [
+        found = self.worst(trajectory, joints, strike)
+        return None if found is None else str(found)
+
+    def worst(self, trajectory: Trajectory, joints: Sequence[str], strike: AnyStrike | None = None) -> Excess | None:
+        """Return what a strike exceeds most, and when; None if it keeps all limits."""
+        found: list[tuple[float, Callable[[], Excess]]] = [
             (limits.violation(trajectory), lambda limits=limits: limits.explain(trajectory, joints))
             for limits in self.members
         ]
@@ -295,5 +301,5 @@ class AllLimits:
             found += [
                 (float(c.violation(vector[None])[0]), lambda c=c: c.explain(vector, joints)) for c in self.commands
             ]
-        worst, words = max(found, key=lambda x: x[0], default=(0.0, str))
-        return words() if worst > 0 else None
+        worst, words = max(found, key=lambda x: x[0], default=(0.0, None))
+        return None if words is None or worst <= 0 else words()

@@ -12,6 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.extras import Registry
 from whiptool.limits.limits import ROUNDING, CommandLimits, Limits
+from whiptool.models.excess import Excess
 from whiptool.models.numbers import NoArray, number
 from whiptool.models.parameters import AnyArm
 from whiptool.models.spatial_arm import JointLimits, kept_free, limit_unit
@@ -164,7 +165,7 @@ class ArmLimits(Limits):
         worst = self.usage(*at_both).max(axis=(-3, -2, -1)) - 1.0
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the instant at which a trajectory uses a limit most."""
         usage = self._usage_of(trajectory)
         t, of_rates, rates = self._rate_usage_of(trajectory)
@@ -172,7 +173,7 @@ class ArmLimits(Limits):
             i, j = (int(x) for x in np.unravel_index(of_rates.argmax(), of_rates.shape))
             unit, effort = limit_unit("torque_rate", slides=j in self.slides), self._effort(j)
             rate = f"{rates[i, j]:+.0f} {unit}; its limit is {self.joints[j].torque_rate:.0f} {unit}"
-            return f"at {t[i]:.3f} s the {effort} of {joints[j]} changes by {rate}"
+            return Excess(f"the {effort} of {joints[j]} changes by {rate}", float(t[i]))
         i, what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         value = (trajectory.q, trajectory.v, trajectory.tau)[what][i, j]
         limits, unit = self.joints[j], limit_unit(_NAMES[what], slides=j in self.slides)
@@ -183,9 +184,8 @@ class ArmLimits(Limits):
             allowed = f"{low:.2f} to {high:.2f} {unit}" + " at this position" * what
         elif what == 1:
             allowed = f"{limits.fastest:.2f} {unit}"
-        return (
-            f"at {trajectory.t[i]:.3f} s the {quantity} of {joints[j]} is {value:+.2f} {unit}; its limit is {allowed}"
-        )
+        words = f"the {quantity} of {joints[j]} is {value:+.2f} {unit}; its limit is {allowed}"
+        return Excess(words, float(trajectory.t[i]))
 
     def _effort(self, joint: int) -> str:
         return "force" if joint in self.slides else "torque"
@@ -301,16 +301,17 @@ class MotorLimits(NoArray, Limits, instead="its numbers by name"):
         worst = np.max(tau / self.stall_torque + v / self.no_load_speed, axis=-1) - 1.0
         return np.where(np.asarray(near.diverged) | ~np.isfinite(worst), np.inf, worst)
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the instant at which a trajectory uses the motors most."""
         a = trajectory.tau.shape[1]
         v, tau = trajectory.v[:, :a], trajectory.tau
         i, j = (int(x) for x in np.unravel_index(self.usage(v, tau).argmax(), tau.shape))
         left = float(self.available(v[i, j], np.sign(tau[i, j])))
-        return (
-            f"at {trajectory.t[i]:.3f} s the {joints[j]} turns at {v[i, j]:+.2f} rad/s "
-            f"and asks for {tau[i, j]:+.2f} N m, where the {self.name} gives {max(left, 0.0):.2f} N m"
+        words = (
+            f"the {joints[j]} turns at {v[i, j]:+.2f} rad/s and asks for {tau[i, j]:+.2f} N m, where the {self.name} "
+            f"gives {max(left, 0.0):.2f} N m"
         )
+        return Excess(words, float(trajectory.t[i]))
 
 
 # XM430-W350 at 12 V, from https://emanual.robotis.com/docs/en/dxl/x/xm430-w350/: 4.1 N m at 2.3 A, 46 rev/min

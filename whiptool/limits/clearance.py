@@ -13,6 +13,7 @@ import numpy as np
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.limits.limits import Limits
+from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_poses, joint_points
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
@@ -255,14 +256,14 @@ class Clearance(Limits):
     def _beyond(self, found: NearestPair) -> float:
         return (self.least - found.clearance) / UNIT
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the closest pair of bodies."""
         found, at = self.nearest(trajectory)
         if found is None:
-            return "nothing is near anything"
-        return f"at {at:.3f} s {self._said(found)}"
+            return Excess("nothing is near anything")
+        return self._said(found, at)
 
-    def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> str | None:
+    def beyond_on_way(self, t: np.ndarray, q: np.ndarray) -> Excess | None:
         """Return a description of the body that an arm without its whip comes too close to on a path; None: it keeps
         the clearance.
 
@@ -273,7 +274,7 @@ class Clearance(Limits):
         found = self._nearest(q, self.least, self._scene_of_arm) if self.model.dimension == 3 else None
         if found is None or self._beyond(found) <= 0:
             return None
-        return f"at {t[found.instant]:.3f} s {self._said(found)}"
+        return self._said(found, t[found.instant])
 
     def above_floor(self, q: np.ndarray, model: Model) -> np.ndarray | None:
         """Return how high above the floor a whip ends that hangs still from an arm [m], (T,): negative where it lies on
@@ -288,7 +289,7 @@ class Clearance(Limits):
         hanging = joint_points(model, start_posture(model, q))[:, model.arm.n :]  # from the hand to the tip
         return hanging[..., 2].min(axis=1) - self.floor
 
-    def whip_on_way(self, t: np.ndarray, q: np.ndarray, model: Model) -> str | None:
+    def whip_on_way(self, t: np.ndarray, q: np.ndarray, model: Model) -> Excess | None:
         """Return a description of how low a whip comes that hangs still from an arm on a slow path; None: it keeps the
         clearance from the floor. Where the path begins the whip may lie on the floor, until the arm has lifted it.
 
@@ -305,13 +306,13 @@ class Clearance(Limits):
         at = first + int(kept[first:].argmin())
         if kept[at] >= self.least:
             return None
-        return f"at {t[at]:.3f} s {self._said(NearestPair(float(kept[at]), at, ('the hanging whip', 'the floor')))}"
+        return self._said(NearestPair(float(kept[at]), at, ("the hanging whip", "the floor")), t[at])
 
-    def _said(self, found: NearestPair) -> str:
+    def _said(self, found: NearestPair, t: float) -> Excess:
         one, other = found.names
         distance = 1e3 * abs(found.clearance)
         if found.clearance < 0:
             where = "below" if other == "the floor" else "inside"
-            return f"{one} is {distance:.0f} mm {where} {other}"
+            return Excess(f"{one} is {distance:.0f} mm {where} {other}", float(t))
         kept = f"; it has to keep {1e3 * self.least:g} mm" if found.clearance < self.least else ""
-        return f"{one} is {distance:.0f} mm from {other}{kept}"
+        return Excess(f"{one} is {distance:.0f} mm from {other}{kept}", float(t))

@@ -11,6 +11,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from whiptool.limits.slowing import Slowing
+from whiptool.models.excess import Excess
 from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK, Strike
 from whiptool.models.trajectory import Approach, Trajectory
@@ -161,7 +162,7 @@ class CommandLimits:
         """Return the largest relative excess of strikes (B, 2 a + 1) over the limits of `usage`, (B,)."""
         return self.usage(strikes).max(axis=(1, 2)) - 1.0
 
-    def explain(self, strike: np.ndarray, joints: Sequence[str]) -> str:
+    def explain(self, strike: np.ndarray, joints: Sequence[str]) -> Excess:
         """Return a description of the limit that a strike (2 a + 1,) uses most."""
         usage = self.usage(strike[None])[0]
         what, j = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
@@ -173,8 +174,8 @@ class CommandLimits:
             i = int(np.maximum(v - highest, lowest - v).argmax())
             where = f"{q[i]:+.2f} {limit_unit('position', slides=j in self.slides)}"
             value = f"{v[i]:+.2f} {unit} at {where}; its limit there is {lowest[i]:.2f} to {highest[i]:.2f} {unit}"
-            return f"the velocity of {joints[j]} is commanded to be {value}"
-        return f"the {name} of {joints[j]} is commanded up to {value:.2f} {unit}; its limit is {limit:g} {unit}"
+            return Excess(f"the velocity of {joints[j]} is commanded to be {value}")
+        return Excess(f"the {name} of {joints[j]} is commanded up to {value:.2f} {unit}; its limit is {limit:g} {unit}")
 
     def _peaks_of(self, strikes: np.ndarray) -> np.ndarray:
         """Largest velocity, acceleration and jerk of each joint's command, (B, 3, a)."""
@@ -194,7 +195,7 @@ class Commanded(Protocol):
         """Return the largest relative excess of strikes (B, 2 a + 1) over a limit, (B,)."""
         ...
 
-    def explain(self, strike: np.ndarray, joints: Sequence[str], /) -> str:
+    def explain(self, strike: np.ndarray, joints: Sequence[str], /) -> Excess:
         """Return a description of the limit that a strike (2 a + 1,) uses most."""
         ...
 
@@ -257,5 +258,5 @@ class Limits(ABC):
         """Return the excess of a strike over the limits; at most 0 if it keeps them."""
 
     @abstractmethod
-    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the limit that a strike uses most."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.limits import ROUNDING, Limits
+from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
@@ -67,13 +68,13 @@ class PathSpeeds:
             strikes[fast, a : 2 * a] = (1 - share) * strikes[fast, :a] + share * strikes[fast, a : 2 * a]
         return strikes
 
-    def explain(self, strike: np.ndarray, joints: Sequence[str]) -> str:
+    def explain(self, strike: np.ndarray, joints: Sequence[str]) -> Excess:
         """Return a description of the limit that a strike (2 a + 1,) uses most."""
         usage = self.usage(strike[None])[0]
         i, k = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         name, limit = self.most[k]
-        at = f"at {_INSTANTS[i] * strike[-1]:.3f} s"
-        return f"{at} the {name} is commanded at {usage[i, k] * limit:.2f} m/s; its limit is {limit:g} m/s"
+        words = f"the {name} is commanded at {usage[i, k] * limit:.2f} m/s; its limit is {limit:g} m/s"
+        return Excess(words, float(_INSTANTS[i] * strike[-1]))
 
 
 @dataclass(frozen=True)
@@ -137,13 +138,13 @@ class PointSpeeds(Limits):
         """Return the largest relative excess of a trajectory over a limit; at most 0 within all limits."""
         return np.inf if trajectory.diverged else float(self._usage(trajectory).max()) - 1.0
 
-    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> str:
+    def explain(self, trajectory: Trajectory, joints: Sequence[str]) -> Excess:
         """Return a description of the instant at which a trajectory uses a limit most."""
         usage = self._usage(trajectory)
         i, k = (int(x) for x in np.unravel_index(usage.argmax(), usage.shape))
         name, limit = self.most[k]
-        value = f"{usage[i, k] * limit:.2f} m/s; its limit is {limit:g} m/s"
-        return f"at {trajectory.t[i]:.3f} s the {name} moves at {value}"
+        words = f"the {name} moves at {usage[i, k] * limit:.2f} m/s; its limit is {limit:g} m/s"
+        return Excess(words, float(trajectory.t[i]))
 
     def _usage(self, trajectory: Trajectory) -> np.ndarray:
         a = self.arm.n

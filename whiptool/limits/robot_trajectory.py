@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,7 +26,7 @@ LIFTED = (
     "raise the arm by hand until stick and whip hang clear, give the base its height above the floor (mount pedestal "
     "HEIGHT) if it has one, or choose another target"
 )
-_INSTANT = re.compile(r"at ([\d.]+) s ")
+_MODELS = 4  # models whose simulator and slowest swing are kept: a planner judges many strikes of one
 WAY = 0.1  # [s] between the instants of the way at which the hanging whip is looked at
 
 
@@ -55,8 +54,8 @@ class Execution:
             return None
         q = np.array([self.posture])
         found = (x.beyond_on_way(np.zeros(1), q) for x in limits if isinstance(x, Clearance))
-        said = next((one for one in found if one is not None), None)
-        return said and f"where the robot stands {said.removeprefix('at 0.000 s ')}: move it by hand to another posture"
+        beyond = next((one for one in found if one is not None), None)
+        return None if beyond is None else f"where the robot stands {beyond.words}: move it by hand to another posture"
 
     def of_strike(
         self,
@@ -95,16 +94,20 @@ class Execution:
             sway=0.0 if self.posture is None else swing_period(model),
         )
         begins = beginning(strike, found, t_stay)
-        said = found.beyond(joints, slides=[joint in arm.slides for joint in arm.joints])
+        beyond = found.beyond(joints, slides=[joint in arm.slides for joint in arm.joints])
+        if beyond is None and (said := self.refused_posture(model, limits)):
+            return found, said
         clearances = [x for x in limits if isinstance(x, Clearance)]
         of_arm = (x.beyond_on_way(found.t, found.q) for x in clearances)
-        said = said or self.refused_posture(model, limits)
+        beyond = beyond or next((one for one in of_arm if one is not None), None)
+        if beyond is not None:
+            return found, beyond.by_parts(begins)
         way = found.t <= (begins if self.posture is not None else 0.0)
         way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
         of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)
-        if said is None and (said := next((one for one in chain(of_arm, of_whip) if one is not None), None)):
-            said += f"; {LIFTED}" if self.posture is not None and "the hanging whip" in said else ""
-        return found, said and by_parts(said, begins)
+        low = next((one for one in of_whip if one is not None), None)
+        cure = "" if self.posture is None else f"; {LIFTED}"
+        return found, None if low is None else low.by_parts(begins) + cure
 
     def judged(
         self, model: Model, strike: Strike, t_stay: float, limits: Sequence[Limits], *, believed: Model | None = None
@@ -121,28 +124,18 @@ class Execution:
         """
         found, said = self.of_strike(model, strike, t_stay, limits, believed=believed)
         if said is None and limits:
-            rollout = CompiledRollout(believed or model, Controller(PositionControl()))
-            path = rollout.trajectory(strike, t_stay=t_stay)
-            diverged = "the simulation diverged"
-            said = diverged if path.diverged else AllLimits(limits).explain(path, model.arm.joints, strike)
-            said = said and by_parts(said, 0.0)
+            path = _followed(believed or model).trajectory(strike, t_stay=t_stay)
+            if path.diverged:
+                return found, "the simulation diverged"
+            beyond = AllLimits(limits).worst(path, model.arm.joints, strike)
+            said = None if beyond is None else beyond.by_parts(0.0)
         return found, said
 
 
-def by_parts(said: str, begins: float) -> str:
-    """Return a description in which an instant of a trajectory is one of the way to the start, or of the strike.
-
-    Args:
-        said: Description that may begin with `at 2.900 s`.
-        begins: Time at which the strike begins [s].
-    """
-    found = _INSTANT.match(said)
-    if found is None:
-        return said
-    t, rest = float(found[1]), said[found.end() :]
-    if t < begins:
-        return f"on the way to the start, at {t:.3f} s, {rest}"
-    return f"{t - begins:.3f} s into the strike {rest}"
+@lru_cache(maxsize=_MODELS)
+def _followed(model: Model) -> CompiledRollout:
+    """The simulator of an arm that follows its command exactly: one for all the strikes that are judged."""
+    return CompiledRollout(model, Controller(PositionControl()))
 
 
 def beginning(strike: StrikePath, trajectory: JointTrajectory, t_stay: float) -> float:
@@ -157,6 +150,7 @@ def beginning(strike: StrikePath, trajectory: JointTrajectory, t_stay: float) ->
     return float(trajectory.t[-1 - after])
 
 
+@lru_cache(maxsize=_MODELS)
 def swing_period(model: Model) -> float:
     """Return the period of the slowest swing of the hanging whip [s], at most 10 s."""
     slowest = float(hanging_modes(model, count=1).frequencies[0])

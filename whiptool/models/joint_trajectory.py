@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_text
+from whiptool.models.excess import Excess
 from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
 from whiptool.models.smooth_path import path_between
@@ -128,7 +129,7 @@ class JointTrajectory:
         resting = np.flatnonzero(~self.v[: moving[-1]].any(axis=1))
         return float(self.t[resting[-1]]) if len(resting) else 0.0
 
-    def beyond(self, limits: Sequence[JointLimits], *, slides: Sequence[bool] = ()) -> str | None:
+    def beyond(self, limits: Sequence[JointLimits], *, slides: Sequence[bool] = ()) -> Excess | None:
         """Return a description of the largest violation of a limit of position, velocity, acceleration or jerk.
 
         The derivatives are judged twice: as they are given, the jerk by differences of the accelerations; and between
@@ -152,10 +153,8 @@ class JointTrajectory:
                         allowed = f"at this position is {lowest[i]:.3f} to {highest[i]:.3f}"
                     elif quantity != "position":
                         allowed = f"is {scale:g}"
-                    said = (
-                        f"at {self.t[i]:.3f} s the {quantity} of {joint}{between} is {values[i]:+.3f} {unit}; "
-                        f"its limit {allowed} {unit}"
-                    )
+                    words = f"the {quantity} of {joint}{between} is {values[i]:+.3f} {unit}; its limit {allowed} {unit}"
+                    said = Excess(words, float(self.t[i]))
         return said
 
     def differences(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

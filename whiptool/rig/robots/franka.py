@@ -150,7 +150,8 @@ class Franka(Robot):
 
     def _check(self, trajectory: JointTrajectory) -> None:
         """Refuse a trajectory that the robot would end by a reflex, before it receives any of it."""
-        said = trajectory.beyond(self.limits)
+        beyond = trajectory.beyond(self.limits)
+        said = None if beyond is None else str(beyond)
         if trajectory.q.shape[1] != self.n:
             said = f"it has {trajectory.q.shape[1]} joints, the robot has {self.n}"
         elif np.abs(np.diff(trajectory.t) - STEP).max() > 1e-6 * STEP:

@@ -20,7 +20,7 @@ from whiptool.impedance.laws import PositionControl
 from whiptool.limits.all_limits import AllLimits, unchecked_by
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
-from whiptool.limits.robot_trajectory import Execution, beginning, by_parts
+from whiptool.limits.robot_trajectory import Execution, beginning
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike
@@ -122,8 +122,8 @@ class RobotRig(FilmedRig):
         o, limits = self.options, self.limits.members
         execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
         trajectory, said = execution.judged(self.model, strike, o.t_stay, limits, believed=believed)
-        if said is None and (said := trajectory.beyond(self.robot.limits)):
-            said = by_parts(said, beginning(strike, trajectory, o.t_stay))
+        if said is None and (beyond := trajectory.beyond(self.robot.limits)):
+            said = beyond.by_parts(beginning(strike, trajectory, o.t_stay))
         return trajectory, said
 
     def _ask(self, motion: Motion) -> None:
