@@ -28,7 +28,7 @@ from whiptool.models import preset
 from whiptool.objective import Objective
 from whiptool.rl import trained, training_log
 from whiptool.rl.policy import trials_to_hit
-from whiptool.rl.trained import load_policy
+from whiptool.rl.trained import EPISODES, load_policy
 from whiptool.rl.training import load_checkpoint
 from whiptool.rollout import CompiledRollout
 
@@ -42,7 +42,7 @@ def few_trials_to_hit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / train.EPISODES).open(encoding="utf-8") as file:
+    with (folder / EPISODES).open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
@@ -128,7 +128,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     assert train.main([*SHORT, "--hindsight", "1", "--out", str(whole)]) == 0
     command = [sys.executable, "-c", WAITS_FOR_ITS_END, *SHORT, "--hindsight", "1", "--out", str(killed)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not (killed / train.EPISODES).exists() or len(rows(killed)) < 5:
+    while not (killed / EPISODES).exists() or len(rows(killed)) < 5:
         assert process.poll() is None, "ended before it could be killed"
         time.sleep(0.002)
     os.kill(process.pid, signal.SIGKILL)
@@ -136,7 +136,7 @@ def test_a_killed_run_resumes_to_the_same_end(tmp_path: Path) -> None:
     assert len(rows(killed)) < 12
     assert train.main(["--resume", str(killed)]) == 0
     assert same(load_checkpoint(whole / trained.CHECKPOINT), load_checkpoint(killed / trained.CHECKPOINT))
-    assert (whole / train.EPISODES).read_text() == (killed / train.EPISODES).read_text()
+    assert (whole / EPISODES).read_text() == (killed / EPISODES).read_text()
     results = [json.loads((folder / "result.json").read_text()) for folder in (whole, killed)]
     assert results[0]["trials_to_hit"] == results[1]["trials_to_hit"]
 
@@ -156,7 +156,7 @@ def test_a_run_that_is_trained_longer_is_a_run_of_that_length(
     assert train.main(["--resume", str(longer), "--episodes", "11"]) == 0
     for file in (trained.CHECKPOINT, trained.BEST):
         assert same(load_checkpoint(whole / file), load_checkpoint(longer / file))
-    for file in (train.EPISODES, train.CURVE, "config.toml"):
+    for file in (EPISODES, train.CURVE, "config.toml"):
         assert (whole / file).read_bytes() == (longer / file).read_bytes()
     results = [json.loads((folder / "result.json").read_text()) for folder in (whole, longer)]
     assert results[0] == results[1] | {"wall_time": results[0]["wall_time"]}
@@ -186,7 +186,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(
     assert load_checkpoint(run / trained.CHECKPOINT)["done"] <= 5
 
 
-@pytest.mark.parametrize("file", [train.EPISODES, "tensorboard/events*"])
+@pytest.mark.parametrize("file", [EPISODES, "tensorboard/events*"])
 def test_a_full_disk_leaves_whole_lines_and_events(
     file: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,10 +206,10 @@ def test_a_full_disk_leaves_whole_lines_and_events(
     error = capsys.readouterr().err.strip().splitlines()[-1]
     (path,) = run.glob(file)
     assert error == f"whiptool: [Errno 27] File too large: '{path}'"
-    assert (run / train.EPISODES).read_text().endswith("\n")
+    assert (run / EPISODES).read_text().endswith("\n")
     assert [int(row["number"]) for row in rows(run)] == [1, 2, 3, 4, 5]
     seen = EventAccumulator(str(run / "tensorboard")).Reload().Scalars("mean_reward")
-    assert [event.step for event in seen] == ([1, 2, 3, 4, 5] if file == train.EPISODES else [1, 2, 3, 4])
+    assert [event.step for event in seen] == ([1, 2, 3, 4, 5] if file == EPISODES else [1, 2, 3, 4])
     assert [event.value for event in seen] == pytest.approx(
         [float(row["mean_reward"]) for row in rows(run)][: len(seen)]
     )

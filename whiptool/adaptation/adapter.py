@@ -35,8 +35,15 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.whole_files import write_whole
 
 _LEARNED = ("rmse", "refused", "wall_time", "redundancy")  # stored with the belief
+_JUDGED = ("miss", "error", "probability")  # stored for who follows the run; None where nothing was judged
 _SOON = 0.5  # [s] between two looks at the progress of planning
-PLAN, OUTCOME, POSTERIOR, RECORDING = "plan.json", "outcome.json", "posterior.json", "recording.npz"
+PLAN, OUTCOME, POSTERIOR, JUDGED = "plan.json", "outcome.json", "posterior.json", "judged.json"
+RECORDING = "recording.npz"
+
+
+def strike_folder(run_folder: Path, number: int) -> Path:
+    """Return the folder of a strike, or of the measurement before the first one, number 0."""
+    return run_folder / f"strike-{number:04d}"
 
 
 @dataclass(frozen=True)
@@ -159,7 +166,7 @@ class Adapter:
     @property
     def place(self) -> Path | None:
         """Folder of the next strike; None: there is no run folder."""
-        return None if self.folder is None else self.folder / f"strike-{self.number:04d}"
+        return None if self.folder is None else strike_folder(self.folder, self.number)
 
     def ask(self) -> Strike | None:
         """Return the strike to be made next, the same until its recording is reported; None after the last strike.
@@ -259,6 +266,7 @@ class Adapter:
                 self._resting = set(learned.rmse)
             self._taught = self._taught or bool(set(learned.rmse) - self._resting)
         judged = self._judged(chosen, seen, learned) if number else None
+        self._write(JUDGED, {name: getattr(judged, name, None) for name in _JUDGED})
         step = Step(number, chosen, seen, learned, judged)
         self.steps.append(step)
         self.number, self._asked = number + 1, None

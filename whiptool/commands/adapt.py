@@ -76,15 +76,13 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
     """
     from whiptool.adaptation.adapter import Options
     from whiptool.adaptation.loop import Adaptation
-    from whiptool.adaptation.prior import read_belief
     from whiptool.limits.all_limits import default_limits
     from whiptool.limits.arm_limits import limits_preset
     from whiptool.models.strike import StrikeBounds, default_bounds
     from whiptool.recording.readers import read_recording
-    from whiptool.rig.emulator.motor import HARDWARE, Motor
     from whiptool.rig.stops import Interlock
 
-    tip = (options.port == "twin" and options.camera == "tip") or options.own_controller  # no motors of ours
+    tip = _without_motors(options)
     stock = options.build_stock()
     model = options.build_model() if stock is None else stock.owned(options.build_model())
     target = options.build_target(model)
@@ -107,12 +105,32 @@ def prepare(options: AdaptOptions, folder: Path | None = None) -> Adaptation:
         **_efforts(model, limited=bool(motors)),
     )
     known = [read_recording(path).for_model(model) for path in options.known]
-    drive = None if tip else HARDWARE if options.friction else Motor()
-    prior = read_belief(options.prior, model, controller, whip=options.whip, motor=drive, stock=stock)
+    prior = prior_of(options)
     interlock = Interlock()
     port = _port(options, model, controller, stock, interlock)
     _check_known(known, prior.plant.controller)
     return Adaptation(prior, port, target, loop, folder, recordings=known, interlock=interlock)
+
+
+def prior_of(options: AdaptOptions) -> Belief:
+    """Return the belief before the first strike of a run that the options describe.
+
+    Raises:
+        InputError: An option is out of range.
+    """
+    from whiptool.adaptation.prior import read_belief
+    from whiptool.rig.emulator.motor import HARDWARE, Motor
+
+    stock = options.build_stock()
+    model = options.build_model() if stock is None else stock.owned(options.build_model())
+    drive = None if _without_motors(options) else HARDWARE if options.friction else Motor()
+    controller = _controller(options, model)
+    return read_belief(options.prior, model, controller, whip=options.whip, motor=drive, stock=stock)
+
+
+def _without_motors(options: AdaptOptions) -> bool:
+    """Whether no motors of ours move the arm."""
+    return (options.port == "twin" and options.camera == "tip") or options.own_controller
 
 
 def _efforts(model: Model, *, limited: bool) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from whiptool.rl.settings import SETTINGS, settings_for
 from whiptool.runs import CITATIONS
 from whiptool.words import counted
 
-EPISODES, CURVE = "episodes.csv", "learning.png"
+CURVE = "learning.png"
 TRIALS_TO_HIT = 600  # that a trained policy has at each target
 HYPERPARAMETERS = {  # the learners that have each of them
     f.name: [learner for learner, of in SETTINGS.items() if hasattr(of, f.name)]
@@ -146,7 +146,7 @@ class TrainingRun:
     def __init__(self, options: TrainOptions) -> None:
         torch = optional("torch", "whiptool train")
         from whiptool.rl.actor_critic import LOSSES
-        from whiptool.rl.trained import BEST, CHECKPOINT, task_of, training_of
+        from whiptool.rl.trained import BEST, CHECKPOINT, EPISODES, task_of, training_of
         from whiptool.rl.training_log import EpisodeTable
 
         torch.set_num_threads(1)  # the same result on any number of cores; waiting threads would spin
@@ -292,7 +292,7 @@ class TrainingRun:
     def _lines(self, seconds: float, tried: dict[str, dict[str, Any]]) -> list[str]:
         """Return the result for people."""
         from whiptool.rl.policy import CONVENTIONS, GOALS
-        from whiptool.rl.trained import BEST, CHECKPOINT
+        from whiptool.rl.trained import BEST, CHECKPOINT, EPISODES
 
         best, plan, rule = self.training.best, self.training.plan, self.tests.arrival
         strikes = counted(plan.episodes * plan.trials, "strike")

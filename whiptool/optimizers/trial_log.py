@@ -9,7 +9,8 @@ import itertools
 import math
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,73 @@ from whiptool.whole_files import append_whole, write_whole
 
 TRIALS = "trials.csv"
 _STATUS = ("hit", "miss", "refused", "unseen", "diverged")
+_ARRIVAL = ("arrival_angle", "arrival_speed", "cost")
 _VECTORS = ("tip", "tip_velocity", "max_joint_speed", "max_torque")
 _NUMBERS = re.compile(rb"[-+.,0-9a-z]*")  # and nan, inf: what a kill in the middle of a line leaves
+
+
+@dataclass(frozen=True)
+class TrialColumns:
+    """Columns of a log of trials: the trial's number, its strike, and the parts of its outcome.
+
+    Args:
+        names: Names of a strike's coordinates.
+        parts: Names of the columns of each part of an outcome, in order.
+    """
+
+    names: tuple[str, ...]
+    parts: Mapping[str, Sequence[str]]
+
+    @classmethod
+    def named(cls, header: Sequence[str]) -> TrialColumns:
+        """Return the columns that a log's first line names.
+
+        Raises:
+            ValueError: They are not those of a log of trials.
+        """
+        names = tuple(header[1 : header.index("miss_distance")])
+        left = list(header[1 + len(names) :])
+        axes = sum(name in left for name in ("tip_x", "tip_y", "tip_z"))
+        joints = sum(name.startswith("max_joint_speed_") for name in left)
+        counts = {"miss_distance": 1, "hit": 1, "time": 1, "tip": axes, "tip_velocity": axes}
+        counts |= {"max_joint_speed": joints, "max_torque": joints}
+        behind = left[sum(counts.values()) :]  # named by whom it concerns, such as a criterion
+        counts |= {"miss_error": 1} if behind[:1] == ["miss_error"] else {}
+        counts |= {"arrival": len(_ARRIVAL)} if tuple(behind[: len(_ARRIVAL)]) == _ARRIVAL else {}
+        behind = left[sum(counts.values()) :]
+        counts |= {"values": behind.index("merit"), "merit": 1} if "merit" in behind else {}
+        counts |= {"status": 1} | ({"refused": 1} if left[-1:] == ["refused"] else {})
+        parts = {part: [left.pop(0) for _ in range(count)] for part, count in counts.items() if len(left) >= count}
+        if header[0] != "trial" or parts.get("status") != ["status"] or left:
+            raise ValueError(f"no columns of trials: {header}")
+        return cls(names, parts)
+
+    @property
+    def header(self) -> list[str]:
+        """Names of all columns."""
+        return ["trial", *self.names, *itertools.chain(*self.parts.values())]
+
+    def trial(self, line: bytes) -> Trial | None:
+        """Return the trial in a line without its end; None if it holds none."""
+        row = line.decode("utf-8", "replace").split(",")
+        if len(row) != len(self.header):
+            return None
+        cells = iter(row)
+        try:
+            number = int(next(cells))
+            strike = tuple(float(next(cells)) for _ in self.names)
+            parts = {part: _value(part, [next(cells) for _ in names]) for part, names in self.parts.items()}
+        except ValueError:
+            return None
+        status = parts.pop("status")
+        if status == "refused":
+            parts.setdefault("refused", RIG)
+        return Trial(number, strike, Outcome(**parts, diverged=status == "diverged", unseen=status == "unseen"))
+
+    def line(self, trial: Trial) -> str:
+        """Return the line of a trial."""
+        parts = [_cells(part, getattr(trial.outcome, part), len(names)) for part, names in self.parts.items()]
+        return _line([trial.number, *map(repr, trial.strike), *itertools.chain(*parts)])
 
 
 class TrialLog:
@@ -53,19 +119,18 @@ class TrialLog:
         criteria: Sequence[str] = (),
     ) -> None:
         self.path = path
-        self._names = strike_names(arm) if names is None else tuple(names)
         axes = "xyz"[: arm.dimension]
-        self._parts = {  # of an outcome, and their columns
+        parts = {  # of an outcome, and their columns
             **{name: [name] for name in ("miss_distance", "hit", "time")},
             **{name: [f"{name}_{axis}" for axis in axes] for name in ("tip", "tip_velocity")},
             **{name: [f"{name}_{joint}" for joint in arm.joints] for name in ("max_joint_speed", "max_torque")},
             **({"miss_error": ["miss_error"]} if measured else {}),
-            **({"arrival": ["arrival_angle", "arrival_speed", "cost"]} if arriving else {}),
+            **({"arrival": _ARRIVAL} if arriving else {}),
             **({"values": list(criteria), "merit": ["merit"]} if criteria else {}),
             "status": ["status"],
             **({"refused": ["refused"]} if limited else {}),
         }
-        self._header = ["trial", *self._names, *itertools.chain(*self._parts.values())]
+        self.columns = TrialColumns(strike_names(arm) if names is None else tuple(names), parts)
 
     def read(self) -> list[Trial]:
         """Return all trials up to the first damaged line.
@@ -80,14 +145,14 @@ class TrialLog:
             return []
         data = self.path.read_bytes()
         *lines, cut_off = data.split(b"\n")
-        header = _line(self._header).encode()
+        header = _line(self.columns.header).encode()
         if not header.startswith(b"".join(line + b"\n" for line in lines[:1]) or cut_off):
             given = data[:80].decode("utf-8", "backslashreplace")
             fix = "move it away: resumed without it, the run makes its trials again"
-            raise InputError(str(self.path), given, "the columns " + ",".join(self._header), fix)
+            raise InputError(str(self.path), given, "the columns " + ",".join(self.columns.header), fix)
         trials: list[Trial] = []
         for line in lines[1:]:
-            trial = self._trial(line)
+            trial = self.columns.trial(line)
             if trial is None or trial.number != len(trials) + 1:
                 break
             trials.append(trial)
@@ -111,27 +176,8 @@ class TrialLog:
 
     def append(self, trial: Trial) -> None:
         """Add one trial; it is written to the file when this returns."""
-        parts = [_cells(part, getattr(trial.outcome, part), len(names)) for part, names in self._parts.items()]
-        row = [trial.number, *map(repr, trial.strike), *itertools.chain(*parts)]
         new = not self.path.exists() or self.path.stat().st_size == 0
-        append_whole(self.path, (_line(self._header) if new else "") + _line(row))
-
-    def _trial(self, line: bytes) -> Trial | None:
-        """The trial in a line; None where it holds none."""
-        row = line.decode("utf-8", "replace").split(",")
-        if len(row) != len(self._header):
-            return None
-        cells = iter(row)
-        try:
-            number = int(next(cells))
-            strike = tuple(float(next(cells)) for _ in self._names)
-            parts = {part: _value(part, [next(cells) for _ in names]) for part, names in self._parts.items()}
-        except ValueError:
-            return None
-        status = parts.pop("status")
-        if status == "refused":
-            parts.setdefault("refused", RIG)
-        return Trial(number, strike, Outcome(**parts, diverged=status == "diverged", unseen=status == "unseen"))
+        append_whole(self.path, (_line(self.columns.header) if new else "") + self.columns.line(trial))
 
 
 def _cells(part: str, value: Any, count: int) -> list[str]:

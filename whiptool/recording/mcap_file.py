@@ -7,7 +7,8 @@ strike or recording, from 0; the frame `base` is that of the arm's base. The pla
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -28,6 +29,8 @@ JOINTS, COMMAND, WHIP, TIP, HAND = "/joint_states", "/joint_trajectory", "/whip"
 FRAME = "base"
 _STATE, _TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
 _POINT, _POSE, _POSES = (f"geometry_msgs/msg/{name}" for name in ("PointStamped", "PoseStamped", "PoseArray"))
+
+_ON_PATH = 300  # places, about, of a whole path in one message
 
 Message: TypeAlias = tuple[str, float, Any]  # topic, time [s], message of rosbags
 
@@ -64,15 +67,65 @@ def write_strike_mcap(path: Path | str, model: Model, trajectory: Trajectory) ->
         MissingPackage: mcap or rosbags is not installed.
         OSError: The file cannot be written.
     """
-    a, t = model.arm.n, trajectory.t
+    _write(path, _strike(model, trajectory, trajectory.t))
+
+
+def write_progress_mcap(
+    path: Path | str,
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    points: Mapping[str, np.ndarray],
+    strike: tuple[Model, Trajectory, Sequence[float]] | None,
+) -> None:
+    """Write how a run went: a number a second, such as a trial's, and after the last the strike that was chosen.
+
+    Topics are `/progress/NAME` of each curve, and at the strike `/joint_states`, `/whip`, `/tip`, its whole path
+    `/tip_path`, `/target`, and `/points/NAME`.
+
+    Args:
+        path: The file.
+        curves: Numbers of trials, (K,), which count as seconds, and values, (K,), by names that are written in small
+            letters with underscores. Values that are not finite are left out.
+        points: Positions (K, d) [m] by name.
+        strike: Model and trajectory of the chosen strike, and its target (d,); None: no strike was chosen.
+
+    Raises:
+        MissingPackage: mcap or rosbags is not installed.
+        OSError: The file cannot be written.
+    """
+    counted = np.concatenate([np.zeros(1), *(x for x, _ in curves.values())])
+    first, last = float(counted.min()), float(counted.max())
+    found: list[Message] = []
+    for name, (x, y) in curves.items():
+        known = np.isfinite(y)
+        for time, value in zip(x[known] - first, y[known], strict=True):
+            found.append((f"/progress/{_topic(name)}", time, _message("std_msgs/msg/Float64", float(value))))
+    begins = last - first + 1
+    if strike is not None:
+        model, trajectory, target = strike
+        found += _strike(model, trajectory, begins + trajectory.t)
+        few = trajectory.tip[:: max(1, round(len(trajectory.t) / _ON_PATH))]
+        way = [_message(_POSE, _header(begins), _pose(place)) for place in upright(few)]
+        found.append(("/tip_path", begins, _message("nav_msgs/msg/Path", _header(begins), way)))
+        found += _places("/target", np.array([begins]), upright(np.array([target])))
+    for name, places in points.items():
+        poses = [_pose(place) for place in upright(places)]
+        found.append((f"/points/{_topic(name)}", begins, _message(_POSES, _header(begins), poses)))
+    _write(path, found)
+
+
+def _topic(name: str) -> str:
+    """A name as part of a topic of ROS: small letters, digits and underscores."""
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _strike(model: Model, trajectory: Trajectory, t: np.ndarray) -> list[Message]:
+    """Messages of a strike: the arm's joints, the places of the hand and all nodes, and the tip, at times (T,) [s]."""
+    a = model.arm.n
     found = list(_states(model.arm.names, t, trajectory.q[:, :a], trajectory.v[:, :a]))
     places = upright(joint_points(model, trajectory.q))[:, a:]  # the hand, then the nodes
-    still = _message("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
     for time, points in zip(t, places, strict=True):
-        poses = [_message("geometry_msgs/msg/Pose", _point(x), still) for x in points]
-        found.append((WHIP, time, _message(_POSES, _header(time), poses)))
-    found += _places(TIP, t, upright(trajectory.tip))
-    _write(path, found)
+        found.append((WHIP, time, _message(_POSES, _header(time), [_pose(x) for x in points])))
+    return [*found, *_places(TIP, t, upright(trajectory.tip))]
 
 
 def write_recorded_mcap(path: Path | str, recording: StrikeRecording) -> None:
@@ -115,6 +168,12 @@ def _poses(t: np.ndarray, poses: np.ndarray) -> Iterator[Message]:
     for time, pose in zip(t, poses, strict=True):
         turned = _message("geometry_msgs/msg/Quaternion", *map(float, pose[3:]))
         yield HAND, time, _message(_POSE, _header(time), _message("geometry_msgs/msg/Pose", _point(pose), turned))
+
+
+def _pose(place: np.ndarray) -> Any:
+    """A place without a direction."""
+    still = _message("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    return _message("geometry_msgs/msg/Pose", _point(place), still)
 
 
 def _point(place: np.ndarray) -> Any:

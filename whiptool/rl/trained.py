@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 from whiptool.errors import InputError, expect
 from whiptool.extras import optional
 from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone
-from whiptool.goals.target import HIT_RADIUS
+from whiptool.goals.target import HIT_RADIUS, Target
 from whiptool.goals.zone import Zone
 from whiptool.impedance.controller import controller_from_table
 from whiptool.models import numbers
 from whiptool.models.files import model_from_table
-from whiptool.models.strike import T_STAY
+from whiptool.models.strike import T_STAY, Strike
 from whiptool.progress import Progress
 from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import OLD_OBSERVATIONS, StrikeTask
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from whiptool.rl.policy import Policy
     from whiptool.rl.training import Training, TrainingEpisode
 
-CHECKPOINT, BEST = "checkpoint.pt", "best.pt"  # files of a run folder
+CHECKPOINT, BEST, EPISODES = "checkpoint.pt", "best.pt", "episodes.csv"  # files of a run folder
 
 
 def task_of(config: Mapping[str, Any]) -> StrikeTask:
@@ -85,6 +85,19 @@ def load_policy(run_folder: str | Path) -> Policy:
     training = training_of(config_of(folder, "train"))
     training.load(given if given.is_file() else kept)
     return Policy(training.learner, training.task)
+
+
+def held_out_strike(policy: Path) -> tuple[Policy, Target, Strike]:
+    """Return a stored policy, the first of its training's held-out goals, and the policy's first strike at it.
+
+    Args:
+        policy: As `run_folder` of `load_policy`, with its errors.
+    """
+    from whiptool.rl.policy import held_out_goals
+
+    folder, loaded = policy.parent if policy.is_file() else policy, load_policy(policy)
+    target = Target.of(held_out_goals(loaded.task, config_of(folder, "train")["options"]["seed"]), 0)
+    return loaded, target, loaded.strike(target)
 
 
 def train(

@@ -48,15 +48,15 @@ def save_part(folder: Path, number: int, answers: Answers) -> None:
     write_npz(part_file(folder, number), {f.name: getattr(answers, f.name) for f in fields(Answers)})
 
 
-def load_parts(folder: Path, count: int) -> list[Answers]:
-    """Return the entries of the first `count` parts in order, up to the first one that is missing.
+def load_parts(folder: Path, count: int, *, first: int = 0) -> list[Answers]:
+    """Return the entries of parts `first` to `count` - 1 in order, up to the first one that is missing.
 
     Raises:
         InputError: A file has another format.
     """
     parts: list[Answers] = []
-    while len(parts) < count and part_file(folder, len(parts)).exists():
-        arrays = read_arrays(part_file(folder, len(parts)), "strike map", _SHAPES)
+    while (number := first + len(parts)) < count and part_file(folder, number).exists():
+        arrays = read_arrays(part_file(folder, number), "strike map", _SHAPES)
         parts.append(Answers(**{name: arrays[name] for name in _SHAPES}))
     return parts
 
