@@ -7,7 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from robot_log_files import EPOCH, write_table
+from robot_log_files import EPOCH, BagWriter, write_table
 from scipy.spatial.transform import Rotation
 
 from whiptool.models import preset
@@ -87,6 +87,35 @@ def test_logs_of_another_clock_are_shown_before_they_can_be_read(tmp_path):
     findings = found(tmp_path)
     assert "another clock" in of(findings, "clocks").value
     assert of(findings, "offset").numbers["start"] == pytest.approx(EPOCH - LATE, abs=1e-3, rel=0)
+
+
+def write_moving_bag(path, late: float) -> None:
+    """The handle, and the hand by a clock that is `late` seconds ahead, in one bag."""
+    with BagWriter(path) as bag:
+        for t in np.arange(0, 3, 1 / 120):
+            origins, rotations = arm_poses(ARM, joints(np.array([t])))
+            row, stamp = [*origins[0, -1], *Rotation.from_matrix(rotations[0, -1]).as_quat()], EPOCH + t
+            marker = bag.make("geometry_msgs/msg/PoseStamped", bag.header(stamp), bag.pose(row))
+            bag.write("/vrpn/handle/pose", stamp, marker)
+            hand = bag.make("geometry_msgs/msg/PoseStamped", bag.header(stamp + late), bag.pose(row))
+            bag.write("/hand", stamp, hand)
+
+
+@pytest.mark.parametrize("late", [0.25, 40.0 - EPOCH])
+def test_the_advice_on_a_bags_own_logs_is_by_their_clock(tmp_path, late):
+    """Without `start` frames begin at 0; the second hand's clock counts since its computer was started."""
+    pytest.importorskip("rosbags")
+    write_moving_bag(tmp_path / "a.bag", late)
+    side = 'hand_topic = "/hand"\nmarkers = {handle = "/vrpn/handle/pose"}\n'
+    (tmp_path / "a.toml").write_text(side)
+    first = of(list(compared([understand(str(tmp_path / "a.bag"))])[0].findings), "offset")
+    assert first.certainty == "doubtful"
+    assert first.numbers["start"] == pytest.approx(EPOCH + late, abs=2e-3, rel=0)
+    advised = re.search(r"hand_start = [-\d.]+", first.fix)
+    (tmp_path / "a.toml").write_text(side + (advised[0] if advised else ""))
+    again = of(list(compared([understand(str(tmp_path / "a.bag"))])[0].findings), "offset")
+    assert again.certainty == "measured"
+    assert abs(again.numbers["offset"]) < 1e-3
 
 
 def test_a_clock_that_runs_fast_is_seen(tmp_path):

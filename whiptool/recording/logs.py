@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -165,11 +167,19 @@ def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) ->
 
 
 class ClocksApart(InputError):
-    """Times of a log and of the frames that do not overlap."""
+    """Times of a log and of the frames that do not overlap.
+
+    Attributes:
+        logs: The logs as arguments of `StrikeRecording`, by their own clocks, where a reader has read them.
+    """
+
+    logs: Mapping[str, Any] = MappingProxyType({})
 
     def renamed(self, name: str, fix: str = "") -> InputError:
         """Return the same error under another name, see `InputError.renamed`."""
-        return ClocksApart(name, self.given, self.allowed, self.fix or fix)
+        found = ClocksApart(name, self.given, self.allowed, self.fix or fix)
+        found.logs = self.logs
+        return found
 
 
 def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float, float] | None) -> None:

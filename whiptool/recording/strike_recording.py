@@ -45,9 +45,10 @@ NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's coun
 LAYOUT = 1  # raised when a key changes its meaning
 REQUIRED = ("t", "points", "markers")
 NAMES = ("markers", "joint_names", "notes")
+UNWRITTEN = ("joint_names", "notes", "joints_listed", "up", "start")  # in a file, where they are empty
 _WRITTEN = {"strike": lambda strike: strike.vector, "controller": json.dumps, "view": lambda x: json.dumps(x.table())}
 _READ = {
-    **dict.fromkeys(("exposure", "t_stay"), float),
+    **dict.fromkeys(("exposure", "t_stay", "start"), float),
     **dict.fromkeys(("camera", "source", "sha256", "up"), str),
     **dict.fromkeys(NAMES, lambda value: tuple(str(name) for name in np.atleast_1d(value).ravel())),
     "strike": Strike.from_vector,
@@ -91,6 +92,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         camera: Name of the camera settings, a label only.
         source: File or device of the recording.
         sha256: Checksum of the source's bytes.
+        start: Time of the command's start by the clock of the source [s], which was subtracted from the times.
         joint_names: Joint names of the columns of `joints_q`, (a,); empty: they are in the arm's order.
         view: The camera whose pixels the points are; None: the points are positions.
         hand_t: Times of the hand's measured poses [s], (S,), strictly increasing.
@@ -126,6 +128,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
     camera: str = ""
     source: str = ""
     sha256: str = ""
+    start: float = 0.0
     joint_names: tuple[str, ...] = ()
     view: Camera | None = None
     hand_t: np.ndarray | None = None
@@ -411,7 +414,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
         arrays: dict[str, Any] = {"format": np.int64(LAYOUT)}
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if value is not None and not (field.name in ("joint_names", "notes", "joints_listed", "up") and not value):
+            if value is not None and not (field.name in UNWRITTEN and not value):
                 arrays[field.name] = np.asarray(_WRITTEN.get(field.name, np.asarray)(value))
         try:
             write_npz(Path(path), arrays)

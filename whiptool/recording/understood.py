@@ -16,7 +16,7 @@ from whiptool.recording.labels import check_labels
 from whiptool.recording.logs import HOLE, ClocksApart, gaps, told_of_spans
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_any, split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
-from whiptool.recording.readers.sidecar import Sidecar
+from whiptool.recording.readers.sidecar import LOGS
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 
@@ -76,12 +76,12 @@ def understand(path: str, **options: Any) -> Understood:
     form = find_format(file)
     said = {} if form in _IN_METRES else _said(Path(file), episode.get("episode", 0)) | options
     findings = [Finding("format", READERS[form].what, STATED, "by its name and first bytes", numbers={"format": form})]
-    apart = None
+    apart: Logs | None = None
     try:
         found = open_any(path, **options)
     except ClocksApart as error:
         found = open_any(path, **{**options, "joints": False, "hand": False})  # whose clocks are to be found
-        apart = _logs_apart(Path(file), said)
+        apart = _logs_in(error.logs)
         reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
         findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
     if isinstance(found, StrikeRecording):
@@ -90,35 +90,33 @@ def understand(path: str, **options: Any) -> Understood:
         findings += _of_images(found)
     else:
         findings += _of_logs(found)
-    own = _own_logs(found) if isinstance(found, StrikeRecording) else None
-    start = said.get("start", 0.0)
-    starts = {} if apart is not None else {what: said.get(f"{what}_start", start) for what in ("joints", "hand")}
-    return Understood(path, form, found, tuple(findings), said, apart or own, starts)
+    logs, starts = apart, {}
+    if apart is None and isinstance(found, StrikeRecording):
+        logs, starts = _logs_in(vars(found)), {what: said.get(f"{what}_start", found.start) for what in LOGS}
+    return Understood(path, form, found, tuple(findings), said, logs, starts)
 
 
-def _logs_apart(path: Path, said: Mapping[str, Any]) -> Logs:
-    """The logs that a sidecar names, by their own clocks."""
-    folder = path if path.is_dir() else path.parent
-    side = Sidecar({**said, "start": 0.0, "joints_start": 0.0, "hand_start": 0.0}, folder, f"{path}: ")
-    fields = side.fields()
+def _logs_in(fields: Mapping[str, Any]) -> Logs | None:
+    """The logs in the arguments of a recording; None without any. Of its notes those on a log are that log's."""
     joints = hand = None
-    if "joints_q" in fields:
-        names, listed = fields["joint_names"], fields["joints_listed"]
-        joints = JointLog(fields["joints_t"], fields["joints_q"], names, unit="rad", listed=listed)
-    if "hand_pose" in fields:
-        hand = JointLog(fields["hand_t"], fields["hand_pose"])
-    return Logs(joints, hand)
-
-
-def _own_logs(recording: StrikeRecording) -> Logs | None:
-    """The logs of a recording; None without any."""
-    joints = hand = None
-    if recording.joints_t is not None and recording.joints_q is not None:
-        names, listed = recording.joint_names, recording.joints_listed
-        joints = JointLog(recording.joints_t, recording.joints_q, names, unit="rad", listed=listed)
-    if recording.hand_t is not None and recording.hand_pose is not None:
-        hand = JointLog(recording.hand_t, recording.hand_pose)
+    notes = {what: tuple(x for x in fields.get("notes", ()) if x.startswith(f"{what}:")) for what in LOGS}
+    if fields.get("joints_t") is not None:
+        names, listed = fields.get("joint_names", ()), fields.get("joints_listed", False)
+        of_joints = {"names": names, "unit": "rad", "listed": listed, "notes": notes["joints"]}
+        joints = JointLog(fields["joints_t"], fields["joints_q"], **of_joints)
+    if fields.get("hand_t") is not None:
+        hand = JointLog(fields["hand_t"], fields["hand_pose"], notes=notes["hand"])
     return None if joints is None and hand is None else Logs(joints, hand)
+
+
+def _of_logged(fields: Mapping[str, Any], notes: list[str]) -> Iterator[Finding]:
+    """Yield what was understood of the logs in the arguments of a recording; what is said of them is no note then."""
+    logs = _logs_in(fields) or Logs()
+    if logs.joints is not None:
+        yield from _joints(logs.joints)
+    if logs.hand is not None:
+        yield from _hand(logs.hand)
+    notes[:] = [note for note in notes if not note.startswith(tuple(f"{what}:" for what in LOGS))]
 
 
 def _said(path: Path, episode: int) -> dict[str, Any]:
@@ -281,15 +279,7 @@ def _command(recording: StrikeRecording) -> Iterator[Finding]:
 
 def _logged(recording: StrikeRecording, notes: list[str]) -> Iterator[Finding]:
     """Yield what was logged in addition to the frames."""
-    if recording.joints_t is not None and recording.joints_q is not None:
-        aside = [note for note in notes if note.startswith("joints:")]
-        notes[:] = [note for note in notes if note not in aside]
-        names = recording.joint_names
-        yield from _joints(JointLog(recording.joints_t, recording.joints_q, names, unit="rad", notes=tuple(aside)))
-    if recording.hand_t is not None and recording.hand_pose is not None:
-        aside = [note for note in notes if note.startswith("hand:")]
-        notes[:] = [note for note in notes if note not in aside]
-        yield from _hand(JointLog(recording.hand_t, recording.hand_pose, notes=tuple(aside)))
+    yield from _of_logged(vars(recording), notes)
     for sentence in told_of_spans(recording.t, recording.logs):
         if not sentence.startswith("frames"):
             yield Finding("gaps", sentence, MEASURED)
@@ -351,10 +341,6 @@ def _of_images(film: VideoSource) -> Iterator[Finding]:
     yield Finding("shutter", shutter, STATED if film.readout else ASSUMED, numbers={"readout": film.readout})
     yield Finding("exposure", f"{1e3 * film.exposure:.3g} ms", STATED if film.exposure else ASSUMED)
     yield Finding("markers", "not tracked yet", STATED, "identify tracks the tip")
-    if "joints_q" in film.about:
-        names = tuple(film.about.get("joint_names", ()))
-        aside = tuple(note for note in notes if note.startswith("joints:"))
-        notes = [note for note in notes if note not in aside]
-        yield from _joints(JointLog(film.about["joints_t"], film.about["joints_q"], names, unit="rad", notes=aside))
+    yield from _of_logged(film.about, notes)
     for note in notes:
         yield Finding("note", note, ASSUMED)

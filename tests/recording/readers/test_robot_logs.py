@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.recording.mcap_file import write_recorded_mcap
-from whiptool.recording.readers import open_any, read_recording
+from whiptool.recording.readers import bag_logs, open_any, read_recording
 from whiptool.recording.readers.bag_logs import bag_hand, bag_joints
 from whiptool.recording.readers.joint_log import Logs, read_joint_log
 from whiptool.recording.strike_recording import StrikeRecording
@@ -221,6 +221,58 @@ def test_motion_capture_that_ros_published_is_tracks(tmp_path, name):
         read_recording(tmp_path / name, markers={"tip": "/markers"})
     logs = open_any(str(tmp_path / name))
     assert isinstance(logs, Logs)  # without names of markers there are only logs
+
+
+def write_markers(path, late: float, behind: float = 0.0) -> None:
+    """Two markers in one array and one of another computer, whose stamps differ by `late` seconds and which writes
+    `behind` seconds later.
+    """
+    with BagWriter(path) as bag:
+        for t, row in zip(EPOCH + log_times(), poses(), strict=True):
+            both = [bag.pose(row), bag.pose(row + 1)]
+            bag.write("/whip", t, bag.make("geometry_msgs/msg/PoseArray", bag.header(t, "world"), both))
+            third = bag.make("geometry_msgs/msg/PoseStamped", bag.header(t + late, "world"), bag.pose(row + 2))
+            bag.write("/tracker/node3", t + behind, third)
+
+
+WHIP = {"tip": "/whip[0]", "handle": "/whip[1]", "node3": "/tracker/node3"}
+
+
+@needs_rosbags
+def test_markers_of_two_computers_clocks_are_by_the_clock_of_the_bag(tmp_path):
+    write_markers(tmp_path / "a.bag", 12.5 - EPOCH)
+    read = read_recording(tmp_path / "a.bag", markers=WHIP)
+    np.testing.assert_allclose(read.t, log_times(), atol=1e-6)
+    assert read.seen.all()
+    for i, name in enumerate(WHIP):
+        np.testing.assert_array_equal(read.marker(name), (poses() + i)[:, :3])
+    said = "the times at which the bag was written; not by the messages' header stamps: those of the markers' topics"
+    assert any(f"{said} are 1.7326e+09 s apart" in note for note in read.notes)
+
+
+@needs_rosbags
+def test_topics_that_are_written_after_other_delays_are_said(tmp_path):
+    write_markers(tmp_path / "a.bag", 0.0, behind=0.2)
+    read = read_recording(tmp_path / "a.bag", markers=WHIP)
+    assert read.seen.all()
+    assert any("messages of /tracker/node3 were written 0.200 s longer after their stamps" in x for x in read.notes)
+    write_markers(tmp_path / "b.bag", 0.0)
+    assert not any("longer" in x for x in read_recording(tmp_path / "b.bag", markers=WHIP).notes)
+
+
+@needs_rosbags
+def test_a_topic_is_decoded_once_for_all_its_markers(tmp_path, monkeypatch):
+    write_markers(tmp_path / "a.bag", 0.0)
+    decoded, messages = [], bag_logs.bag_messages
+
+    def counted(*args):
+        for one in messages(*args):
+            decoded.append(one[0])
+            yield one
+
+    monkeypatch.setattr(bag_logs, "bag_messages", counted)
+    read_recording(tmp_path / "a.bag", markers=WHIP)
+    assert len(decoded) == 2 * S
 
 
 @needs_rosbags

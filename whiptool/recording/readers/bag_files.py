@@ -6,7 +6,7 @@ Times are the messages' stamps, or those at which the bag was written: the first
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -96,18 +96,37 @@ def best_clock(clocks: dict[str, list[float]], place: str) -> tuple[np.ndarray, 
     Raises:
         InputError: No clock increases.
     """
-    said = []
-    for whose, times in clocks.items():
-        if not times:
-            continue
-        stamps = np.array(times)
+    times, whose = common_clock({name: {place: stamps} for name, stamps in clocks.items() if stamps}, place)
+    return times[place], whose
+
+
+def common_clock(
+    clocks: Mapping[str, Mapping[str, Sequence[float]]], place: str, *, against: Sequence[str] = ()
+) -> tuple[dict[str, np.ndarray], str]:
+    """Return the first of several clocks of which nearly all stamps of all topics can be right, and its name.
+
+    Args:
+        clocks: Stamps [s] by the name of the clock and by topic.
+        place: Location of the stamps, for messages.
+        against: Reasons against the clocks that were left out before.
+
+    Returns:
+        The stamps by topic, NaN where one cannot be right, and the name of the clock with the reasons against those
+            before it.
+
+    Raises:
+        InputError: No clock increases.
+    """
+    said = list(against)
+    for whose, topics in clocks.items():
+        stamps = {topic: np.array(times) for topic, times in topics.items()}
         try:
-            keep, _ = good_stamps(stamps, whose)
+            keep = {topic: good_stamps(times, whose)[0] for topic, times in stamps.items()}
         except InputError as error:
             said.append(f"{whose}: {error.given}")
             continue
         others = "".join(f"; not by {other}" for other in said)
-        return np.where(keep, stamps, np.nan), whose + others
+        return {topic: np.where(keep[topic], times, np.nan) for topic, times in stamps.items()}, whose + others
     fix = "state the key timestamps in the sidecar"
     raise InputError(place, f"time stamps that do not increase ({'; '.join(said)})", "increasing stamps", fix)
 

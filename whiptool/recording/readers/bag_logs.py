@@ -9,8 +9,8 @@ are interpolated.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -116,41 +116,60 @@ def bag_hand(path: Path | str, topic: str | None = None, frames: Sequence[str] |
         times, poses, said = _along_frames(path, *frames)
     else:
         topic = _topic(path, topic, [POSE, ARRAY, MOVED], "hand_topic", "hand")
-        _, times, poses, whose = posed(path, topic, [POSE, ARRAY, MOVED])
-        said = f"from {topic}, times from {whose}"
+        found = published(path, {topic: [0]}, [POSE, ARRAY, MOVED])[topic]
+        times, whose = best_clock({HEADER: found.stamps, WRITTEN: found.written}, f"{path}: {topic}")
+        poses, said = found.poses[0], f"from {topic}, times from {whose}"
     keep, bad = good_stamps(times, f"{path}: hand")
     return JointLog(times[keep], poses[keep], notes=(f"hand: {said}", *bad))
 
 
-def posed(
-    path: Path | str, topic: str, kinds: Sequence[str], index: int = 0
-) -> tuple[str, np.ndarray, np.ndarray, str]:
-    """Read places and orientations of one topic.
+@dataclass(frozen=True, eq=False)
+class Published:
+    """Poses of one topic.
+
+    Args:
+        stamps: Stamps in the headers of the S messages [s].
+        written: Times at which they were written [s].
+        poses: By the number of the pose in a message, (S, 7): place [m] and quaternion (x, y, z, w).
+    """
+
+    stamps: list[float]
+    written: list[float]
+    poses: dict[int, np.ndarray]
+
+
+def published(path: Path | str, topics: Mapping[str, Sequence[int]], kinds: Sequence[str]) -> dict[str, Published]:
+    """Read places and orientations of topics, each message once; a point has the orientation (0, 0, 0, 1).
 
     Args:
         path: The bag.
-        topic: The topic.
+        topics: Numbers of the poses of each topic: 0, or those of a `PoseArray`.
         kinds: Kinds of messages that are allowed.
-        index: Which pose of a `PoseArray`.
-
-    Returns:
-        The kind of the messages, times (S,) [s], poses (S, 7) (a point has the orientation (0, 0, 0, 1)), and the name
-            of the clock.
 
     Raises:
-        InputError: There is no such topic, an array is too short, or stamps are implausible.
+        InputError: A topic has fewer than two messages, or an array is too short.
     """
-    stamps, written, rows, kind = [], [], [], ""
-    for _, time, message in bag_messages(path, [topic], kinds):
-        kind = message.__msgtype__
-        place, turned = _parts(message, kind, index, f"{path}: {topic}")
-        stamps.append(stamp_of(message))
-        written.append(1e-9 * time)
-        rows.append([place.x, place.y, place.z, *((0, 0, 0, 1) if turned is None else _quaternion(turned))])
-    if len(rows) < 2:
-        raise InputError(f"{path}: {topic}", f"{len(rows)} messages", "at least two")
-    times, whose = best_clock({HEADER: stamps, WRITTEN: written}, f"{path}: {topic}")
-    return kind, times, np.array(rows, float), whose
+    stamps: dict[str, list[float]] = {topic: [] for topic in topics}
+    written: dict[str, list[float]] = {topic: [] for topic in topics}
+    rows: dict[str, list[list[list[float]]]] = {topic: [] for topic in topics}
+    for topic, time, message in bag_messages(path, list(topics), kinds):
+        rows[topic].append([_pose(message, index, f"{path}: {topic}") for index in topics[topic]])
+        stamps[topic].append(stamp_of(message))
+        written[topic].append(1e-9 * time)
+    found = {}
+    for topic, numbers in topics.items():
+        if len(rows[topic]) < 2:
+            raise InputError(f"{path}: {topic}", f"{len(rows[topic])} messages", "at least two")
+        table = np.array(rows[topic], float)
+        poses = {number: table[:, i] for i, number in enumerate(numbers)}
+        found[topic] = Published(stamps[topic], written[topic], poses)
+    return found
+
+
+def _pose(message: Any, index: int, place: str) -> list[float]:
+    """Place and quaternion of a message."""
+    at, turned = _parts(message, message.__msgtype__, index, place)
+    return [at.x, at.y, at.z, *((0, 0, 0, 1) if turned is None else _quaternion(turned))]
 
 
 def _parts(message: Any, kind: str, index: int, place: str) -> tuple[Any, Any]:

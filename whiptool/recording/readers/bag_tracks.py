@@ -5,14 +5,16 @@ rigid bodies, or one pose of a `PoseArray`. The key `markers` names them, as in 
 "/whip[3]"}`; default: topics of points that are called after a marker, such as `/tip`. Topics that were published at
 other times make further frames, in which the other markers are missing.
 
-Places are in m, by the definition of the messages, in the axes of their frame, whose z is taken to point up. Time 0 is
-the first frame, unless `start` says when the command began by the bag's clock. Joints and hand are those of the bag,
-unless the keys `joints` and `hand` name another file.
+All markers have one clock: that of the headers, or, where the headers of two topics are by clocks that differ by more
+than 1 s, that by which the bag was written. Places are in m, by the definition of the messages, in the axes of their
+frame, whose z is taken to point up. Time 0 is the first frame, unless `start` says when the command began by the bag's
+clock. Joints and hand are those of the bag, unless the keys `joints` and `hand` name another file.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +22,18 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing
-from whiptool.recording.readers.bag_files import bag_parts, bag_topics
-from whiptool.recording.readers.bag_logs import ARRAY, MOVED, POINT, POSE, STATE, posed
+from whiptool.recording.readers.bag_files import bag_parts, bag_topics, common_clock
+from whiptool.recording.readers.bag_logs import (
+    ARRAY,
+    HEADER,
+    MOVED,
+    POINT,
+    POSE,
+    STATE,
+    WRITTEN,
+    Published,
+    published,
+)
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.rosbag import bag_sidecar
 from whiptool.recording.readers.sidecar import Sidecar
@@ -29,6 +41,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 
 MARKER = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 SAME = 1e-6  # [s] between stamps of one frame
+DELAYED, OTHER_CLOCK = 0.05, 1.0  # [s] between delays of two topics: a word is said, and their clocks are others
 _KINDS = (POINT, POSE, MOVED, ARRAY)
 
 
@@ -50,40 +63,71 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
     if not markers:
         given = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items()) or "no messages"
         raise InputError(f"{path}: topics", given[:400], "topics of points: name the markers' topics (key markers)")
-    found = {name: _marker(path, topics, topic) for name, topic in markers.items()}
-    t, points = _frames([(times, places) for times, places, _ in found.values()])
-    side = side if "start" in side.table else Sidecar({**side.table, "start": float(t[0])}, side.folder, side.place)
-    side = _with_logs(side, path, {name: topic.kind for name, topic in topics.items()})
+    places = {name: _place(path, topics, written) for name, written in markers.items()}
+    numbers = {topic: sorted({k for other, k in places.values() if other == topic}) for topic, _ in places.values()}
+    found = published(path, numbers, _KINDS)
+    times, whose = _clock(found, path)
+    t, points = _frames([(times[topic], found[topic].poses[k][:, :3]) for topic, k in places.values()])
+    side = _with_logs(side.starting(t[0]), path, {name: topic.kind for name, topic in topics.items()})
     with parsing(path, "ROS bag"):
-        whose = next(iter(found.values()))[2]
         clock = clock_of_rows(side, t, f"times from {whose}", "stamps")
         return side.recording(
             path,
-            notes=[*clock.notes, "units: m, by the definition of the messages"],
+            notes=[*clock.notes, *_delays(found), "units: m, by the definition of the messages"],
             t=clock.times,
             points=side.metres(points[clock.keep]),
-            markers=tuple(found),
+            markers=tuple(places),
             sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
             files=bag_parts(path),
             up="" if "axes" in side.table else "z",
         )
 
 
-def _marker(path: Path, topics: dict[str, Any], written: str) -> tuple[np.ndarray, np.ndarray, str]:
-    """Times (S,), places (S, 3) and the clock of a topic, `/whip[3]` being pose 3 of an array."""
+def _place(path: Path, topics: dict[str, Any], written: str) -> tuple[str, int]:
+    """The topic of a marker, and the number of its pose: of `/whip[3]` pose 3 of an array."""
     match = re.fullmatch(r"(.+)\[(\d+)\]", written)
     topic, index = (match[1], int(match[2])) if match else (written, 0)
     kind = topics[topic].kind if topic in topics else None
     if kind not in _KINDS or (kind == ARRAY) != bool(match):
         known = [name + "[0]" * (about.kind == ARRAY) for name, about in topics.items() if about.kind in _KINDS]
         raise InputError(f"{path}: markers", written, "one of the topics " + (", ".join(known) or "(none)"))
-    _, times, poses, whose = posed(path, topic, [kind], index)
-    keep = np.isfinite(times)
-    return times[keep], poses[keep, :3], whose
+    return topic, index
+
+
+def _clock(found: Mapping[str, Published], path: Path) -> tuple[dict[str, np.ndarray], str]:
+    """Stamps [s] of all topics by one clock, and its name: headers of several computers have several clocks."""
+    clocks = {
+        HEADER: {topic: one.stamps for topic, one in found.items()},
+        WRITTEN: {topic: one.written for topic, one in found.items()},
+    }
+    delays = [_delay(one) for one in found.values()]
+    if max(delays) - min(delays) <= OTHER_CLOCK:
+        return common_clock(clocks, f"{path}: topics")
+    apart = f"{HEADER}: those of the markers' topics are {max(delays) - min(delays):.6g} s apart"
+    return common_clock({WRITTEN: clocks[WRITTEN]}, f"{path}: topics", against=[apart])
+
+
+def _delay(one: Published) -> float:
+    """Usual time from a message's stamp until it was written [s]."""
+    return float(np.median(np.subtract(one.written, one.stamps)))
+
+
+def _delays(found: Mapping[str, Published]) -> list[str]:
+    """A sentence where topics were written at different times after their stamps, as of clocks that differ a little."""
+    delays = {topic: _delay(one) for topic, one in found.items()}
+    first, last = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
+    apart = delays[last] - delays[first]
+    if not DELAYED < apart <= OTHER_CLOCK:
+        return []
+    return [
+        f"messages of {last} were written {apart:.3f} s longer after their stamps than those of {first}: either they "
+        "took so long, or their computers' clocks differ"
+    ]
 
 
 def _frames(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Times of all frames (T,), and places (T, M, 3), NaN where a marker has none."""
+    """Times of all frames (T,), and places (T, M, 3), NaN where a marker has none; rows of a bad stamp are left out."""
+    found = [(times[np.isfinite(times)], places[np.isfinite(times)]) for times, places in found]
     every = np.sort(np.concatenate([times for times, _ in found]))
     t = every[np.concatenate([[True], np.diff(every) > SAME])]
     points = np.full((len(t), len(found), 3), np.nan)

@@ -125,8 +125,8 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
             },
             str(path),
         )
-        origin = 0.0 if "start" in side.table else float(np.nanmin(times))
-        clock = frame_clock(side, len(stamps), stamps=times - origin, of=whose)
+        side = side.starting(float(np.nanmin(times)))
+        clock = frame_clock(side, len(stamps), stamps=times, of=whose)
     files = bag_parts(path)
     frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
     return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files))

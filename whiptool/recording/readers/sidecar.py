@@ -33,7 +33,7 @@ precedence. Common to all formats:
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ from whiptool.given_files import read_toml, sha256
 from whiptool.models.strike import Strike
 from whiptool.recording import homography
 from whiptool.recording.camera import Camera, read_cameras
-from whiptool.recording.logs import order_of
+from whiptool.recording.logs import ClocksApart, order_of
 from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.robot_logs import read_hand, read_joints
 from whiptool.recording.readers.table import AXES, stacked
@@ -66,6 +66,7 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
 KINDS = ("color", "infrared")  # of light
 ANGLES = ("rad", "deg", "normalized")
 SIGNS = {"": 1.0, "-": -1.0}
+LOGS = ("joints", "hand")  # of a robot, each with a clock that may be another one
 TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
 
@@ -106,6 +107,10 @@ class Sidecar:
                     raise InputError(where + key, given[key], "one of the keys " + ", ".join(known))
         given = {key: value for key, value in options.items() if value is not None}
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
+
+    def starting(self, t: float) -> Sidecar:
+        """Return the sidecar with the command's start at a time by the file's clock [s], unless it states `start`."""
+        return self if "start" in self.table else replace(self, table={**self.table, "start": float(t)})
 
     def refuse(self, key: str, allowed: str, fix: str = "") -> InputError:
         """Return the error for a key's value; `allowed` says which values are allowed, `fix` how to correct it."""
@@ -213,14 +218,13 @@ class Sidecar:
             log = read_joints(file, self.joint_columns, self.table.get("joints_topic"), stated=stated)
         if log is not None:
             angles, units = self.angles(log)
-            start = self.number("joints_start", self.start)
-            fields |= {"joints_t": log.t - start, "joints_q": angles}
+            fields |= {"joints_t": log.t - self.start_of("joints"), "joints_q": angles}
             fields |= {"joint_names": log.names, "joints_listed": log.listed}
             said += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
             hand = read_hand(file, self.table.get("hand_topic"), self._hand_frames)
             poses, axes = self._held(hand.q)
-            fields |= {"hand_t": hand.t - self.number("hand_start", self.start), "hand_pose": poses}
+            fields |= {"hand_t": hand.t - self.start_of("hand"), "hand_pose": poses}
             said += [*hand.notes, *axes]
         return fields | {"notes": tuple(said)}
 
@@ -269,8 +273,18 @@ class Sidecar:
             files: Files that were read.
             read: Arguments of `StrikeRecording` that were read from the file.
         """
-        source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path)}
-        return StrikeRecording(**{**source, **read, **self.fields(notes, log)})
+        source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path), "start": self.start}
+        fields = self.fields(notes, log)
+        try:
+            return StrikeRecording(**{**source, **read, **fields})
+        except ClocksApart as error:
+            of_logs = {f"{what}_t": fields[f"{what}_t"] + self.start_of(what) for what in LOGS if f"{what}_t" in fields}
+            error.logs = fields | of_logs
+            raise
+
+    def start_of(self, what: str) -> float:
+        """Return when the command started by the clock of the log of `joints` or `hand` [s]."""
+        return self.number(f"{what}_start", self.start)
 
     def view(self) -> Camera:
         """Return the camera in space of a recording in pixels, which the keys `camera` (name) and `cameras` (file)
