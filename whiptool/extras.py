@@ -28,6 +28,7 @@ EXTRAS = {
     "cluster": {"ray": "ray"},
     "oracle": {"elastica": "pyelastica", "numba": "numba"},
     "human": {"h5py": "h5py", "statsmodels": "statsmodels"},
+    "studio": {"viser": "viser"},
 }
 
 

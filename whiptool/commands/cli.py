@@ -323,6 +323,7 @@ COMMANDS = {
     "human": "compare people's whip throws with planned strikes",
     "map": "find the strike for any goal of a region, without a search",
     "simulate": "play one strike, or export the model",
+    "studio": "open a page on which a target is dragged, and the strike follows",
     "recording": "show what was understood of recordings, and convert them",
     "view": "show a run: viewer, video, interactive page, report",
     "rig": "strike with servos, or with their simulated twin",

@@ -1,0 +1,105 @@
+"""Open the studio, a page on which a target is dragged and the strike follows: `python -m whiptool.studio`."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, ClassVar
+
+from whiptool.commands import cli
+from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.model_options import ModelOptions
+from whiptool.commands.options.option_group import Count, OptionGroup, Ranges
+from whiptool.commands.options.target_options import GoalOptions
+
+if TYPE_CHECKING:
+    from whiptool.impedance import Controller
+    from whiptool.models.parameters import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageOptions(OptionGroup):
+    """Options for the page's address."""
+
+    heading: ClassVar[str] = "page"
+    first: ClassVar[tuple[str, ...]] = ("host", "port", "browser")
+    ranges: ClassVar[Ranges] = {"port": Count(0, 65535)}
+
+    host: str = "127.0.0.1"
+    """Address to serve on. With the default only this machine can open the page; with another one, such as 0.0.0.0,
+    other machines can, if they have the token in the address that is printed."""
+    port: int = 8080
+    """Port to serve on, or the next free one."""
+    browser: bool = False
+    """Open the page in the browser."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudioOptions(PageOptions, SimulatedControllerOptions, ModelOptions, GoalOptions):
+    """Options of `studio`, which opens a page to play with strikes."""
+
+    in_space: ClassVar[bool] = True
+
+    def needs(self) -> tuple[str, ...]:
+        return ("viser",)
+
+
+_ABOUT = (
+    "Open a page on this machine: drag the target, change whip, controller and strike, and see what the strike does. "
+    "Example: python -m whiptool.studio --model ur5e"
+)
+
+
+def _loader(options: StudioOptions, first: str):
+    """Return a function that returns model and controller for a name: those of the options, or a preset."""
+
+    def load(name: str) -> tuple[Model, Controller | None]:
+        from whiptool.models.files import load_model
+
+        if name != first:
+            return load_model(name), None
+        model, controller = options.build_model(), options.build_controller()
+        controller.check_fits(model.arm)
+        return model, controller
+
+    return load
+
+
+def _first(options: StudioOptions) -> str:
+    """Return the name of the model of the options, which is its preset's if nothing of it is changed."""
+    changed = [f.name for f in fields(ModelOptions) if f.name != "model" and options.given(f.name)]
+    model = options.find_model()
+    return f"{model.name}, changed" if changed else options.model if options.model.endswith(_FILES) else model.name
+
+
+_FILES = (".toml", ".urdf", ".xml", ".mjcf")
+
+
+def _work(options: StudioOptions) -> int:
+    from whiptool.live_page.server import Studio
+    from whiptool.models.presets import presets
+
+    model = options.build_model()
+    target = options.build_target(model)
+    target.check_fits(model)
+    options.build_controller().check_fits(model.arm)
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # browsers that go away are no errors
+    first = _first(options)
+    names = [first, *(name for name in presets() if name != first)]
+    studio = Studio(_loader(options, first), names, host=options.host, port=options.port, target=target)
+    print(f"the studio is at {studio.address}\nCtrl-C ends it", flush=True)
+    if options.browser:
+        import webbrowser
+
+        webbrowser.open(studio.address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        print("the studio is closed", flush=True)
+    finally:
+        studio.close()
+    return 0
+
+
+main = cli.command(StudioOptions, "studio", _ABOUT, _work)
