@@ -19,7 +19,7 @@ from whiptool.commands.train import TrainOptions
 from whiptool.errors import InputError
 
 MAIN = ["optimize", "simulate", "train", "compare", "map build", "map strike", "identify", "adapt", "view", "reproduce",
-        "human", "doctor", "rig strike", "rig learn", "robot strike", "recording show",
+        "human", "doctor", "studio", "rig strike", "rig learn", "robot strike", "recording show",
         "recording convert"]  # fmt: skip
 
 

@@ -22,7 +22,7 @@ OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 # servos, robots and clusters that no test has
 NEEDS_HARDWARE = ("/dev/ttyUSB0", "192.168.0.10", "ur://127.0.0.2", "172.16.0.2", "--cluster auto")
-SERVES = "emulator"  # until it is stopped
+SERVES = ("emulator", "whiptool.studio")  # until it is stopped
 # What takes more than some ten seconds: `make docs-commands` runs it to its end, other tests only start it
 LONG = re.compile(
     r"whiptool\.(train|compare|reproduce|human|adapt|map|rig|robot|identify)\b"
@@ -71,6 +71,11 @@ class Command:
     def elsewhere(self) -> bool:
         """Whether it installs something, or is tested elsewhere."""
         return self.line.startswith(ELSEWHERE)
+
+    @property
+    def serves(self) -> bool:
+        """Whether it runs until it is stopped."""
+        return any(name in self.line for name in SERVES)
 
     @property
     def words(self) -> list[str]:

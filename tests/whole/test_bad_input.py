@@ -48,6 +48,7 @@ OPTIONS = {
     "view": ("whiptool.commands.view", "ViewOptions"),
     "recording-show": ("whiptool.commands.recording", "ShowOptions"),
     "recording-convert": ("whiptool.commands.recording", "ConvertOptions"),
+    "studio": ("whiptool.commands.studio", "StudioOptions"),
     "doctor": ("whiptool.commands.doctor", "DoctorOptions"),
     "strike": ("whiptool.commands.rig", "RigStrikeOptions"),
     "learn": ("whiptool.commands.rig", "LearnOptions"),

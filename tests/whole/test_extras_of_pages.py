@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 import pytest
-from page_commands import INSTALL, OURS, PAGES, SERVES, Command, commands_of, lines_of, name_of, needs_of, parts_of
+from page_commands import INSTALL, OURS, PAGES, Command, commands_of, lines_of, name_of, needs_of, parts_of
 from page_files import provide
 from processes import HANG
 from repository import ROOT
@@ -52,7 +52,7 @@ def test_a_page_begins_with_what_its_commands_need(page, tmp_path):
     """README names no extras, and the overview of commands has a table of them; an index is the
     page of its pages."""
     provide(page, tmp_path)
-    commands = [c for c in commands_of(page) if "doctor" not in c.line and SERVES not in c.line]
+    commands = [c for c in commands_of(page) if "doctor" not in c.line and "emulator" not in c.line]
     needed = set().union(*(extras_of(command, tmp_path) for command in commands))
     if commands and page.name not in ("README.md", "index.md", OVERVIEW.name):
         assert needed <= needs_of(page)
@@ -68,7 +68,7 @@ def test_a_page_names_extras_before_the_commands_that_take_them(page, tmp_path):
         for extras in INSTALL.findall(text):
             named |= set(EXTRAS) if extras == "all" else set(extras.split(","))
         for line in lines_of(text):
-            if line.startswith(OURS) and "NAME" not in line and "doctor" not in line and SERVES not in line:
+            if line.startswith(OURS) and "NAME" not in line and "doctor" not in line and "emulator" not in line:
                 assert extras_of(Command(page, line), tmp_path) <= named, f"{page.name}: {line}"
 
 

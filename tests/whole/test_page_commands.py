@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from page_commands import NEEDS_HARDWARE, PAGES, SERVES, Command, commands_of, name_of
+from page_commands import NEEDS_HARDWARE, PAGES, Command, commands_of, name_of
 from page_files import provide, provide_for
 from processes import HANG
 
@@ -23,7 +23,7 @@ from whiptool.runs import RunFolder
 TUTORIAL = "tutorial.md"  # its snippets and commands are run together, by `test_docs`
 ALL = [command for page in PAGES if page.name != TUTORIAL for command in commands_of(page)]
 HARDWARE = [command for command in ALL if any(word in command.line for word in NEEDS_HARDWARE)]
-OURS = [command for command in ALL if command not in HARDWARE and SERVES not in command.line]
+OURS = [command for command in ALL if command not in HARDWARE and not command.serves]
 LONG = [command for command in OURS if command.long]
 AWAITS = 3  # of `adapt --port robot`: a strike is to be recorded
 
@@ -106,8 +106,8 @@ def test_what_needs_hardware_is_refused_where_there_is_none(command, folder_of, 
 
 @pytest.mark.slow
 def test_what_serves_ends_when_it_is_stopped(tmp_path):
-    """The emulator of servos, whose place is told when it is there; that of a UR has a test of its own."""
-    for command in {c.line: c for c in ALL if SERVES in c.line and "--link" in c.line}.values():
+    """The emulator of servos, whose place is told when it is there; that of a UR and the studio have other tests."""
+    for command in {c.line: c for c in ALL if "emulator" in c.line and "--link" in c.line}.values():
         words = [sys.executable, *shlex.split(command.line)[1:]]
         link = Path(words[words.index("--link") + 1])
         with subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:

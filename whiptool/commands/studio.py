@@ -77,6 +77,7 @@ _FILES = (".toml", ".urdf", ".xml", ".mjcf")
 
 
 def _work(options: StudioOptions) -> int:
+    from whiptool.live_page.page import Choices
     from whiptool.live_page.server import Studio
     from whiptool.models.presets import presets
 
@@ -87,7 +88,8 @@ def _work(options: StudioOptions) -> int:
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # browsers that go away are no errors
     first = _first(options)
     names = [first, *(name for name in presets() if name != first)]
-    studio = Studio(_loader(options, first), names, host=options.host, port=options.port, target=target)
+    choices = Choices(_loader(options, first), tuple(names), target, options.t_stay)
+    studio = Studio(choices, host=options.host, port=options.port)
     print(f"the studio is at {studio.address}\nCtrl-C ends it", flush=True)
     if options.browser:
         import webbrowser

@@ -1,0 +1,100 @@
+"""The studio's server: a page for each browser that connects, until it is closed."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+from typing import TYPE_CHECKING
+
+from whiptool.errors import InputError
+from whiptool.extras import optional
+from whiptool.live_page.gate import LOOPBACK, Gate, guarded
+from whiptool.live_page.page import Choices, Page
+from whiptool.live_page.panel import THEME
+
+if TYPE_CHECKING:
+    from viser import ClientHandle
+
+PORT = 8080
+_ANYWHERE = ("0.0.0.0", "::")  # hosts that stand for all addresses of this machine
+_log = logging.getLogger(__name__)
+
+
+class Studio:
+    """A running studio.
+
+    Args:
+        choices: What users can choose.
+        host: Address to serve on; other machines can only connect if it is not a loopback address, and then with the
+            token in `address`.
+        port: Port; the next free one is taken if it is in use.
+
+    Raises:
+        InputError: The host cannot be served on.
+        MissingPackage: viser is not installed.
+    """
+
+    def __init__(
+        self,
+        choices: Choices,
+        *,
+        host: str = LOOPBACK,
+        port: int = PORT,
+    ) -> None:
+        viser = optional("viser", "whiptool studio")
+        _check_host(host)
+        self._choices, self._host = choices, host
+        self._pages: dict[int, Page] = {}
+        self.gate = Gate.of(host)
+        with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
+            self._server = viser.ViserServer(host=host, port=port, label="whiptool studio", verbose=False)
+        self._server.request_share_url = lambda *_, **__: None  # nothing is made public by way of another's server
+        self._server.gui.configure_theme(**THEME)
+        self._server.on_client_connect(self._connected)
+        self._server.on_client_disconnect(self._disconnected)
+
+    @property
+    def port(self) -> int:
+        """Port that is served on."""
+        return self._server.get_port()
+
+    @property
+    def address(self) -> str:
+        """Address to open in a browser, with the token if there is one."""
+        host = "localhost" if self._host in _ANYWHERE else self._host
+        named = f"[{host}]" if ":" in host else host
+        return f"http://{named}:{self.port}/" + ("" if self.gate.token is None else f"?token={self.gate.token}")
+
+    @property
+    def pages(self) -> list[Page]:
+        """The pages that are open."""
+        return list(self._pages.values())
+
+    def close(self) -> None:
+        """Close all pages and the server."""
+        for page in self.pages:
+            page.close()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def _connected(self, client: ClientHandle) -> None:
+        self._pages[client.client_id] = Page(client, self._choices)
+
+    def _disconnected(self, client: ClientHandle) -> None:
+        page = self._pages.pop(client.client_id, None)
+        if page is not None:
+            page.close()
+
+
+def _check_host(host: str) -> None:
+    """Refuse a host on which this machine cannot serve: the library would try one port after the other."""
+    import socket
+
+    try:
+        family, kind, protocol, _, where = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.bind(where)
+    except OSError as error:
+        rule = "an address of this machine, such as 127.0.0.1, or 0.0.0.0 for all of them"
+        raise InputError("host", host, rule, f"reason: {error.strerror}") from None
