@@ -16,7 +16,7 @@ from whiptool.recording.labels import check_labels
 from whiptool.recording.logs import HOLE, ClocksApart, gaps, told_of_spans
 from whiptool.recording.readers import READERS, VideoSource, find_format, open_any, split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
-from whiptool.recording.readers.sidecar import LOGS
+from whiptool.recording.readers.log_keys import LOGS
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 

@@ -35,8 +35,8 @@ from whiptool.recording.readers.bag_logs import (
     published,
 )
 from whiptool.recording.readers.footage import clock_of_rows
-from whiptool.recording.readers.rosbag import bag_sidecar
-from whiptool.recording.readers.sidecar import Sidecar
+from whiptool.recording.readers.rosbag import IMAGE, bag_sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 
 MARKER = re.compile(r"tip|handle|shoulder|elbow|node\d+")
@@ -80,6 +80,7 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
             sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
             files=bag_parts(path),
             up="" if "axes" in side.table else "z",
+            others=(*CLOCK, *PIXELS, *FILM, "topic") if any(x.kind == IMAGE for x in topics.values()) else (),
         )
 
 
@@ -138,10 +139,10 @@ def _frames(found: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
 
 def _with_logs(side: Sidecar, path: Path, kinds: dict[str, str]) -> Sidecar:
     """The sidecar with the bag as the file of joints and of the hand, where it holds them and no other is named."""
-    table = dict(side.table)
-    if "joints" not in table and ("joints_topic" in table or list(kinds.values()).count(STATE) == 1):
-        table["joints"] = path
+    logs: dict[str, Path] = {}
+    if "joints" not in side.table and ("joints_topic" in side.table or list(kinds.values()).count(STATE) == 1):
+        logs["joints"] = path
     hands = [name for name, kind in kinds.items() if kind == POSE and "hand" in name.lower()]
-    if "hand" not in table and ({"hand_topic", "hand_frames"} & set(table) or len(hands) == 1):
-        table["hand"] = path
-    return Sidecar(table, side.folder, side.place)
+    if "hand" not in side.table and ({"hand_topic", "hand_frames"} & set(side.table) or len(hands) == 1):
+        logs["hand"] = path
+    return side.changed(**logs)

@@ -83,7 +83,7 @@ def frame_clock(
         if len(times) != count:
             raise InputError(f"{side.place}timestamps", f"{len(times)} times", f"{count}, one per frame")
     elif stamps is not None:
-        times, note = stamps, f"times from {of}" + (", not from fps" if "fps" in side.table else "")
+        times, note = stamps, f"times from {of}" + (", not from fps" if side.table.get("fps") else "")
     elif "fps" in side.table:
         fps = side.number("fps", 0.0, low=1.0, high=1e5)
         times, note = (
@@ -278,6 +278,8 @@ def source(
     path: Path,
     digest: str,
     log: JointLog | None = None,
+    *,
+    others: tuple[str, ...] = (),
 ) -> VideoSource:
     """Return a source of images with the camera and strike that its sidecar describes.
 
@@ -288,9 +290,11 @@ def source(
         shape: Height and width of the images [pixels], and further axes.
         path, digest: The file, and its SHA-256 checksum.
         log: Joint angles that were recorded at the same time.
+        others: Keys that are for something else in the file, such as tracks.
 
     Raises:
-        InputError: A value is not allowed, the times do not increase, or the images do not have the camera's size.
+        InputError: A value is not allowed or a key has no effect, the times do not increase, or the images do not have
+            the camera's size.
     """
     about = {**side.fields(clock.notes, log), "source": str(path), "sha256": digest}
     about["exposure"] = side.exposure()
@@ -306,6 +310,7 @@ def source(
             synthetic=side.flag("synthetic"),
             about=about,
         )
+        side.check_used(others)
         return found if side.filmed_by is None else _in_space(found, side.filmed_by)
     except InputError as error:
         raise (error if error.name.startswith(side.place) else error.within(side.place)) from None

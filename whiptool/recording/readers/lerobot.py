@@ -16,6 +16,7 @@ those of `whiptool.recording.readers.footage`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,9 @@ def read_lerobot(folder: Path | str, *, episode: int = 0, **options: Any) -> Str
         clock = clock_of_rows(side, data.t, "times from the dataset's timestamps", "timestamp")
         read = {"t": clock.times, "source": f"{folder}, episode {episode}"}
         read |= side.places(columns, table[clock.keep])
-        return side.recording(folder, notes=clock.notes, log=_joints(data, side), files=data.files, **read)
+        others = (*CLOCK, *PIXELS) if data.videos else ()
+        log = _joints(data, side)
+        return side.recording(folder, notes=clock.notes, log=log, files=data.files, others=others, **read)
 
 
 def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int = 0, **options: Any) -> VideoSource:
@@ -96,7 +99,8 @@ def lerobot_video(folder: Path | str, *, camera: str | None = None, episode: int
     with parsing(folder, "LeRobot dataset"):
         log = _joints(data, side)
     frames = lambda: segment(path, first, count, data.fps)  # noqa: E731
-    return source(side, frames, clock, image.shape, path, sha256(path), log)
+    others = (*SPACE, "sigma", "markers_feature") if _feature(data, side, "markers_feature", MARKERS) else ()
+    return source(side, frames, clock, image.shape, path, sha256(path), log, others=others)
 
 
 def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
@@ -111,7 +115,7 @@ def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
         raise InputError(f"{file}: episode", str(own)[:80], f"tables, as [episode.{episode}]")
     given = {key: value for key, value in options.items() if value is not None}
     side = Sidecar.of(folder, {**table, **own, **given}, *KEYS, file=folder / "meta" / "none.toml")
-    return Sidecar(side.table, folder, f"{file if table or own else folder}: ")
+    return replace(side, folder=folder, place=f"{file if table or own else folder}: ")
 
 
 def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -> str | None:

@@ -80,7 +80,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         raise InputError(str(path), f"{capture.what} in which no marker was seen", "at least one position")
     clock = clock_of_rows(side, capture.t, capture.clock, "times")
     flat = points.shape[2] == 2
-    side, capture = _with_up(side, capture)
+    side, capture = (side, capture) if flat else _with_up(side, capture)
     axes = None if flat else axes_of(capture.forward, capture.up)
     notes = [*clock.notes]
     if axes is None and not flat and "axes" not in side.table:
@@ -112,8 +112,7 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
         return side, capture
     up = side.word("up", ("y", "z"), "y")
     said = f"{up} is up, as the sidecar says, {FORWARD[up]} taken as forward"
-    rest = {key: value for key, value in side.table.items() if key != "up"}
-    return replace(side, table=rest), replace(capture, forward=FORWARD[up], up=up, axes=said)
+    return side.changed(up=None), replace(capture, forward=FORWARD[up], up=up, axes=said)
 
 
 def _named(side: Sidecar, capture: Capture) -> dict[str, str]:

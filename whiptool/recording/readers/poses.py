@@ -93,7 +93,7 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         raise InputError(
             "rows", None, "the height of the image [pixels], with the key readout", "state it in the sidecar"
         )
-    height = side.number("rows", 2.0, low=2, high=1e5)
+    height = side.number("rows", 2.0, low=2, high=1e5) if readout else 2.0
     late = readout * pixels[..., 1] / (height - 1)  # [s] a row's exposure after the first's
     return side.recording(
         path,

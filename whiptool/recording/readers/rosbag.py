@@ -129,7 +129,8 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
         clock = frame_clock(side, len(stamps), stamps=times, of=whose)
     files = bag_parts(path)
     frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
-    return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files))
+    others = (*SPACE, "markers", "sigma")
+    return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files), others=others)
 
 
 def bag_sidecar(path: Path, options: dict[str, Any]) -> Sidecar:

@@ -96,18 +96,26 @@ def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) ->
         if "depth_sigma" in found and "depth" not in found:
             given = ", ".join(names[i] for i in found.values())
             raise InputError(f"marker {marker}", given, f"{marker}_depth together with its sigma")
-    baseline = side.number("baseline", BASELINE, low=1e-3, high=10.0)
-    subpixel = side.number("subpixel", SUBPIXEL, low=1e-4, high=10.0)
-    unit = UNITS[side.word("depth_units", UNITS, "m")]
-    depth = stacked(table, columns, "depth", unit=unit)
-    usual = view.depth_error(depth, baseline=baseline, subpixel=subpixel)
+    stated = all("sigma" in found for found in columns.values())
+    sigma = np.nan if stated else side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)
     return {
         "markers": tuple(columns),
         "points": np.stack([stacked(table, columns, axis) for axis in UV], axis=2),
-        "sigma": stacked(table, columns, "sigma", side.number("sigma", DEFAULT_PIXELS, low=1e-6, high=100.0)),
-        "depth": depth,
-        "depth_sigma": stacked(table, columns, "depth_sigma", usual, unit=unit),
+        "sigma": stacked(table, columns, "sigma", sigma),
+        **(_depths(columns, table, side, view) if any("depth" in found for found in columns.values()) else {}),
     }
+
+
+def _depths(columns: dict[str, dict[str, int]], table: np.ndarray, side: Sidecar, view: Camera) -> dict[str, Any]:
+    """Depths of the markers and their errors."""
+    unit = UNITS[side.word("depth_units", UNITS, "m")]
+    depth, usual = stacked(table, columns, "depth", unit=unit), np.full((len(table), len(columns)), np.nan)
+    if not all("depth_sigma" in found for found in columns.values() if "depth" in found):
+        baseline = side.number("baseline", BASELINE, low=1e-3, high=10.0)
+        usual = view.depth_error(
+            depth, baseline=baseline, subpixel=side.number("subpixel", SUBPIXEL, low=1e-4, high=10.0)
+        )
+    return {"depth": depth, "depth_sigma": stacked(table, columns, "depth_sigma", usual, unit=unit)}
 
 
 def write_csv(recording: StrikeRecording, path: Path | str) -> list[Path]:
