@@ -26,6 +26,7 @@ STATE = "sensor_msgs/msg/JointState"
 POSE, ARRAY, MOVED, POINT = (
     f"geometry_msgs/msg/{name}" for name in ("PoseStamped", "PoseArray", "TransformStamped", "PointStamped")
 )
+PLACES = (POINT, POSE, MOVED, ARRAY)  # kinds of messages in which a marker is
 STATIC = "/tf_static"
 HEADER, WRITTEN = "the messages' header stamps", "the times at which the bag was written"
 

@@ -26,7 +26,7 @@ from whiptool.recording.readers.bag_files import bag_parts, bag_topics, common_c
 from whiptool.recording.readers.bag_logs import (
     ARRAY,
     HEADER,
-    MOVED,
+    PLACES,
     POINT,
     POSE,
     STATE,
@@ -42,7 +42,6 @@ from whiptool.recording.strike_recording import StrikeRecording
 MARKER = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 SAME = 1e-6  # [s] between stamps of one frame
 DELAYED, OTHER_CLOCK = 0.05, 1.0  # [s] between delays of two topics: a word is said, and their clocks are others
-_KINDS = (POINT, POSE, MOVED, ARRAY)
 
 
 def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
@@ -65,7 +64,7 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
         raise InputError(f"{path}: topics", given[:400], "topics of points: name the markers' topics (key markers)")
     places = {name: _place(path, topics, written) for name, written in markers.items()}
     numbers = {topic: sorted({k for other, k in places.values() if other == topic}) for topic, _ in places.values()}
-    found = published(path, numbers, _KINDS)
+    found = published(path, numbers, PLACES)
     times, whose = _clock(found, path)
     t, points = _frames([(times[topic], found[topic].poses[k][:, :3]) for topic, k in places.values()])
     side = _with_logs(side.starting(t[0]), path, {name: topic.kind for name, topic in topics.items()})
@@ -89,8 +88,8 @@ def _place(path: Path, topics: dict[str, Any], written: str) -> tuple[str, int]:
     match = re.fullmatch(r"(.+)\[(\d+)\]", written)
     topic, index = (match[1], int(match[2])) if match else (written, 0)
     kind = topics[topic].kind if topic in topics else None
-    if kind not in _KINDS or (kind == ARRAY) != bool(match):
-        known = [name + "[0]" * (about.kind == ARRAY) for name, about in topics.items() if about.kind in _KINDS]
+    if kind not in PLACES or (kind == ARRAY) != bool(match):
+        known = [name + "[0]" * (about.kind == ARRAY) for name, about in topics.items() if about.kind in PLACES]
         raise InputError(f"{path}: markers", written, "one of the topics " + (", ".join(known) or "(none)"))
     return topic, index
 

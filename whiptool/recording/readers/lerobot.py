@@ -127,8 +127,9 @@ def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -
 
 def _joints(data: Episode, side: Sidecar) -> JointLog | None:
     """Return the joint log of an episode, if it has one."""
-    feature = _feature(data, side, "joints_feature", (STATE,))
-    if feature is None or "joints" in side.table:
+    if "joints" in side.table:
+        return None
+    if (feature := _feature(data, side, "joints_feature", (STATE,))) is None:
         return None
     try:
         return joints_of(data, feature, side.joint_columns, stated="joint_units" in side.table)

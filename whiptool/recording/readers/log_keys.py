@@ -70,7 +70,7 @@ class LogKeys(Keys):
             said += [*hand.notes, *axes]
         for what in LOGS:
             if self.values.get(what) is False:  # a log is left out for once
-                self.asked.update(key for key in LOG_KEYS if key.startswith(what.removesuffix("s")))
+                self.asked.update(key for key in self.values if key.startswith(what.removesuffix("s")))
         return fields, said
 
     def angles(self, log: JointLog) -> tuple[np.ndarray, list[str]]:

@@ -18,6 +18,7 @@ list of M names).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,8 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
         t, note = _times(data, side, count)
         if len(t) != count:
             raise InputError("points", f"shape {points.shape}", f"as many rows as there are times, {len(t)}")
+        if isinstance(side.values.get("markers"), Mapping):
+            raise side.refuse("markers", f"a list of {n} names, one per marker")
         names = side.names("markers") or [str(x).strip() for x in data.get("markers", np.array("tip")).ravel()]
         if len(names) != n:
             raise InputError("markers", list(names), f"{n} names, one per marker")

@@ -34,11 +34,11 @@ def read_joints(
     found = None if path.exists() else re.fullmatch(r"(.+)#(\d+)", path.name)
     folder = path.with_name(found[1]) if found else path
     if (folder / "meta/info.json").is_file():
-        _no_topic(topic, path)
+        _no_topic("joints_topic", topic, path)
         return joints_of(lerobot_episode(folder, int(found[2]) if found else 0), STATE, columns, stated=stated)
     if is_bag(path, b""):
         return bag_joints(path, topic, columns)
-    _no_topic(topic, path)
+    _no_topic("joints_topic", topic, path)
     return read_joint_log(path, columns)
 
 
@@ -55,10 +55,11 @@ def read_hand(path: Path, topic: str | None = None, frames: Sequence[str] | None
     """
     if is_bag(path, b""):
         return bag_hand(path, topic, frames)
-    _no_topic(topic or frames, path)
+    _no_topic("hand_topic", topic, path)
+    _no_topic("hand_frames", frames, path)
     return read_poses(path)
 
 
-def _no_topic(given: object, path: Path) -> None:
+def _no_topic(key: str, given: object, path: Path) -> None:
     if given is not None:
-        raise InputError(f"{path}: topic", given, "none, except for ROS bags")
+        raise InputError(f"{path}: {key}", given, "none, except for ROS bags")

@@ -20,6 +20,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, sha256
 from whiptool.recording.readers.bag_files import bag_messages, bag_parts, bag_topics, best_clock, stamp_of
+from whiptool.recording.readers.bag_logs import PLACES
 from whiptool.recording.readers.footage import VideoSource, frame_clock, source
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, SPACE, Sidecar
 
@@ -129,7 +130,7 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
         clock = frame_clock(side, len(stamps), stamps=times, of=whose)
     files = bag_parts(path)
     frames = lambda: (image for _, image in db3_frames(path, topic))  # noqa: E731
-    others = (*SPACE, "markers", "sigma")
+    others = (*SPACE, "markers", "sigma") if any(x.kind in PLACES for x in bag_topics(path).values()) else ()
     return source(side, frames, clock, next(iter(shapes))[:2], path, sha256(files), others=others)
 
 
