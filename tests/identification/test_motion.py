@@ -9,13 +9,13 @@ from space_films import ROBOT, STRIKES
 
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, fit
+from whiptool.identification.joint_motion import JointMotion
 from whiptool.identification.motion import (
     HANDLE_JERK,
     JOINT_JERK,
     REST,
     SHORTEST,
     HandleMotion,
-    JointMotion,
     LaggedReference,
     SmoothSpline,
     StillMotion,
@@ -239,8 +239,8 @@ def test_what_is_known_of_the_coefficients_is_log_and_jerk():
     rise = ((motion.rows @ c - motion.mean) ** 2).sum()
     assert rise == pytest.approx(badness(c, 1e-3) - badness(motion.start, 1e-3), rel=0.15)  # the noise is estimated
     assert JointMotion(t, angles(t)[:, :2], arm, I).start.shape == (2 * (50 + 5),)  # knots: two samples, 20 ms at least
-    smooth = JointMotion(t, 0 * noisy, arm, I, knots=0.1)  # a log without noise is taken to err by a microradian
-    assert np.linalg.norm(smooth.rows @ c) == pytest.approx(np.linalg.norm(spline.basis(t) @ c.reshape(-1, 2)) / 1e-6)
+    smooth = JointMotion(t, 0 * noisy, arm, I, knots=0.1)  # a log without noise is taken to err by 10 nanoradians
+    assert np.linalg.norm(smooth.rows @ c) == pytest.approx(np.linalg.norm(spline.basis(t) @ c.reshape(-1, 2)) / 1e-8)
 
 
 def test_samples_outside_the_instants_do_not_count():

@@ -20,10 +20,10 @@ from whiptool.dynamics.posture import hinge_is_free, start_derivative, start_pos
 from whiptool.dynamics.structure import Structure
 from whiptool.dynamics.swing import SwingStructure
 from whiptool.errors import InputError
+from whiptool.identification.joint_motion import JointMotion, ResolvedMotion
 from whiptool.identification.motion import (
     BaseMotion,
     HandleMotion,
-    JointMotion,
     LaggedReference,
     StillMotion,
     check_covers,
@@ -136,7 +136,7 @@ class Drive:
     displacements: np.ndarray
     period: float | None = None
     unknowns: dict[str, np.ndarray]
-    motion: BaseMotion  # of drives that have unknowns besides `start`
+    motion: BaseMotion | None = None  # of drives that have unknowns besides `start`
 
     @property
     def of_start(self) -> np.ndarray:
@@ -346,7 +346,8 @@ class SwingDrive(Drive):
         self.start = float(t[0])
         if not options.unknown_start and arm.dimension == 3:  # a robot's log holds its way to the start, too
             self.start = max(self.start, -BEFORE)
-        return JointMotion(t, q, arm, self._instants(recording, options.h), **_of_spline(options))
+        log = JointMotion(t, q, arm, self._instants(recording, options.h), **_of_spline(options))
+        return ResolvedMotion(log, np.zeros((len(log.start), 0)))  # until a fit finds out what readings can resolve
 
     def _tracked_handle(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if "handle" not in recording.markers:

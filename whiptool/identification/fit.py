@@ -113,7 +113,7 @@ def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]
             f"parameters with which the recordings' strikes can be simulated ({counted(len(runs), 'start')} diverged)",
             "give others, or check the strikes: angles in radians, D in seconds",
         )
-    if np.isfinite(best.cost) and (again := _refined(problem, best)) is not best:
+    if np.isfinite(best.cost) and (again := _refined(problem, problem.overlooked(best))) is not best:
         runs[0] = FittedStart(runs[0].start, problem.values(again.z), again)
     return runs
 
@@ -234,6 +234,7 @@ def _predicting(options: FitOptions) -> FitOptions:
 
 def _predicted(problem: Problem, z: np.ndarray, forecast: Forecast | None) -> list[RecordingFit]:
     """Return a problem's recordings, each predicted from its first readings."""
+    problem.resolve(z)
     known, P = problem.beginnings(), problem.predictor
     if not problem.fits_beginnings and problem.options.drive != "handle":  # the motion begins as the joints alone say
         return problem.compare(Solution(z, P.start, 0.0, Ending.CONVERGED), forecast=forecast)

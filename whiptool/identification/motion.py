@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from whiptool.dynamics.swing import BASE, SPATIAL_BASE, hand_motion
+from whiptool.dynamics.swing import BASE, hand_motion
 from whiptool.errors import InputError
 from whiptool.identification.servo_lag import ServoLag
-from whiptool.models.parameters import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import Strike
 
@@ -58,13 +56,9 @@ def _moves(q: np.ndarray, which: np.ndarray) -> bool:
 
 DEGREE = 5  # accelerations are then twice differentiable
 SHORTEST = 0.02  # [s] between knots
-_SAMPLES_A_KNOT = (1.0, 1.5, 2.0, 3.0)
+SAMPLES_A_KNOT = (1.0, 1.5, 2.0, 3.0)
 HANDLE_JERK, JOINT_JERK = 3e3, 1e4  # [m/s^3], [rad/s^3]: usual size, a weak prior that bridges gaps
 REST = 1e-3  # [m/s], [rad/s]: usual speed of what is at rest
-_FINEST = 1e-6  # [rad] of a joint log
-# which numbers of a hand in space are those of a planar arm, of axis (0, -1, 0), behind its angle, and their signs: the
-# angle's rates, and velocity, acceleration and place along x and z
-_IN_PLANE, _SIGNS = [10, 16, 12, 14, 18, 20, 21, 23], np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 LARGEST = 6e9  # [bytes] of a motion's derivatives
 
 
@@ -80,7 +74,8 @@ class SmoothSpline:
 
     Attributes:
         size: Number of basis functions; there are `size d` coefficients c.
-        penalty: Rows of the prior, (rows, size d): `penalty @ c` is standard normal.
+        prior: Rows of the prior of each quantity, (rows, size).
+        penalty: The same of all, (rows d, size d): `penalty @ c` is standard normal.
     """
 
     def __init__(self, *, start: float, end: float, knots: float, jerk: float, d: int, at_rest: bool = False) -> None:
@@ -96,7 +91,8 @@ class SmoothSpline:
         rows = self.basis(middles, 3) / jerk
         if at_rest:
             rows = np.vstack([rows, self.basis(inner[:1], 1) / REST])
-        self.penalty = np.kron(rows, np.eye(d))  # (rows, size d)
+        self.prior = rows
+        self.penalty = np.kron(rows, np.eye(d))
 
     def basis(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
         """Return the values of the basis functions, or of a derivative of them, at times t (T,) [s]: (T, size).
@@ -111,12 +107,15 @@ class SmoothSpline:
         """
         seen = ~np.isnan(values).any(axis=1)
         weight = np.broadcast_to(1 / (sigma if sigma.ndim == 2 else sigma[:, None]), values.shape)[seen]
-        rows = np.vstack([np.kron(self.basis(t[seen]), np.eye(self.d)) * weight.reshape(-1, 1), self.penalty])
-        right = np.concatenate([(values[seen] * weight).ravel(), np.zeros(len(self.penalty))])
-        return np.linalg.lstsq(rows, right, rcond=None)[0]
+        basis, none = self.basis(t[seen]), np.zeros(len(self.prior))
+        found = [
+            np.linalg.lstsq(np.vstack([basis * w[:, None], self.prior]), np.concatenate([x * w, none]), rcond=None)[0]
+            for x, w in zip(values[seen].T, weight.T, strict=True)
+        ]
+        return np.stack(found, axis=1).ravel()
 
 
-def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
+def check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
     """Refuse a motion whose derivatives by its coefficients would not fit into memory, before they are made."""
     span = float(instants[-1] - instants[0])
     needed = 8 * len(instants) * (span / knots + DEGREE) * d * width  # [bytes]
@@ -127,7 +126,7 @@ def _check_size(instants: np.ndarray, knots: float, d: int, width: int) -> None:
         raise InputError("recording", given, rule, "keep only the part with the strike")
 
 
-def _spacing(t: np.ndarray, samples: float) -> float:
+def spacing(t: np.ndarray, samples: float) -> float:
     return max(SHORTEST, samples * float(np.median(np.diff(np.sort(t)))))
 
 
@@ -141,7 +140,7 @@ def cross_validated(t: np.ndarray, values: np.ndarray, noise: np.ndarray, *, jer
         t, values, noise: Times (S,) [s], samples (S, d), and standard error of each quantity, (d,).
         jerk, at_rest: As in `SmoothSpline`.
     """
-    spacings = list(dict.fromkeys(_spacing(t, samples) for samples in _SAMPLES_A_KNOT))
+    spacings = list(dict.fromkeys(spacing(t, samples) for samples in SAMPLES_A_KNOT))
     if len(spacings) == 1 or len(t) <= DEGREE + 1:
         return spacings[0]
 
@@ -244,8 +243,8 @@ class HandleMotion:
         knots: float | None = None,
         at_rest: bool = False,
     ) -> None:
-        knots = knots or _spacing(t, 1.5)
-        _check_size(instants, knots, 2, BASE + 2)
+        knots = knots or spacing(t, 1.5)
+        check_size(instants, knots, 2, BASE + 2)
         spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=HANDLE_JERK, d=2, at_rest=at_rest)
         self.start = spline.fit(t, points, sigma)
         self.rows, self.mean = spline.penalty, np.zeros(len(spline.penalty))
@@ -263,81 +262,6 @@ class HandleMotion:
         p, v, a = (basis @ c.reshape(-1, 2) for basis in self._bases)
         inputs = np.hstack([np.zeros((len(v), 3)), v, a])
         return Moved(inputs, self._d_inputs, p, self._d_place, *self._still)
-
-
-class JointMotion:
-    """Motion of the whip's base with the hand of an arm whose joints were measured; the base rotates with the last
-    link.
-
-    Args:
-        t, q: Times (S,) [s] and joint positions (S, a) [rad or m] of the log.
-        arm: Arm; a is its number of joints.
-        instants: Times at which the base's motion is computed [s], (I,), equally spaced.
-        knots: Spacing of the spline's knots [s]; default: by cross-validation.
-        at_rest: Whether the arm is at rest at the first instant.
-    """
-
-    def __init__(
-        self,
-        t: np.ndarray,
-        q: np.ndarray,
-        arm: AnyArm,
-        instants: np.ndarray,
-        *,
-        knots: float | None = None,
-        at_rest: bool = False,
-    ) -> None:
-        if q.shape[1] != arm.n or len(t) < 8:
-            raise InputError(
-                "joints_q", f"shape {q.shape}", f"8 or more samples of {arm.n} joints, as many as the arm has"
-            )
-        width = BASE + 2 if arm.dimension == 2 else SPATIAL_BASE + 3
-        _check_size(instants, knots or _spacing(t, max(_SAMPLES_A_KNOT)), arm.n, width)
-        noise, near = _noise(q, arm), (t >= instants[0]) & (t <= instants[-1])
-        knots = knots or cross_validated(t[near], q[near], noise, jerk=JOINT_JERK, at_rest=at_rest)
-        _check_size(instants, knots, arm.n, width)
-        spline = SmoothSpline(
-            start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
-        )
-        inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
-        sigma = np.broadcast_to(noise, q[inside].shape)
-        self.start = spline.fit(t[inside], q[inside], sigma)
-        log = np.kron(spline.basis(t[inside]), np.eye(arm.n)) / sigma.reshape(-1, 1)
-        self.rows = np.asarray(np.linalg.qr(np.vstack([log, spline.penalty]), mode="r"))
-        self.mean = self.rows @ self.start
-        self._arm, self._bases = arm, tuple(spline.basis(instants, i) for i in range(3))
-
-    def at(self, c: np.ndarray) -> Moved:
-        """Return the motion of the whip's base for coefficients c (C,): one a joint for each function of the spline."""
-        a, B = self._arm.n, np.stack(self._bases)  # (3, I, size)
-        joints = c.reshape(-1, a)
-        found = hand_motion(self._arm.in_space(), *(basis @ joints for basis in self._bases))
-        numbers, slopes = np.hstack([found.inputs, found.place]), found.by_joints  # (I, 24), (I, 24, 3, a)
-        in_plane = self._arm.dimension == 2
-        if in_plane:
-            numbers, slopes = _SIGNS * numbers[:, _IN_PLANE], _SIGNS[:, None, None] * slopes[:, _IN_PLANE]
-        changes = np.empty((B.shape[2], a, *slopes.shape[:2]))  # (size, a, I, 24)
-        for i in range(a):
-            changes[:, i] = np.einsum("kis,iok->sio", B, slopes[..., i], optimize=True)
-        changes = changes.reshape(len(c), *changes.shape[2:])
-        if in_plane:  # the angle of the last link stands first
-            numbers = np.column_stack([(B[0] @ joints).sum(axis=1), numbers])
-            changes = np.concatenate([np.repeat(B[0].T, a, axis=0)[..., None], changes], axis=2)
-        place = slice(-self._arm.dimension, None)
-        d_inputs = np.ascontiguousarray(changes[..., : place.start])
-        start, d_start = B[0, 0] @ joints, np.kron(B[0, :1].T, np.eye(a))
-        return Moved(numbers[:, : place.start], d_inputs, numbers[:, place], changes[..., place], start, d_start)
-
-
-def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
-    """Return each joint's noise in a log (S, a), from differences that no smooth motion has: one number for all joints
-    that turn, and one for all that slide, (a,)."""
-    noise = np.empty(arm.n)
-    for kind in (~arm.turns, arm.turns):
-        if kind.any():
-            rough = np.median(np.abs(np.diff(q[:, kind], n=4, axis=0))) / 0.6745 / math.sqrt(math.comb(8, 4))
-            noise[kind] = max(rough, _FINEST)
-    return noise
 
 
 # Lag [s], its shape and delay [s] a priori, and their standard errors: industrial arms lag by 5 to 100 ms, a critically

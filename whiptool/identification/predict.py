@@ -10,6 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.identification.drives import ORIGIN, Drive, DriveOptions, Shot, make_drive, unknown_markers
+from whiptool.identification.motion import BaseMotion
 from whiptool.identification.plant import BareArm, Plant, slopes
 from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
@@ -98,15 +99,21 @@ class Predictor:
         how = DriveOptions(drive, self._of_plant, self.h, "start" in self.own, knots)
         self.drives = [make_drive(recording, plant, how) for recording in self.recordings]
         self._own_nuisance = [name for name in self.own if name != "start"]
-        self.start = [
-            np.concatenate([*d.unknowns.values(), [NEUTRAL[name] for name in self._own_nuisance]]) for d in self.drives
-        ]
+        self.start = [self._first(d) for d in self.drives]
         self._read = [_readings(r, d) for r, d in zip(self.recordings, self.drives, strict=True)]
         self.measured = [read.measured for read in self._read]
         self.sigma = [read.sigma for read in self._read]
         self.channels = [read.channels for read in self._read]
         self.sharing = [_sharing(r, self.recordings) for r in self.recordings]
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
+
+    def _first(self, drive: Drive) -> np.ndarray:
+        return np.concatenate([*drive.unknowns.values(), [NEUTRAL[name] for name in self._own_nuisance]])
+
+    def set_motion(self, i: int, motion: BaseMotion) -> None:
+        """Let the base in recording i move otherwise, with other unknowns."""
+        self.drives[i].motion, self.drives[i].unknowns["motion"] = motion, motion.start
+        self.start[i] = self._first(self.drives[i])
 
     def names(self, i: int) -> list[str]:
         """Return the names of the markers of recording i that are predicted."""

@@ -13,6 +13,7 @@ from whiptool.identification.forecast import Forecast, Readings, calibrated
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import NEUTRAL, NUISANCE
+from whiptool.identification.resolution import resolve
 from whiptool.identification.results import RecordingFit
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
@@ -113,6 +114,7 @@ class Problem:
         self._prior = rows
         self._limit = options.loss
         self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
+        self._resolved = False
 
     def _make(self, recordings: Sequence[StrikeRecording]) -> Predictor:
         o = self.options
@@ -146,6 +148,7 @@ class Problem:
             fixed: Whether z is fixed and only the recordings' own unknowns are fitted.
             known: For each recording 1 for readings that are fitted and 0 for the others, (K,); default: all 1.
         """
+        self.resolve(z)
         if self.options.drive == "passive":
             own: Sequence[np.ndarray] = self.predictor.start
             for share in _GROWING:
@@ -163,6 +166,18 @@ class Problem:
             z = solution.z
         assert solution is not None
         return solution
+
+    def resolve(self, z: np.ndarray) -> None:
+        """Let measured motions have the unknowns that readings can resolve, once; with z (G,) for the shared ones."""
+        if not self._resolved:
+            resolve(self.predictor, *self.split(z), self.predictor.start)
+            self._resolved = True
+
+    def overlooked(self, solution: Solution) -> Solution:
+        """Continue from a solution if the readings there can resolve more of measured motions than they have unknowns,
+        and return the new solution."""
+        own = resolve(self.predictor, *self.split(solution.z), solution.own)
+        return solution if own is None else self.refine(replace(solution, own=own))
 
     def first(self, i: int, share: float) -> np.ndarray:
         """Return a mask (K,) of recording i's readings: 1 in the first `share` (0 to 1) of its frames, else 0."""
@@ -285,6 +300,7 @@ class Problem:
             else:
                 # each camera of a strike follows the same log on its own: together they know it as well as it is
                 shared = 1 / np.sqrt(predictor.sharing[i])
+                assert drive.motion is not None
                 W, mean = shared * drive.motion.rows, shared * drive.motion.mean
             rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
             means.append(mean)
