@@ -42,10 +42,12 @@ class Ropes:
 
     Args:
         given: Numbers of the rope and of the simulation.
-        hands: Places of the R hands at every step, (S + 1, R, 3) [m].
+        hands: Places of the R hands at the start and in the middle of every step, and then at its end,
+            (2, S + 1, R, 3) [m].
     """
 
     def __init__(self, given, hands, *, grad):
+        hands, ends = hands
         self.segments, self.h, self.hands = int(given["segments"]), float(given["h"]), hands
         self.every, self.markers = int(given["every"]), given["markers"]
         length, mass, count = float(given["length"]), float(given["density"]), hands.shape[1]
@@ -74,10 +76,18 @@ class Ropes:
         for state in self.states:
             flatten_state(state)
         self.first = [a.numpy() for a in (self.states[0].dismech.q, self.states[0].dismech.qd)]
-        self.places = wp.array(hands.reshape(len(hands), -1).astype(np.float32), dtype=float)
+        self.places, self.ends = (
+            wp.array(x.reshape(len(x), -1).astype(np.float32), dtype=float) for x in (hands, ends)
+        )
         self.nodes = wp.array(self.tops.astype(np.int32), dtype=wp.int32)
         self.which = wp.array((self.tops[:, None] + self.markers).ravel().astype(np.int32), dtype=wp.int32)
         self.loss = wp.zeros(1, dtype=float, requires_grad=grad)
+
+    def put(self, places, step, state):
+        """Move the hands of a state to places of a step."""
+        with suspended_tape():
+            inputs = [self.nodes, places, step]
+            wp.launch(set_hands, dim=len(self.nodes), inputs=inputs, outputs=[state.dismech.q])
 
     def run(self, seen=None):
         """Return places of the markers at recorded frames, (F, R, M, 3), or add their squared errors to the loss."""
@@ -85,11 +95,11 @@ class Ropes:
         wp.launch(set_bending, dim=len(self.params), inputs=[self.logs, self.base], outputs=[self.params])
         for i in range(len(self.hands) - 1):
             now, then = self.states[i % len(self.states)], self.states[(i + 1) % len(self.states)]
-            with suspended_tape():
-                wp.launch(
-                    set_hands, dim=len(self.nodes), inputs=[self.nodes, self.places, i + 1], outputs=[now.dismech.q]
-                )
+            self.put(self.places, i + 1, now)
             self.solver.step(now, then, None, None, self.h)
+            with suspended_tape():  # a step leaves the hand where it was in its middle, and measures the bending there
+                self.put(self.ends, i + 1, then)
+                self.solver.triplets.end_step(now, then)
             if (i + 1) % self.every:
                 continue
             if seen is None:
