@@ -43,7 +43,7 @@ class Linear:
     def __init__(self, recordings, plant, *, drive, shared, own, timestep, knots) -> None:
         self.recordings, self.shared, self.own = list(recordings), shared, own
         state = {"start": np.array([0.5, 2.0])} if "start" in own else {}
-        self.drives = [SimpleNamespace(unknowns=state, of_start=np.eye(2), motion=None) for _ in recordings]
+        self.drives = [SimpleNamespace(unknowns=state, of_start=np.eye(2)) for _ in recordings]
         self.width = 2 * ("start" in own) + len([x for x in own if x != "start"])
         first = np.r_[0.5, 2.0, 0.0] if self.width == 3 else np.zeros(self.width)
         self.start = [first.copy() for _ in recordings]

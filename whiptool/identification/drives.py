@@ -136,7 +136,7 @@ class Drive:
     displacements: np.ndarray
     period: float | None = None
     unknowns: dict[str, np.ndarray]
-    motion: BaseMotion | None = None  # of drives that have unknowns besides `start`
+    motion: BaseMotion  # of drives that have unknowns besides `start`
 
     @property
     def of_start(self) -> np.ndarray:

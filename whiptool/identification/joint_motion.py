@@ -146,9 +146,9 @@ class ResolvedMotion:
         """Return the part of vectors e (C, any) that is not in the directions."""
         return e - self.directions @ (self.directions.T @ e)
 
-    def at(self, x: np.ndarray) -> Moved:
-        """Return the motion of the whip's base, with derivatives, for unknowns x (k,)."""
-        return self.log.at(self.log.start + self.log.root @ self.whole(x), self._along)
+    def at(self, c: np.ndarray) -> Moved:
+        """Return the motion of the whip's base, with derivatives, for unknowns c (k,)."""
+        return self.log.at(self.log.start + self.log.root @ self.whole(c), self._along)
 
 
 def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:

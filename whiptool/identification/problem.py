@@ -300,7 +300,6 @@ class Problem:
             else:
                 # each camera of a strike follows the same log on its own: together they know it as well as it is
                 shared = 1 / np.sqrt(predictor.sharing[i])
-                assert drive.motion is not None
                 W, mean = shared * drive.motion.rows, shared * drive.motion.mean
             rows.append(np.pad(W, ((0, 0), (at, len(first) - at - len(x)))))
             means.append(mean)

@@ -36,7 +36,7 @@ def resolve(
     Returns:
         The recordings' own unknowns, which have changed with the motions; None if the motions lack none.
     """
-    own, motions = list(own), [x if isinstance(x := d.motion, ResolvedMotion) else None for d in predictor.drives]
+    own, motions = list(own), _motions(predictor)
     if not any(motions):
         return None
     rng, probes = np.random.default_rng(0), []
@@ -70,12 +70,12 @@ def _effects(
 ) -> list[np.ndarray]:
     """Return by how many standard errors the K readings of each recording change along directions (C, D) of its
     motion, (K, D)."""
-    before, found = [drive.motion for drive in predictor.drives], [[] for _ in directions]
+    before, found = _motions(predictor), [[] for _ in directions]
     try:
         for first in range(0, max(x.shape[1] for x in directions), _AT_ONCE):
             at = []
             for i, (motion, x) in enumerate(zip(before, own, strict=True)):
-                if not isinstance(motion, ResolvedMotion):
+                if motion is None:
                     at.append(x)
                     continue
                 k, some = motion.directions.shape[1], directions[i][:, first : first + _AT_ONCE]
@@ -87,6 +87,12 @@ def _effects(
                 found[i].append(p.by_own[:, :some] * weight[:, None])
     finally:
         for i, motion in enumerate(before):
-            if isinstance(motion, ResolvedMotion):
+            if motion is not None:
                 predictor.set_motion(i, motion)
     return [np.hstack(x) for x in found]
+
+
+def _motions(predictor: Predictor) -> list[ResolvedMotion | None]:
+    """Return the measured motion of each recording; None where the whip is moved otherwise."""
+    every = [getattr(drive, "motion", None) for drive in predictor.drives]
+    return [motion if isinstance(motion, ResolvedMotion) else None for motion in every]
