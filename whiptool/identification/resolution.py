@@ -3,9 +3,9 @@
 A log of joints or of the hand's pose determines its spline's coefficients, c = center + root e, to within an e that is
 standard normal. Few directions of e move any reading by a noticeable share of its standard error, and the readings can
 only correct those: only those are unknowns of a fit (Cui, Martin, Marzouk, Solonen and Spantini 2014, Inverse Problems
-30, 114015). Where the log is nearly exact, no direction does, and its path is taken as it is. What is left out moves the
-readings by at most `RESOLVED` standard errors in any direction, so that no stated variance is too small by more than
-the square of that.
+30, 114015). Where the log is nearly exact, no direction does, and its path is taken as it is. What is left out moves
+the readings by at most `RESOLVED` standard errors in any direction, so that no stated variance is too small by more
+than the square of that.
 """
 
 from __future__ import annotations
