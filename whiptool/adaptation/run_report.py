@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -17,11 +18,12 @@ from whiptool.adaptation.posterior import AFTER, usable
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.adaptation.steps import Step, percent
 from whiptool.goals.goals import CLAIMED
-from whiptool.goals.target import Target
+from whiptool.goals.target import Target, base_name
 from whiptool.identification.variables import with_unit
 from whiptool.models.strike import T_STAY
 from whiptool.recording.filmed_approach import approach_seen
 from whiptool.rollout.compiled import CompiledRollout
+from whiptool.viz.drawn_posture import arm_and_whip, at_times
 from whiptool.viz.report import Picture, Section, Table, Text
 from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted, rounded
@@ -188,12 +190,14 @@ def _length(miss: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """Return the tip's path that the posterior mean after a strike predicts for that strike."""
+    """The tip's path that the posterior mean after a strike predicts for that strike, and one posture."""
 
     t: np.ndarray
     points: np.ndarray  # (S, d) [m]
     nearest: float  # [s]
     speed: str  # [m/s]
+    arm: np.ndarray  # (A, d) [m], at the closest approach, of a first look at its start
+    whip: np.ndarray  # (N + 1, d) [m], then
 
     @classmethod
     def of(cls, step: Step, belief: Belief, target: Target) -> _Path:
@@ -212,7 +216,10 @@ class _Path:
         elif recording is not None:
             seen = approach_seen(recording, target.position) if "tip" in recording.markers else None
             speed = _NONE if seen is None else f"about {seen.speed:.1f}"
-        return cls(t, points[0], float(near.time[0]), speed)
+        shown = rollout.trajectory(vector[0], t_stay=t_stay)
+        instant = near.time[:1] if step.number else np.zeros(1)
+        arms, whips = arm_and_whip(plant.model, at_times(instant, shown.t, shown.q))
+        return cls(t, points[0], float(near.time[0]), speed, arms[0], whips[0])
 
 
 def _strikes(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Section:
@@ -259,16 +266,20 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
     for i, ax in enumerate(grid.ravel()[: len(chosen)]):
         if i + columns >= len(chosen):
             ax.tick_params(labelbottom=True)
-            ax.set_xlabel("x, forward [m]")
+            ax.set_xlabel("x, forward [cm]")
     in_space = len(target.position) == 3
     seen = "seen from the side" if in_space else "in the strike plane"
     for ax in grid[:, 0]:
-        ax.set_ylabel("z, up [m]" if in_space else "y, up [m]")
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+        ax.set_ylabel("z, up [cm]" if in_space else "y, up [cm]")
+    labels: dict[str, Any] = {}
+    for ax in grid.ravel()[: len(chosen)]:
+        labels |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    figure.legend(labels.values(), labels.keys(), loc="outside upper left", ncols=3 if columns > 1 else 2)
     caption = (
         f"The tip {seen}, as recorded and as predicted with the posterior mean after the strike; solid "
-        f"until {AFTER:g} s after its closest approach to the target. Recordings are cut so long after the camera's "
-        "closest frame or the planned contact, whichever is later."
+        f"until {AFTER:g} s after its closest approach to the target. Arm and whip as predicted at the closest "
+        "approach, in the first look at its start. Recordings are cut so long after the camera's closest frame or the "
+        "planned contact, whichever is later."
     )
     if len(chosen) < len(pairs):
         caption += f" The first and the last {PANELS - 1} of {len(pairs)} strikes."
@@ -276,7 +287,33 @@ def _plane(steps: Sequence[Step], paths: Sequence[_Path], target: Target) -> Pic
 
 
 def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
-    side = [0, len(target.position) - 1]  # forward and upward
+    """Draw the tip of one strike from the side, with the target; places in m, ticks in cm."""
+    _draw_tip(ax, step, path, [0, len(target.position) - 1])
+    place, r = (target.position[0], target.position[-1]), target.hit_radius
+    ax.add_patch(Circle(place, r, facecolor="#F8E1B0", edgecolor=COLORS["orange"], linewidth=1.6, zorder=1))
+    ring = {"color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
+    ax.plot([], [], "o", label=f"target, hit radius {100 * r:g} cm", **ring)
+    ax.plot(
+        0,
+        0,
+        "+",
+        color=COLORS["black"],
+        markersize=11,
+        markeredgewidth=2,
+        zorder=4,
+        label=base_name(len(target.position)),
+    )
+    title = _name(step)
+    if step.number:
+        title += f": {_verdict(step)}" + ("" if step.judged is None else f", {_judged_centimetres(step)} cm")
+    ax.set(aspect="equal", title=title)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(MultipleLocator(0.5))
+        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{100 * x:.0f}"))
+
+
+def _draw_tip(ax: Axes, step: Step, path: _Path, side: list[int]) -> None:
+    """Draw the tip as recorded and as the posterior mean has it, by the two coordinates `side`, and one posture."""
     points, used, notes = np.zeros((0, 2)), np.zeros(0, bool), []
     recording = step.outcome.recording
     if recording is not None and "tip" in recording.markers:
@@ -284,7 +321,10 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
         used = np.zeros(len(points), bool)
         if _used(step):
             cut, _ = usable(recording, step.plan.contact)
-            used = used if cut is None else cut.seen[:, cut.markers.index("tip")]
+            tip = recording.markers.index("tip")
+            used = used if cut is None else cut.seen[:, tip]
+            if used.sum() == 1:  # at rest, where one frame stands for the median of all
+                used = recording.seen[:, tip]
     else:
         notes.append("nothing recorded")
     if np.isnan(path.points).all():
@@ -296,20 +336,13 @@ def _panel(ax: Axes, step: Step, path: _Path, target: Target) -> None:
     late, line = path.t > path.nearest + AFTER, {"color": COLORS["vermilion"], "zorder": 3}
     ax.plot(*path.points[~late][:, side].T, linewidth=1.2, label="tip, posterior mean", **line)
     ax.plot(*path.points[late][:, side].T, linewidth=0.8, linestyle=":", **line)
-    nearest = path.points[np.abs(path.t - path.nearest).argmin(), side]
-    edge = {"markeredgecolor": "white", "markersize": 5}
-    ax.plot(*nearest, "o", color=COLORS["vermilion"], zorder=5, label="its closest approach", **edge)
-    place, r = (target.position[0], target.position[-1]), target.hit_radius
-    ax.add_patch(Circle(place, r, facecolor="#F8E1B0", edgecolor=COLORS["orange"], linewidth=1.6, zorder=1))
-    ring = {"color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
-    ax.plot([], [], "o", label=f"target, hit radius {r:g} m", **ring)
-    ax.plot(0, 0, "+", color=COLORS["black"], markersize=11, markeredgewidth=2, zorder=4, label="shoulder")
-    title = _name(step)
+    if not np.isnan(path.points).all():
+        ax.plot(*path.arm[:, side].T, color=COLORS["black"], linewidth=2.6, alpha=0.45, zorder=1.8, label="arm")
+        ax.plot(*path.whip[:, side].T, color=COLORS["black"], linewidth=1.0, alpha=0.6, zorder=1.8, label="whip")
     if step.number:
-        title += f": {_verdict(step)}" + ("" if step.judged is None else f", {_judged_centimetres(step)} cm")
-    ax.set(aspect="equal", title=title)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(MultipleLocator(0.5))
+        nearest = path.points[np.abs(path.t - path.nearest).argmin(), side]
+        edge = {"markeredgecolor": "white", "markersize": 6}
+        ax.plot(*nearest, "D", color=COLORS["vermilion"], zorder=5, label="its closest approach", **edge)
 
 
 def _narrowed(steps: Sequence[Step], beliefs: Sequence[Belief], numbers: Sequence[_Number]) -> Picture:

@@ -25,6 +25,7 @@ from whiptool.commands.options.option_group import (
 from whiptool.commands.options.search_options import Learner, Observation, TrainingOptions
 from whiptool.commands.options.strike_options import StepOptions
 from whiptool.commands.options.target_options import ZoneGoalOptions
+from whiptool.commands.pictures import PAGE, VIDEO
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
 from whiptool.progress import Progress, note
@@ -53,7 +54,7 @@ class TrainOptions(
 ):
     """Options of `train`, which trains a policy for all targets of a zone with centre --target."""
 
-    changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every", "episodes")
+    changeable: ClassVar[tuple[str, ...]] = ("checkpoint_every", "episodes", "video")
     first: ClassVar[tuple[str, ...]] = (
         "method",
         "region",
@@ -117,6 +118,8 @@ class TrainOptions(
     """Number of episodes between checkpoints."""
     tests: int = 300
     """Number of targets on which the trained policy is tested (Eq. 21)."""
+    video: bool = True
+    """Render a strike of the policy as a video."""
 
     def check(self) -> None:
         super().check()
@@ -243,6 +246,7 @@ class TrainingRun:
             "version": code_version(),
         }
         self.folder.write_result(summary)
+        self._draw_strike()
         options.tell(summary, "\n".join(self._lines(seconds, tried)))
 
     def _draw(self) -> None:
@@ -258,6 +262,16 @@ class TrainingRun:
             title=f"{options.method.upper()}, observation {options.observation}",
             trials=options.trials,
         )
+
+    def _draw_strike(self) -> None:
+        """Draw the policy's first strike at one of its held-out goals, as a page and a video."""
+        from whiptool.commands.view import policy_strike
+
+        note("drawing ...")
+        strike = policy_strike(self.folder.path)
+        strike.write_page(self.folder.path)
+        if self.options.video:
+            strike.write_video(self.folder.path)
 
     def _trials(self) -> dict[str, dict[str, Any]]:
         """Return how many trials the best policy needs at test targets, by convention."""
@@ -308,7 +322,8 @@ class TrainingRun:
             f"largest {r['largest']}   hit {r['share_hit']:.1%}   ({CONVENTIONS[convention]})"
             for convention, r in tried.items()
         ]
-        files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, "tensorboard", CITATIONS]
+        drawn = [PAGE, VIDEO] if self.options.video else [PAGE]
+        files = [*([] if best is None else [BEST]), CHECKPOINT, EPISODES, CURVE, *drawn, "tensorboard", CITATIONS]
         return [*lines, f"  run folder     {self.folder.path} ({', '.join(files)})"]
 
 

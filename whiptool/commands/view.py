@@ -111,7 +111,10 @@ def _look(options: ViewOptions) -> dict[str, Any]:
 
     folder = options.run
     if is_policy(folder):
-        return _look_at_strike(options, folder_of(folder), _policy_strike(folder), anew=True)
+        strike = policy_strike(folder)
+        at = ", ".join(f"{x:.3g}" for x in strike.target.position)
+        print(f"whiptool: the policy's first strike at ({at}) m, one of its held-out goals", file=sys.stderr)
+        return _look_at_strike(options, folder_of(folder), strike, anew=True)
     if not folder.is_dir():
         raise InputError("RUN", str(folder), "the folder of a run", "" if folder.exists() else "it does not exist")
     if not (folder / TRAJECTORY).is_file():
@@ -126,8 +129,8 @@ def _shown(folder: Path) -> dict[str, Any]:
     return {"run": str(folder), "shown": None, "report": None, "page": None, "video": None}
 
 
-def _policy_strike(policy: Path) -> StrikeRun:
-    """The strike that a policy makes first at the first of its training's held-out goals."""
+def policy_strike(policy: Path) -> StrikeRun:
+    """Return the strike that a policy makes first at the first of its training's held-out goals."""
     from whiptool.commands.run_folders import folder_of
     from whiptool.rl.trained import held_out_strike
     from whiptool.runs import config_of
@@ -137,9 +140,8 @@ def _policy_strike(policy: Path) -> StrikeRun:
     task, model = loaded.task, loaded.task.rollout.model
     trajectory = task.rollout.trajectory(strike, t_stay=task.t_stay)
     beyond = task.limits.explain(trajectory, model.arm.joints, strike)
-    at = ", ".join(f"{x:.3g}" for x in target.position)
-    print(f"whiptool: the policy's first strike at ({at}) m, one of its held-out goals", file=sys.stderr)
-    return StrikeRun(trajectory, model, target, _part(_Controlled, kept).controller_label(), beyond)
+    label = f"{_part(_Controlled, kept).controller_label()}, first strike of a policy trained with {kept['method']}"
+    return StrikeRun(trajectory, model, target, label, beyond)
 
 
 def _look_at_strike(options: ViewOptions, folder: Path, strike: StrikeRun, *, anew: bool = False) -> dict[str, Any]:

@@ -17,14 +17,24 @@ from whiptool.viz.style import COLORS, STYLE
 from whiptool.whole_files import replacing
 
 OBSERVATION_COLORS = {"tip": COLORS["vermilion"], "relative": COLORS["orange"], "goal": COLORS["blue"]}
+_LEGEND_ENTRY = 1.45  # [in], width of an entry of a legend
 _SEARCH, _RANDOM = COLORS["green"], "0.55"
 LEARNER_COLORS = {"sac": COLORS["blue"], "td3": COLORS["vermilion"], "ddpg": COLORS["green"], "ppo": COLORS["pink"]}
 _SEARCH_COLORS = {
     "directl": COLORS["black"],
     "ga": COLORS["orange"],
     "cmaes": COLORS["sky"],
-    "gradient": COLORS["yellow"],
+    "gradient": COLORS["brown"],
     "random": _RANDOM,
+}
+
+
+_DASHES = {  # by which searches differ where colours cannot be told apart
+    "directl": (0, (5, 1.5)),
+    "ga": (0, (1.2, 1.2)),
+    "cmaes": (0, (5, 1.5, 1.2, 1.5)),
+    "gradient": (0, (2.5, 1.2)),
+    "random": (0, (1, 2.5)),
 }
 
 
@@ -93,7 +103,7 @@ def plot_ecdf(ax: Axes, series: Sequence[Series], *, cap: int | None = None, tit
             100 * share,
             where="post",
             color=color,
-            linestyle="-" if one.learned else (0, (4, 1.5)),
+            linestyle="-" if one.learned else _DASHES.get(one.method, (0, (4, 1.5))),
             label=NAMES.get(one.method, one.method),
         )
     ax.set(xscale="log", ylim=(0, 102), xlabel="trials", ylabel="targets hit [%]", title=title)
@@ -144,9 +154,11 @@ def comparison_figures(series: Sequence[Series]) -> dict[str, Figure]:
         for (i, j), ax in np.ndenumerate(axes):
             shown = [o for o in main if o.hit_radius == radii[i] and o.observation in ("", observations[j])]
             where = f", observation {observations[j]}" if observations[j] else ""
-            plot_ecdf(ax, shown, cap=int(max(o.trials.max() for o in main)), title=f"{radii[i]:g} m{where}")
+            title = f"hit radius {radii[i]:g} m{where}"
+            plot_ecdf(ax, shown, cap=int(max(o.trials.max() for o in main)), title=title)
             ax.label_outer()
-        ecdf.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=8)
+        columns = int(ecdf.get_figwidth() / _LEGEND_ENTRY)
+        ecdf.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=columns)
     return {"bars": bars, "ecdf": ecdf}
 
 

@@ -207,7 +207,7 @@ class Target(Vector):
             raise InputError(
                 "target",
                 self.position,
-                f"within the model's reach of {model.reach:.3f} m of the shoulder",
+                f"within the model's reach of {model.reach:.3f} m of the {base_name(model.dimension)}",
                 f"it is {distance:.4g} m away",
             )
         self._check_direction(model, distance)
@@ -255,6 +255,11 @@ def missed_words(missed: Mapping[str, float]) -> str:
     units = {"point": (1e3, "mm"), "direction": (math.degrees(1), "degrees"), "speed": (1.0, "m/s")}
     said = (f"the {name} by {by * units[name][0]:.3g} {units[name][1]}" for name, by in missed.items())
     return ", ".join(said)
+
+
+def base_name(dimension: int) -> str:
+    """Return the name of the origin, where the arm stands: the shoulder in the plane, in space the base."""
+    return "shoulder" if dimension == 2 else "base"
 
 
 def _unit(name: str, vector: Sequence[float], dimension: int) -> tuple[float, ...]:

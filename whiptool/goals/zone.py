@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
-from whiptool.goals.target import TARGET, check_radius, checked_radius, usual_target
+from whiptool.goals.target import TARGET, base_name, check_radius, checked_radius, usual_target
 from whiptool.models.numbers import NoArray, metres, number, numbers
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, StrikeBounds
@@ -148,11 +148,11 @@ class ReachableDisc(Zone):
             raise InputError(
                 "zone",
                 f"{round_name(self.disc)} of radius {self.disc.radius:g} m around {self.disc.centre} m",
-                f"a zone that comes within {self.reach:.3f} m of the shoulder, the model's reach",
+                f"a zone that comes within {self.reach:.3f} m of the {base_name(self.dimension)}, the model's reach",
             )
 
     def __str__(self) -> str:
-        return f"{self.disc}, as far as {self.reach:.4g} m from the shoulder"
+        return f"{self.disc}, as far as {self.reach:.4g} m from the {base_name(self.dimension)}"
 
     @property
     def dimension(self) -> int:

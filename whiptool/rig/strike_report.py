@@ -157,28 +157,30 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
 
 
 def plot_distance_seen(ax: Axes, struck: Struck, target: Target) -> Axes:
-    """Draw the measured distance of the tip from the target over time, and on a simulated rig the true distance."""
+    """Draw the measured distance of tip and target [cm] over time, and on a simulated rig the true distance."""
     recording = struck.recording
     assert recording is not None
     where = np.array(target.position)
-    ax.axhspan(0, target.hit_radius, color=COLORS["orange"], alpha=0.25, linewidth=0)
-    ax.axhline(target.hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.5, label=_radius(target))
+    edge = 100 * target.hit_radius
+    ax.axhspan(0, edge, color=COLORS["orange"], alpha=0.25, linewidth=0)
+    ax.axhline(edge, color=COLORS["orange"], linestyle="--", linewidth=1.5, label=f"hit radius {edge:g} cm")
     if struck.truth is not None:
-        ax.plot(struck.truth.t, struck.truth.distance(where), color="0.45", linewidth=1.2, label="true distance (twin)")
+        true = 100 * struck.truth.distance(where)
+        ax.plot(struck.truth.t, true, color="0.45", linewidth=1.2, label="true distance (twin)")
     title = "the tip was not seen"
     if "tip" in recording.markers:
         t, points = struck.tip_seen()
-        ax.plot(t, np.linalg.norm(points - where, axis=1), "o", **_SEEN, label="as seen")
+        ax.plot(t, 100 * np.linalg.norm(points - where, axis=1), "o", **_SEEN, label="as seen")
     judged, unseen = struck.judged(target), struck.unseen(target)
     if unseen is not None:
         ax.axvspan(*unseen, color="0.9", zorder=0, label="not seen")
     if judged is not None and judged.nearest is not None:
         ax.errorbar(
-            [judged.nearest.time], [judged.miss], yerr=[judged.error], fmt="o", color=COLORS["vermilion"], markersize=6,
-            capsize=4, zorder=5, label="estimate, with standard error",
+            [judged.nearest.time], [100 * judged.miss], yerr=[100 * judged.error], fmt="D", color=COLORS["vermilion"],
+            markersize=6, capsize=4, zorder=5, label="estimate, with standard error",
         )  # fmt: skip
         title = f"estimated miss {judged}; hit probability {judged.probability:.0%}"
-    ax.set(xlabel="time since the strike began [s]", ylabel="distance tip to target [m]", title=title)
+    ax.set(xlabel="time since the strike began [s]", ylabel="distance tip to target [cm]", title=title)
     ax.set_ylim(bottom=0)
     legend_above(ax, ncols=2)
     return ax

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from whiptool.errors import InputError
@@ -95,9 +96,10 @@ def animate(
     dpi: float = 90,
     beyond: bool = False,
 ) -> StrikeAnimation:
-    """Animate a strike in slow motion: arm, whip, path of the tip, and the target, which turns green when it is hit.
+    """Animate a strike in slow motion: arm, whip, path of the tip, and the target.
 
-    A strike in space is seen in perspective.
+    When the target is hit, it turns green, a ring appears around it, and the title says so. A strike in space is seen
+    in perspective.
 
     A notebook shows the result as a film; `.save("strike.gif")` writes a file.
 
@@ -129,7 +131,8 @@ def animate(
     with matplotlib.rc_context(STYLE):
         figure, ax, zone = (_in_space if model.dimension == 3 else _in_plane)(every, goal, width, dpi)
         trail, whip, arm, tip = _lines(ax, model)
-        title = ax.set_title(" ", fontsize=11)
+        ring = _ring(ax, goal)
+        title = ax.set_title(" ", fontsize=11) if model.dimension == 2 else figure.text(0.02, 0.95, " ", fontsize=11)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, not in every frame
 
@@ -138,11 +141,13 @@ def animate(
             for line, places in ((arm, arms[frame]), (whip, whips[frame]), (tip, whips[frame, -1:])):
                 _put(line, places)
             _put(trail, path[path_times <= now])
-            zone.set_color(COLORS["green"] if hit_time is not None and now >= hit_time else COLORS["orange"])
+            struck = hit_time is not None and now >= hit_time
+            zone.set_color(COLORS["green"] if struck else COLORS["orange"])
+            ring.set_visible(struck)
             fast = np.linalg.norm(tip_velocity[frame])
-            title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time)")
+            title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time){', hit' if struck else ''}")
 
-        return StrikeAnimation(figure, (zone, trail, whip, arm, tip, title), len(times), show, fps)
+        return StrikeAnimation(figure, (zone, ring, trail, whip, arm, tip, title), len(times), show, fps)
 
 
 def _lines(ax: Axes, model: Model) -> tuple[Any, Any, Any, Any]:
@@ -154,6 +159,13 @@ def _lines(ax: Axes, model: Model) -> tuple[Any, Any, Any, Any]:
     )
     (tip,) = ax.plot([], [], *_nothing(model), "o", color=COLORS["vermilion"], markersize=6)
     return trail, whip, arm, tip
+
+
+def _ring(ax: Axes, target: Target) -> Any:
+    """The ring around a target, for when it was hit."""
+    look = {"color": COLORS["green"], "markersize": 24, "markerfacecolor": "none", "markeredgewidth": 2}
+    (ring,) = ax.plot(*([x] for x in target.position), "o", visible=False, **look)
+    return ring
 
 
 def _nothing(model: Model) -> list[list[float]]:
@@ -169,7 +181,8 @@ def _put(line: Any, places: np.ndarray) -> None:
 def _in_plane(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
     """Figure and axes that hold all places (..., 2), and the target in them."""
     low, high = box_around(every, target)
-    figure = _figure(width, width * (high[1] - low[1]) / (high[0] - low[0]) + 0.6, dpi)
+    beside, above = 0.72, 0.86  # [in], of ticks, labels and title
+    figure = _figure(width, (width - beside) * (high[1] - low[1]) / (high[0] - low[0]) + above, dpi)
     ax = figure.subplots()
     ax.set(aspect="equal", xlabel="x, forward [m]", ylabel="y, up [m]")
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -180,13 +193,35 @@ def _in_plane(every: np.ndarray, target: Target, width: float, dpi: float) -> tu
 
 def _in_space(every: np.ndarray, target: Target, width: float, dpi: float) -> tuple[Figure, Axes, Any]:
     """Figure and axes in perspective that hold all places (..., 3), and the target in them."""
-    figure = _figure(width, width, dpi)
+    figure = _figure(width, 0.88 * width, dpi)
     figure.set_layout_engine("none")
-    ax = figure.add_axes((-0.05, 0.07, 0.97, 0.85), projection="3d", computed_zorder=False)
+    ax = figure.add_axes((0.0, 0.0, 1.0, 0.93), projection="3d", computed_zorder=False)
     assert isinstance(ax, Axes3D)
-    set_up_perspective(ax, *box_around(every, target), zoom=0.93)
+    low, high = box_around(every, target)
+    set_up_perspective(ax, low, high, zoom=1.0)
     ax.locator_params(nbins=5)
-    return figure, ax, plot_ball(ax, target)
+    zone = plot_ball(ax, target)
+    _fill(figure, ax, high - low)
+    return figure, ax, zone
+
+
+def _axes_of(ax: Axes3D) -> tuple[Any, Any, Any]:
+    return ax.xaxis, ax.yaxis, ax.zaxis
+
+
+def _fill(figure: Figure, ax: Axes3D, sides: np.ndarray) -> None:
+    """Zoom and move axes in perspective, of a box with these sides (3,), so that they and their labels fill a figure
+    below its title."""
+    width, height = figure.bbox.size
+    room, margin = np.array([width, 0.93 * height]), 0.02 * width
+    for zoom in (1.0, None):
+        figure.draw_without_rendering()
+        walls = [axis.pane.get_window_extent() for axis in _axes_of(ax)]
+        drawn = Bbox.union([*walls, *(axis.get_tightbbox() for axis in _axes_of(ax))])
+        if zoom is not None:  # words keep their size, and so a little room stays
+            ax.set_box_aspect(tuple(sides), zoom=zoom * float(((room - 2 * margin) / drawn.size).min()))
+    x, y = (room - (drawn.p0 + drawn.p1)) / 2 / (width, height)
+    ax.set_position((x, y, 1.0, 0.93))
 
 
 def _figure(width: float, height: float, dpi: float) -> Figure:

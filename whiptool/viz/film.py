@@ -16,6 +16,8 @@ from whiptool.viz.drawn_posture import as_mujoco_shows, at_times
 
 MAX_SEGMENTS = 800  # of the tip's path
 GRID, HIT, TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
+_FILLED = 0.9  # of a frame's width and height, by the strike
+_OF_TEXTS = 0.22  # of a frame's width, at its left
 _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest
 
 
@@ -47,13 +49,16 @@ class Film:
     grid: float
     size: tuple[int, int]
 
-    def box(self, target: Target) -> np.ndarray:
-        """Return the corners of a box that contains base, arm and whip in all frames, and the target [m], (8, 3)."""
-        points, place = joint_points(self.model, self.q).reshape(-1, 3), np.array(target.position)
-        radius = target.hit_radius
-        every = np.concatenate([points, self.trail.reshape(-1, 3), [place - radius, place + radius, np.zeros(3)]])
-        ends = np.array([np.nanmin(every, axis=0), np.nanmax(every, axis=0)])  # (2, 3)
-        return np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+    def places(self, target: Target) -> np.ndarray:
+        """Return all points that a film of the strike has to show: of base, arm and whip in all frames, of the tip's
+        path, and the ends of the target along each axis [m], (P, 3).
+        """
+        place, out = np.array(target.position), target.hit_radius * np.eye(len(target.position))
+        points = joint_points(self.model, self.q).reshape(-1, len(place))
+        every = np.concatenate([points, self.trail.reshape(-1, len(place)), place - out, place + out])
+        if len(place) == 2:  # the strike plane is that of x and z
+            every = np.insert(every, 1, 0.0, axis=1)
+        return np.r_[every[np.isfinite(every).all(axis=1)], np.zeros((1, 3))]
 
     @property
     def type_size(self) -> float:
@@ -108,18 +113,20 @@ def film_of(
     share = np.interp((along[1:] + along[:-1]) / 2, path, tip_speed) / max(tip_speed.max(), 1e-9)
     grid = min((0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0), key=lambda spacing: abs(spacing - model.reach / 3))
     shown, q = as_mujoco_shows(model, at_times(at, t, trajectory.q))
+    hit = at >= (np.inf if hit_time is None else hit_time)
     return Film(
         model=shown,
         q=q,
         trail=np.stack([trail[:-1], trail[1:]], axis=1),
         trail_rgb=np.array(_SLOW) + share[:, None] * (np.array(_FAST) - np.array(_SLOW)),
         shown=np.searchsorted(along, np.interp(at, t, path), side="right") - 1,
-        hit=at >= (np.inf if hit_time is None else hit_time),
+        hit=hit,
         readings={
             "time": [f"{x:.3f} s" for x in at],
             "tip speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],
             "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
             "closest": [f"{x:.3f} m" for x in closest],
+            "target": ["hit" if struck else "not hit" for struck in hit],
         },
         note=f"{speed:g} x real time, grid {grid:g} m",
         grid=grid,
@@ -131,11 +138,29 @@ def film_place(mj: mujoco.MjModel, film: Film, target: Target) -> np.ndarray:
     """Return the position [m], (3,), of the camera `view` that films a strike in space."""
     i = mj.cam("view").id
     axes, fovy = mj.cam_mat0[i].reshape(3, 3).T, float(mj.cam_fovy[i])
-    return nearest_place(axes, fovy, film.box(target), film.size[0] / film.size[1])
+    return nearest_place(axes, fovy, film.places(target), film.size[0] / film.size[1], left_free=_OF_TEXTS)
+
+
+def side_view(film: Film, target: Target) -> tuple[np.ndarray, float]:
+    """Return the middle (3,) and the height [m] of what a camera at the side has to show of a strike in the plane.
+
+    The strike fills the frame but for a margin, and for a column at the left that is left to the texts.
+    """
+    places, aspect = film.places(target), film.size[0] / film.size[1]
+    low, high = places.min(axis=0), places.max(axis=0)
+    wide, _, tall = (high - low) / _FILLED
+    height = max(tall, wide / ((1 - _OF_TEXTS) * aspect))
+    return (low + high) / 2 - np.array([_OF_TEXTS * aspect * height / 2, 0, 0]), float(height)
 
 
 def nearest_place(
-    axes: np.ndarray, fovy: float, places: np.ndarray, aspect: float, *, filled: float = 0.9
+    axes: np.ndarray,
+    fovy: float,
+    places: np.ndarray,
+    aspect: float,
+    *,
+    filled: float = _FILLED,
+    left_free: float = 0.0,
 ) -> np.ndarray:
     """Return the nearest position of a pinhole camera from which it sees all points [m], (3,).
 
@@ -145,16 +170,23 @@ def nearest_place(
         places: Points [m], (..., 3).
         aspect: Width of the picture over its height.
         filled: Fraction of the picture, around its centre, that the points may occupy.
+        left_free: Fraction of the picture's width, at its left, that stays free of the points.
     """
     right, up, back = (places.reshape(-1, 3) @ axes.T).T
-    # seen where |right - x| <= tall aspect (z - back), |up - y| <= tall (z - back), for the pinhole at x, y, z
-    tall = filled * float(np.tan(np.deg2rad(fovy) / 2))
-    x, z_wide = _between(right, back, tall * aspect)
-    y, z_tall = _between(up, back, tall)
-    return np.array([x, y, max(z_wide, z_tall)]) @ axes
+    # seen where right - x <= wide (z - back), x - right <= left (z - back), |up - y| <= tall (z - back), for the
+    # pinhole at x, y, z
+    tall = float(np.tan(np.deg2rad(fovy) / 2))
+    wide, left, tall = filled * tall * aspect, (filled - 2 * left_free) * tall * aspect, filled * tall
+    z = max(_least_far(right, back, wide, left), _least_far(up, back, tall, tall))
+    return np.array([_middle(right, back, wide, left, z), _middle(up, back, tall, tall, z), z]) @ axes
 
 
-def _between(across: np.ndarray, back: np.ndarray, slope: float) -> tuple[float, float]:
-    """Middle, and the least distance back, from which two edges of a slope hold all points."""
-    high, low = (across + slope * back).max(), (-across + slope * back).max()
-    return (high - low) / 2, (high + low) / (2 * slope)
+def _least_far(across: np.ndarray, back: np.ndarray, high: float, low: float) -> float:
+    """Least distance back from which edges of these slopes above and below hold all points."""
+    return float(((across + high * back).max() + (low * back - across).max()) / (high + low))
+
+
+def _middle(across: np.ndarray, back: np.ndarray, high: float, low: float, z: float) -> float:
+    """Middle of the places from which edges of these slopes hold all points at a distance z back."""
+    least, most = (across + high * back).max() - high * z, low * z - (low * back - across).max()
+    return float(least + most) / 2

@@ -26,14 +26,15 @@ from whiptool.viz.style import (
     CYCLE,
     JOINT_COLORS,
     STYLE,
+    head,
     joint_units,
     legend_above,
     length_text,
     save_figure,
-    verbatim,
 )
 
 _TIME_SIZE, _TWO_TIMES_SIZE = (7.6, 4.0), (7.6, 6.4)  # [in]
+_EXACT = 1e-9  # [deg or mm, or the same a second], below which errors are rounding errors
 
 
 def _new_axes(size: tuple[float, float]) -> Axes:
@@ -43,11 +44,16 @@ def _new_axes(size: tuple[float, float]) -> Axes:
     return pyplot.figure(figsize=size, layout="constrained").subplots()
 
 
-def _new_pair() -> np.ndarray:
-    """Two axes of a new figure over one time, (2,)."""
+def _new_pair(size: tuple[float, float]) -> np.ndarray:
+    """Two axes of a new figure of this size [in] over one time, (2,)."""
     from matplotlib import pyplot
 
-    return pyplot.figure(figsize=_TWO_TIMES_SIZE, layout="constrained").subplots(2, sharex=True)
+    return pyplot.figure(figsize=size, layout="constrained").subplots(2, sharex=True)
+
+
+def _tracking_size(joints: int) -> tuple[float, float]:
+    """Size of a figure of tracking errors [in], with room for a legend of many joints."""
+    return _TWO_TIMES_SIZE if joints < 4 else (10.0, 6.8)
 
 
 def _joints(trajectory: Trajectory, model: Model | None) -> tuple[Sequence[str], Sequence[str]]:
@@ -59,9 +65,11 @@ def _joints(trajectory: Trajectory, model: Model | None) -> tuple[Sequence[str],
 
 
 def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
-    """Draw positions [deg] and velocities [deg/s] of the arm's joints and their references.
+    """Draw the errors of positions [deg] and velocities [deg/s] of the arm's joints: actual minus desired, over time.
 
-    Prismatic joints are drawn in mm and mm/s.
+    The legend has the root mean square and the largest of each error. Where the joints follow their references exactly,
+    as under position control, the positions and velocities themselves are drawn. Prismatic joints are drawn in mm and
+    mm/s.
 
     Args:
         trajectory: Trajectory of the strike.
@@ -76,32 +84,34 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
     joint_names, slides = _joints(trajectory, model)
     if axes is None:
         with matplotlib.rc_context(STYLE):
-            return plot_tracking(trajectory, model, axes=_new_pair())
-    pairs = ((trajectory.q, trajectory.q_d, "position", ""), (trajectory.v, trajectory.v_d, "velocity", "/s"))
-    for ax, (actual, desired, quantity, per) in zip(axes, pairs, strict=True):
+            return plot_tracking(trajectory, model, axes=_new_pair(_tracking_size(len(joint_names))))
+    a = len(joint_names)
+    units = ["mm" if name in slides else "deg" for name in joint_names]
+    scale = np.array([1e3 if unit == "mm" else 180 / np.pi for unit in units])
+    q, v = scale * trajectory.q[:, :a], scale * trajectory.v[:, :a]
+    errors = (q - scale * trajectory.q_d, v - scale * trajectory.v_d)
+    exact = bool(np.nanmax(np.abs(errors)) < _EXACT)
+    for ax, actual, error, quantity, per in zip(
+        axes, (q, v), errors, ("position", "velocity"), ("", "/s"), strict=True
+    ):
         for i, name in enumerate(joint_names):
-            scale, unit = (1e3, f"mm{per}") if name in slides else (180 / np.pi, f"deg{per}")
-            error = round(scale * float(np.abs(desired[:, i] - actual[:, i]).max()), 9)  # no rounding errors
-            ax.plot(
-                trajectory.t,
-                scale * actual[:, i],
-                color=JOINT_COLORS[i % len(JOINT_COLORS)],
-                linewidth=3,
-                alpha=0.75,
-                label=f"{name}, error up to {error:.3g} {unit}",
-            )
-            ax.plot(
-                trajectory.t,
-                scale * desired[:, i],
-                color=COLORS["black"],
-                linestyle=(0, (4, 2.5)),
-                linewidth=1.1,
-                label="desired" if i == len(joint_names) - 1 else "",
-            )
-        ax.set_ylabel(f"{quantity} [{joint_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
+            drawn, label = (actual, name) if exact else (error, f"{name}: {_size(error[:, i])} {units[i]}{per}")
+            width = (
+                1.5 + 0.5 * (len(joint_names) - 1 - i) if exact else 1.8
+            )  # joints that move alike show behind others
+            ax.plot(trajectory.t, drawn[:, i], color=JOINT_COLORS[i % len(JOINT_COLORS)], linewidth=width, label=label)
+        what = quantity if exact else f"{quantity} error"
+        ax.set_ylabel(f"{what} [{joint_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
         _time_axis(ax, trajectory)
-        legend_above(ax, ncols=3 if len(joint_names) < 4 else 2)
+        if exact and quantity == "position":
+            ax.set_title("the joints follow their references exactly")
+        legend_above(ax, ncols=4 if exact else 2)
     return axes
+
+
+def _size(error: np.ndarray) -> str:
+    """Root mean square and largest magnitude of errors (T,), in words."""
+    return f"RMS {np.sqrt(np.mean(error**2)):.3g}, largest {np.abs(error).max():.3g}"
 
 
 def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes | None = None) -> Axes:
@@ -132,11 +142,15 @@ def plot_torque(trajectory: Trajectory, model: Model | None = None, *, ax: Axes 
     return ax
 
 
-def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
+def plot_tip_speed(
+    trajectory: Trajectory, target: Target | Sequence[float] | None = None, *, ax: Axes | None = None
+) -> Axes:
     """Draw the speed of the tip [m/s] over time, and mark its maximum.
 
     Args:
         trajectory: Trajectory of the strike.
+        target: Target of the strike, or (x, y), in space (x, y, z) [m], whose closest approach is marked, too; None:
+            no mark.
         ax: Axes to draw into; None: axes of a new figure.
 
     Returns:
@@ -146,12 +160,16 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
     expect(Axes, type(None), ax=ax)
     if ax is None:
         with matplotlib.rc_context(STYLE):
-            return plot_tip_speed(trajectory, ax=_new_axes(_TIME_SIZE))
+            return plot_tip_speed(trajectory, target, ax=_new_axes(_TIME_SIZE))
     t, speed = trajectory.t, trajectory.tip_speed
     fastest = int(speed.argmax())
     label = f"largest {speed[fastest]:.3g} m/s at {t[fastest]:.3f} s"
     ax.plot(t, speed, color=COLORS["blue"])
-    ax.plot(t[fastest], speed[fastest], "o", color=COLORS["vermilion"], markersize=7, zorder=3, label=label)
+    ax.plot(t[fastest], speed[fastest], "^", color=COLORS["black"], markersize=7, zorder=3, label=label)
+    if target is not None:
+        near = trajectory.approach(as_target(target))
+        label = f"closest approach, {near.speed[0]:.3g} m/s at {near.time[0]:.3f} s"
+        ax.plot(near.time, near.speed, "o", color=COLORS["vermilion"], markersize=7, zorder=4, label=label)
     ax.set_ylabel("speed of the tip [m/s]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
@@ -160,7 +178,7 @@ def plot_tip_speed(trajectory: Trajectory, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.ndarray | None = None) -> np.ndarray:
-    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d).
+    """Draw the entries of the controller's stiffness and damping over time (Fig. 10c, d), or constant ones as matrices.
 
     Diagonal entries of prismatic joints are in N/m and N s/m. For more than three joints, off-diagonal entries are thin
     lines with one common label.
@@ -177,32 +195,74 @@ def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.n
     expect(Trajectory, trajectory=trajectory)
     joint_names, slides = _joints(trajectory, model)
     if axes is None:
+        from matplotlib import pyplot
+
         with matplotlib.rc_context(STYLE):
-            return plot_gains(trajectory, model, axes=_new_pair())
-    letters = [name[0] for name in joint_names]
-    marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
-    a, few = len(marks), len(marks) <= 3
+            figure = pyplot.figure(figsize=_gains_size(trajectory), layout="constrained")
+            return plot_gains(trajectory, model, axes=_gains_axes(figure, trajectory))
     stiffness = joint_units("N m/rad", "N/m", joint_names, slides)
     damping = joint_units("N m s/rad", "N s/m", joint_names, slides)
-    for ax, gain, name, unit in ((axes[0], trajectory.K, "K", stiffness), (axes[1], trajectory.B, "B", damping)):
-        for k, (i, j) in enumerate(np.ndindex(a, a)):
-            color, label = CYCLE[k % len(CYCLE)], f"${name}_{{{marks[i]}{marks[j]}}}$"
-            style = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
-            if not few:
-                color = JOINT_COLORS[i % len(JOINT_COLORS)] if i == j else "0.6"
-                style = {} if i == j else {"linewidth": 0.8, "zorder": 1.5}
-                label = label if i == j else ""
-            ax.plot(trajectory.t, gain[:, i, j], color=color, label=label, **style)
-        if not few:
-            ax.plot([], [], color="0.6", linewidth=0.8, label="coupling")
-        largest = np.abs(gain).max(axis=(1, 2))
-        peak, usual = largest.max(), np.median(largest)
-        if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude
-            ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(max(usual, peak / 1e3))))
-        ax.set_ylabel(f"{'stiffness' if name == 'K' else 'damping'} {name} [{unit}]")
-        _time_axis(ax, trajectory)
-        legend_above(ax, ncols=max(a * a, 4) if few else a + 1)
+    draw = _plot_matrix if _constant(trajectory) else _plot_entries
+    for ax, name, unit in ((axes[0], "K", stiffness), (axes[1], "B", damping)):
+        draw(ax, trajectory, name, f"{'stiffness' if name == 'K' else 'damping'} {name} [{unit}]", joint_names)
     return axes
+
+
+def _constant(trajectory: Trajectory) -> bool:
+    """Whether the gains stay as they are over the whole strike."""
+    return all(bool(np.allclose(gain, gain[:1], rtol=1e-9, atol=0)) for gain in (trajectory.K, trajectory.B))
+
+
+def _gains_size(trajectory: Trajectory) -> tuple[float, float]:
+    """Size of a figure of the gains [in]."""
+    if not _constant(trajectory):
+        return _TWO_TIMES_SIZE
+    side = max(3.6, 0.9 + 0.72 * trajectory.K.shape[1])
+    return 2 * side, side
+
+
+def _gains_axes(figure: Figure, trajectory: Trajectory) -> np.ndarray:
+    """Two axes for the gains, (2,): next to each other where they are matrices, else over one time."""
+    return figure.subplots(1, 2) if _constant(trajectory) else figure.subplots(2, sharex=True)
+
+
+def _plot_matrix(ax: Axes, trajectory: Trajectory, name: str, label: str, joint_names: Sequence[str]) -> None:
+    """Draw a constant gain as a matrix with its numbers."""
+    gain, count = (trajectory.K if name == "K" else trajectory.B)[0], len(joint_names)
+    ax.imshow(np.abs(gain), cmap="Blues", vmin=0, vmax=2 * max(float(np.abs(gain).max()), 1e-12), aspect="auto")
+    for (i, j), value in np.ndenumerate(gain):
+        ax.text(j, i, f"{value:.4g}" if value else "0", ha="center", va="center", color="black" if value else "0.6")
+    few = count <= 3
+    turned = {} if few else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
+    ax.set_xticks(range(count), joint_names, **turned)
+    ax.set_yticks(range(count), joint_names)
+    ax.set(title=f"{label}, constant", xlabel="error of", ylabel="torque on")
+    ax.grid(visible=False)
+
+
+def _plot_entries(ax: Axes, trajectory: Trajectory, name: str, label: str, joint_names: Sequence[str]) -> None:
+    """Draw the entries of a gain over time."""
+    gain = trajectory.K if name == "K" else trajectory.B
+    letters = [joint[0] for joint in joint_names]
+    marks = letters if len(set(letters)) == len(letters) else [str(i + 1) for i in range(len(letters))]
+    a, few = len(marks), len(marks) <= 3
+    for k, (i, j) in enumerate(np.ndindex(a, a)):
+        color, entry = CYCLE[k % len(CYCLE)], f"${name}_{{{marks[i]}{marks[j]}}}$"
+        style = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
+        if not few:
+            color = JOINT_COLORS[i % len(JOINT_COLORS)] if i == j else "0.6"
+            style = {} if i == j else {"linewidth": 0.8, "zorder": 1.5}
+            entry = f"{entry}, {joint_names[i]}" if i == j else ""
+        ax.plot(trajectory.t, gain[:, i, j], color=color, label=entry, **style)
+    if not few:
+        ax.plot([], [], color="0.6", linewidth=0.8, label="coupling")
+    largest = np.abs(gain).max(axis=(1, 2))
+    peak, usual = largest.max(), np.median(largest)
+    if usual < peak / 10:  # gains of rank one rise and fall with the error by orders of magnitude
+        ax.set_yscale("symlog", linthresh=10 ** np.floor(np.log10(max(usual, peak / 1e3))))
+    ax.set_ylabel(label)
+    _time_axis(ax, trajectory)
+    legend_above(ax, ncols=4)
 
 
 def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, ax: Axes | None = None) -> Axes:
@@ -241,17 +301,15 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
     ax.set_ylabel("distance tip to target [m]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    width = ax.get_position().width * figure.get_figwidth()  # [inch]
-    legend_above(ax, ncols=2 if width > 5 else 1)
+    legend_above(ax)
     return ax
 
 
 def save_strike_figures(
     folder: str | Path, trajectory: Trajectory, model: Model, target: Target, controller_label: str
 ) -> list[Path]:
-    """Write `strike.png`, `distance.png`, `tracking.png`, `torque.png` and, if there are gains, `gains.png`.
+    """Write `strike.png`, `distance.png`, `speed.png`, `tracking.png`, `torque.png` and, if there are gains,
+    `gains.png`.
 
     Args:
         folder: Folder to write to, created if missing.
@@ -264,19 +322,20 @@ def save_strike_figures(
         The files.
     """
     with matplotlib.rc_context(STYLE):
-        sizes = {"distance": _TIME_SIZE, "tracking": _TWO_TIMES_SIZE, "torque": _TIME_SIZE}
-        sizes |= {"gains": _TWO_TIMES_SIZE} if trajectory.K.any() or trajectory.B.any() else {}
+        sizes = dict.fromkeys(("distance", "speed", "torque"), _TIME_SIZE)
+        sizes["tracking"] = _tracking_size(model.arm.n)
+        sizes |= {"gains": _gains_size(trajectory)} if trajectory.K.any() or trajectory.B.any() else {}
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
         figures["strike"] = Figure()
         draw_strike(figures["strike"], trajectory, model, target)
         plot_distance(trajectory, target, ax=figures["distance"].subplots())
+        plot_tip_speed(trajectory, target, ax=figures["speed"].subplots())
         plot_tracking(trajectory, model, axes=figures["tracking"].subplots(2, sharex=True))
         plot_torque(trajectory, model, ax=figures["torque"].subplots())
         if "gains" in figures:
-            plot_gains(trajectory, model, axes=figures["gains"].subplots(2, sharex=True))
-        title = verbatim(f"{model.name}, {controller_label}")
+            plot_gains(trajectory, model, axes=_gains_axes(figures["gains"], trajectory))
         for figure in figures.values():
-            figure.suptitle(title, fontsize=12, fontweight="bold", x=0.02, ha="left")
+            head(figure, f"{model.name}, {controller_label}")
         return [save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items()]
 
 

@@ -20,7 +20,7 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target, as_target
 from whiptool.models.trajectory import Approach
 from whiptool.objective import Trial, why_lost
-from whiptool.viz.style import COLORS, STYLE, legend_above, length_text, save_figure, verbatim
+from whiptool.viz.style import COLORS, STYLE, head, legend_above, length_text, save_figure
 from whiptool.words import counted
 
 _COLORMAP = "cividis"  # made for readers with and without a colour vision deficiency; dark is near
@@ -126,61 +126,74 @@ def plot_trials(
     return ax
 
 
-def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = "") -> Axes:
+def plot_convergence(ax: Axes, trials: Sequence[Trial], target: Target | Sequence[float]) -> Axes:
     """Draw the miss distance of every trial [m], in the order of the search, and the smallest so far.
 
-    Hits are those of the trials' outcomes, so a required direction and speed count as well.
+    Hits are those of the trials' outcomes, so a required direction and speed count as well. Trials without a miss
+    distance, such as strikes that were refused, are crosses at the top, and the legend has their numbers by reason.
 
     Args:
         ax: Axes to draw into.
         trials: Trials, such as the `trace` of a `Result`.
         target: Target of the strike, or its position [m].
-        label: Beginning of the title.
     """
-    hit_radius, lost = as_target(target).hit_radius, why_lost(trials)
+    hit_radius = as_target(target).hit_radius
     miss = np.array([np.nan if one.outcome.lost else one.outcome.miss_distance for one in trials])
     trial = np.arange(1, len(miss) + 1)
-    finite = np.where(np.isfinite(miss), miss, np.inf)
-    best = np.minimum.accumulate(finite)
-    ax.plot(
-        trial,
-        miss,
-        "o",
-        color=COLORS["sky"],
-        markersize=3.5,
-        markeredgewidth=0,
-        alpha=0.6,
-        label=f"trial (not shown: {', '.join(f'{n} {why}' for why, n in lost.items())})" if lost else "trial",
-        rasterized=len(miss) > 5000,
-    )
-    ax.step(
-        trial,
-        np.where(np.isfinite(best), best, np.nan),
-        where="post",
-        color=COLORS["blue"],
-        linewidth=2.2,
-        label="nearest so far",
-    )
-    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
+    best = np.minimum.accumulate(np.where(np.isfinite(miss), miss, np.inf))
     hit = np.array([one.outcome.hit for one in trials], bool)
-    ax.plot(trial[hit], miss[hit], "o", color=COLORS["green"], markersize=4.5, label="hit" if hit.any() else "")
+    dots = {"linestyle": "", "markeredgewidth": 0, "rasterized": len(miss) > 5000}
+    if np.isfinite(miss).any():
+        ax.plot(trial, miss, marker="o", color=COLORS["sky"], markersize=3.5, alpha=0.6, label="trial", **dots)
+        nearest = np.where(np.isfinite(best), best, np.nan)
+        ax.step(trial, nearest, where="post", color=COLORS["blue"], linewidth=2.2, label="nearest so far")
+    ax.axhline(hit_radius, color=COLORS["orange"], linestyle="--", linewidth=1.8, label=f"hit radius {hit_radius:g} m")
+    if hit.any():
+        edge = {"markeredgecolor": "white", "markeredgewidth": 0.6, "linestyle": "", "zorder": 3}
+        ax.plot(trial[hit], miss[hit], "*", color=COLORS["green"], markersize=11, label="hit", **edge)
+    _plot_lost(ax, trials)
     title = f"first hit in trial {trial[hit][0]}" if hit.any() else f"no hit in {counted(len(miss), 'trial')}"
     if len(miss) and np.isfinite(best[-1]):
         title += f", nearest {length_text(best[-1])}"
-    ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=", ".join(filter(None, (label, title))))
+    ax.set(yscale="log", xlabel="trial", ylabel="miss distance [m]", title=title)
     ax.set_xlim(0.5, max(len(miss), 1) + 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     legend_above(ax)
     return ax
 
 
+def _plot_lost(ax: Axes, trials: Sequence[Trial]) -> None:
+    """Mark trials that have no miss distance at the top of the axes, with their numbers by reason in the legend."""
+    lost = [(i, one) for i, one in enumerate(trials, start=1) if one.outcome.lost]
+    for refused, marker, color in ((True, "x", COLORS["vermilion"]), (False, "+", COLORS["black"])):
+        of_kind = [(i, one) for i, one in lost if (one.outcome.refused is not None) == refused]
+        if not of_kind:
+            continue
+        reasons = ", ".join(f"{n} {why}" for why, n in why_lost([one for _, one in of_kind]).items())
+        ax.plot(
+            [i for i, _ in of_kind],
+            np.full(len(of_kind), 0.98),
+            marker,
+            transform=ax.get_xaxis_transform(),
+            color=color,
+            markersize=4.5,
+            markeredgewidth=1,
+            rasterized=len(of_kind) > 5000,
+            label=f"refused: {reasons}" if refused else f"no result: {reasons}",
+        )
+
+
 def save_convergence(
     folder: str | Path, trials: Sequence[Trial], target: Target | Sequence[float], *, label: str = ""
 ) -> Path:
-    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file."""
+    """Write `convergence.png` (see `plot_convergence`) into a folder, which is made if missing; return the file.
+
+    Its heading is `label`.
+    """
     with matplotlib.rc_context(STYLE):
         figure = Figure((7.6, 4.4), layout="constrained")
-        plot_convergence(figure.subplots(), trials, target, label=verbatim(label))
+        plot_convergence(figure.subplots(), trials, target)
+        head(figure, label)
         return save_figure(figure, Path(folder) / "convergence.png")
 
 
@@ -202,7 +215,8 @@ def plot_front(ax: Axes, front: np.ndarray, tried: np.ndarray, *, labels: Sequen
     for axis, column in (("x", 0), ("y", 1)):
         low, high = front[:, column].min(), front[:, column].max()
         around = max(high - low, 1e-3 * abs(high), 1e-12) * np.array([-0.25, 0.25])
-        ax.set(**{f"{axis}lim": np.array([low, high]) + around})
+        limits = np.array([low, high]) + around
+        ax.set(**{f"{axis}lim": np.maximum(limits, -0.04 * high) if low >= 0 else limits})  # none where nothing can be
     ax.legend(loc="best")
     return ax
 
@@ -213,7 +227,8 @@ def save_front(
     """Write `front.png` (see `plot_front`) into a folder; return the file."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.4), layout="constrained")
-        plot_front(figure.subplots(), front, tried, labels=labels).set_title(verbatim(title))
+        plot_front(figure.subplots(), front, tried, labels=labels)
+        head(figure, title)
         return save_figure(figure, Path(folder) / "front.png")
 
 
@@ -287,7 +302,7 @@ def save_learning(
         reward, hits = figure.subplots(2, 1, sharex=True)
         plot_learning(reward, hits, columns, trials=trials, best=best)
         mark_random(reward, random_episodes)
-        reward.set_title(title)
+        head(figure, title)
         reward.margins(x=0.02)
         legend_above(hits, ncols=2)
         return save_figure(figure, path)

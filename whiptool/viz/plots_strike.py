@@ -47,6 +47,7 @@ VIEWS = {"side": (0, 2), "top": (0, 1), "front": (1, 2)}  # coordinates to the r
 _POSTURES = 10
 _SEGMENTS = 600  # of the tip's path
 _LONGEST = 4.3  # [in], the widest side of what is shown in four views
+_AFTER: dict[str, Any] = {"color": "0.45", "linewidth": 1.2, "linestyle": (0, (1, 1.6)), "zorder": 1.5}
 _HEIGHT = 6.6  # [in] of a figure with one view, whose shape sets its width
 
 
@@ -147,7 +148,7 @@ def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
         ax.plot(*posture[:, shown].T, **style)
     before = _segments(strike.before[0])[..., shown]
     ax.add_collection(LineCollection(list(before), **_path_style(strike)), autolim=False)
-    ax.plot(*strike.after[:, shown].T, color="0.55", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    ax.plot(*strike.after[:, shown].T, **_AFTER)
     centre = (place[i], place[j])
     ax.add_patch(Circle(centre, radius, facecolor=COLORS["orange"], alpha=0.3, edgecolor="none", zorder=1))
     ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
@@ -176,7 +177,7 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
         ax.plot(*posture.T, **style)
     before = _segments(strike.before[0])
     ax.add_collection3d(Line3DCollection(list(before), **_path_style(strike)), autolim=False)
-    ax.plot(*strike.after.T, color="0.55", linewidth=0.9, linestyle=(0, (1, 2)), zorder=1.5)
+    ax.plot(*strike.after.T, **_AFTER)
     set_up_perspective(ax, low, high)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_major_locator(ticks(2 * _tick(strike)[0], _tick(strike)[1]))
@@ -249,8 +250,7 @@ def _draw_views(figure: Figure, strike: Drawn) -> Axes3D:
     """
     low, high = strike.box
     wide, deep, tall = (high - low) * _LONGEST / (high - low).max()  # [in]
-    second_row = 0 if strike.target.direction is None else 0.22  # of the legend [in]
-    left, right, top, bottom, beside, below = 0.75, 1.0, 1.0 + second_row, 0.65, 0.3, 0.6  # [in]
+    left, right, top, bottom, beside, below = 0.75, 1.0, 1.22, 0.65, 0.75, 0.6  # [in]
     width, height = left + wide + beside + deep + right, top + tall + below + deep + bottom
     figure.set_size_inches(width, height)
     grid = GridSpec(
@@ -269,12 +269,11 @@ def _draw_views(figure: Figure, strike: Drawn) -> Axes3D:
     cells: dict[str, Any] = {"side": grid[0, 0], "top": grid[1, 0], "front": grid[0, 1]}
     views = {name: plot_projection(figure.add_subplot(cell), strike, VIEWS[name]) for name, cell in cells.items()}
     for name, ax in views.items():
-        ax.text(0.03, 0.97, name, transform=ax.transAxes, va="top", color="0.35", fontweight="bold")
-    views["side"].set(xlabel="", title=strike.title)
-    views["side"].tick_params(labelbottom=False)
-    views["front"].set(ylabel="")
-    views["front"].tick_params(labelleft=False)
-    legend_above(views["side"], ncols=4)
+        behind = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+        look = {"va": "top", "color": "0.35", "fontweight": "bold", "zorder": 10, "bbox": behind}
+        ax.text(0.03, 0.97, name, transform=ax.transAxes, **look)
+    views["side"].set_title(strike.title)
+    legend_above(views["side"], ncols=4, width=wide + beside + deep)
     rest = (left + wide + 0.1, 0.1, beside + deep + right - 0.2, bottom + deep + 0.05)  # [in]
     sides = np.array([width, height, width, height])
     perspective = figure.add_axes(tuple(rest / sides), projection="3d", facecolor="none", zorder=-1)
@@ -304,6 +303,8 @@ def _posture_styles(strike: Drawn) -> list[tuple[np.ndarray, dict[str, Any]]]:
     target = {**dots, "color": "#F8E1B0", "markeredgecolor": COLORS["orange"], "markersize": 9}
     label = f"target, hit radius {strike.target.hit_radius:g} m"
     lines.append((np.full((1, strike.dimension), np.nan), {**target, "label": label}))
+    if len(strike.after) > 1:
+        lines.append((np.full((1, strike.dimension), np.nan), {**_AFTER, "label": "path of the tip afterwards"}))
     if strike.target.direction is not None:
         lines.append((np.full((1, strike.dimension), np.nan), {**LOOK, "label": asked_of(strike.target)}))
     return lines

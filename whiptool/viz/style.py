@@ -39,6 +39,7 @@ CYCLE = list(COLORS.values())[:7]  # yellow lines are hard to see on white
 JOINT_COLORS = [*CYCLE[:6], COLORS["brown"]]  # none is the black of what is desired
 _MOST_TICKS = 40
 _LONGEST_LABEL = 48  # [characters] of a line in a legend
+_HEAD_CHARACTERS = 9.0  # of a bold heading in an inch
 _PNG: dict[str, Any] = {"pil_kwargs": {"compress_level": 2}}  # as the usual 6, in half the time
 STYLE: dict[Any, Any] = {
     "figure.dpi": 110,
@@ -67,22 +68,51 @@ TIME = LinearSegmentedColormap.from_list("time", matplotlib.colormaps["viridis"]
 SPEED = TIME.reversed()  # what is fast is dark
 
 
-def legend_above(ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None) -> None:
-    """Put a legend between title and axes, with the given handles or all labelled artists; long labels are wrapped."""
-    legend = ax.legend(
-        handles=ax.get_legend_handles_labels()[0] if handles is None else handles,
-        loc="lower left",
-        bbox_to_anchor=(0, 1),
-        ncols=ncols,
-        borderaxespad=0.3,
-        columnspacing=1.4,
-        handlelength=1.8,
-    )
+def legend_above(
+    ax: Axes, *, ncols: int = 3, handles: Sequence[Artist] | None = None, width: float | None = None
+) -> None:
+    """Put a legend between title and axes, with the given handles or all labelled artists.
+
+    It has fewer columns than `ncols` if these would be wider than the axes, and long labels are wrapped.
+
+    Args:
+        ax: Axes to which the legend belongs.
+        ncols: Largest number of columns.
+        handles: Artists of the legend; None: all labelled ones.
+        width: Available width [in]; None: that of the axes.
+    """
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    if width is None:  # a layout engine that comes later only widens axes, but for a colour bar at their side
+        width = ax.get_position().width * figure.get_figwidth()
+    shown = ax.get_legend_handles_labels()[0] if handles is None else handles
+    if not shown:
+        return
+    labels = [str(one.get_label()) for one in shown]
+    tries = [(columns, _LONGEST_LABEL) for columns in range(min(ncols, max(len(labels), 1)), 0, -1)]
+    for columns, longest in [*tries, *((1, shorter) for shorter in (36, 28, 20))]:
+        legend = ax.legend(
+            handles=shown,
+            labels=[textwrap.fill(label, longest) for label in labels],
+            loc="lower left",
+            bbox_to_anchor=(0, 1),
+            ncols=columns,
+            borderaxespad=0.3,
+            columnspacing=1.4,
+            handlelength=1.8,
+        )
+        if legend.get_window_extent().width <= figure.dpi * width:
+            break
     texts = legend.get_texts()
-    for text in texts:
-        text.set_text(textwrap.fill(text.get_text(), _LONGEST_LABEL))  # one that is wider leaves no room for the axes
-    rows = -(-len(texts) // ncols) + sum(text.get_text().count("\n") for text in texts)
+    rows = -(-len(texts) // columns) + sum(text.get_text().count("\n") for text in texts)
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=8 + 1.6 * rows * float(texts[0].get_fontsize()))
+
+
+def head(figure: Figure, text: str) -> None:
+    """Write a bold heading above all axes of a figure, on as many lines as its width takes."""
+    longest = int(_HEAD_CHARACTERS * figure.get_figwidth())
+    wrapped = "\n".join(textwrap.wrap(text, longest))
+    figure.suptitle(verbatim(wrapped), fontsize=12, fontweight="bold", x=0.02, ha="left")
 
 
 def ticks(step: float, extent: float) -> Locator:
@@ -106,8 +136,10 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
 
 
 def length_text(meters: float) -> str:
-    """Return a length [m] as text, in mm or m."""
-    return f"{1e3 * meters:.2g} mm" if meters < 0.0995 else f"{meters:.3f} m"
+    """Return a length as text in metres, the unit of the axes: to a millimetre, or a shorter one in two digits."""
+    if not 0 < meters < 0.0995:
+        return f"{meters:.3f} m"
+    return f"{meters:.{1 - math.floor(math.log10(meters))}f} m"
 
 
 def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:

@@ -14,14 +14,15 @@ from whiptool.goals.target import Target, as_target
 from whiptool.models.parameters import Model
 from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
-from whiptool.rollout.mujoco_model import FLOOR, build_spec, set_posture
+from whiptool.rollout.mujoco_model import build_spec, set_posture
 from whiptool.viz.animation import animate, write_film
-from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place
+from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place, side_view
 from whiptool.viz.opengl import add_bar, add_path, add_rod, draws_in_software, gl_context
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
 _DPI = 90.0  # of films that matplotlib draws
+_RING = 28  # rods of the ring around a target that was hit
 
 
 def render_video(
@@ -37,7 +38,8 @@ def render_video(
 ) -> str:
     """Write a film of a strike, seen from the side, or in space from the front right and above.
 
-    The tip's path so far is drawn with colours from slow to fast (red); the target turns green when it is hit.
+    The tip's path so far is drawn with colours from slow to fast (red). When the target is hit, it turns green, a ring
+    appears around it, and the text says so.
 
     Args:
         path: MP4 file to write; missing folders are created.
@@ -85,10 +87,14 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     mj = spec.compile()
     flat = model.dimension == 2
     seen_from = mj.cam("side" if flat else "view")
+    floor = float(film.places(target)[:, 2].min())
     if flat:
-        seen_from.fovy *= max(1.0, height / width)  # the height of what it sees
+        middle, tall = side_view(film, target)
+        seen_from.pos[:] += middle
+        seen_from.fovy = tall  # the height of what it sees [m]
     else:
         seen_from.pos[:] = film_place(mj, film, target)
+        mj.geom("floor").pos[2] = floor
     data = mujoco.MjData(mj)
     context = gl_context(width, height)
     context.make_current()
@@ -112,12 +118,16 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
             mujoco.mjv_updateScene(mj, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
             if first_bar is None:  # bars are added once: updating the scene rewrites the model's own geoms only
                 if flat:
-                    _add_grid(scene, film.grid, reach)
+                    _add_grid(scene, film.grid, reach, middle, tall * np.array([width / height, 1.0]))
                 else:
-                    _add_floor_grid(scene, film.grid, reach)
+                    _add_floor_grid(scene, film.grid, reach, floor)
+                ring = scene.ngeom
+                _add_ring(scene, mj.cam_mat0[seen_from.id].reshape(3, 3), target, reach)
                 first_bar = scene.ngeom
                 add_path(scene, film.trail, film.trail_rgb, reach)
             scene.ngeom = first_bar + int(film.shown[i])
+            for geom in scene.geoms[ring:first_bar]:
+                geom.rgba[3] = float(film.hit[i])
             mujoco.mjr_render(rect, scene, gl)
             for x, y, word in film.text(i):
                 mujoco.mjr_text(mujoco.mjtFont.mjFONT_NORMAL, word, gl, x, y, *TEXT)
@@ -129,19 +139,31 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
         context.free()
 
 
-def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
-    """Add lines on the board behind a strike in the plane."""
-    for k in range(-(lines := int(2.5 * reach / spacing)), lines + 1):
-        ends = np.array([[-2.5 * reach, k * spacing], [2.5 * reach, k * spacing]])
-        thickness = (0.004 if k else 0.008) * reach
-        add_bar(scene, ends, 0.058 * reach, thickness, GRID)
-        add_bar(scene, ends[:, ::-1], 0.058 * reach, thickness, GRID)
+def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float, middle: np.ndarray, size: np.ndarray) -> None:
+    """Add lines on the board behind a strike in the plane, as far as a view with this middle (3,) and size (2,) shows
+    [m]."""
+    centre = middle[[0, 2]]
+    low, high = centre - size / 2, centre + size / 2
+    for axis in (0, 1):
+        for k in range(int(np.ceil(low[axis] / spacing)), int(np.floor(high[axis] / spacing)) + 1):
+            ends = np.array([low, high])
+            ends[:, axis] = k * spacing
+            add_bar(scene, ends, 0.058 * reach, (0.004 if k else 0.008) * reach, GRID)
 
 
-def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float) -> None:
-    """Add lines on the floor below a strike in space."""
+def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float, floor: float) -> None:
+    """Add lines on the floor below a strike in space, at a height [m]."""
     far = (lines := int(2 * reach / spacing)) * spacing
     for k in range(-lines, lines + 1):
-        ends = np.array([[-far, k * spacing, -FLOOR * reach], [far, k * spacing, -FLOOR * reach]])
+        ends = np.array([[-far, k * spacing, floor], [far, k * spacing, floor]])
         for line in (ends, ends[:, [1, 0, 2]]):
             add_rod(scene, line, (0.002 if k else 0.004) * reach, GRID)
+
+
+def _add_ring(scene: mujoco.MjvScene, axes: np.ndarray, target: Target, reach: float) -> None:
+    """Add a ring around a target that faces a camera with these axes, in columns (3, 3)."""
+    place = np.array(target.position if len(target.position) == 3 else (target.position[0], 0.0, target.position[1]))
+    radius, around = max(1.5 * target.hit_radius, 0.045 * reach), np.linspace(0, 2 * np.pi, _RING + 1)
+    points = place + radius * (np.cos(around)[:, None] * axes[:, 0] + np.sin(around)[:, None] * axes[:, 1])
+    for ends in np.stack([points[:-1], points[1:]], axis=1):
+        add_rod(scene, ends, 0.006 * reach, HIT)

@@ -1,7 +1,7 @@
 // Readings, controls, keys, and the address; here everything begins.
 
 const tipName = inSpace ? "Tip at (x, y, z)" : "Tip at (x, y)";
-const readings = Object.fromEntries(["Tip speed", "Distance", tipName, "Target"].map((name) => {
+const readings = Object.fromEntries(["Tip speed", "Distance", "Target", tipName].map((name) => {
   const group = byId("readings").appendChild(document.createElement("div"));
   group.append(Object.assign(document.createElement("dt"), { textContent: name }));
   return [name, group.appendChild(document.createElement("dd"))];

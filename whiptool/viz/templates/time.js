@@ -164,14 +164,17 @@ const gains = (name, rows) => rows.map((values, k) => {
   const dash = i === j ? null : [5, 5], shift = i > j ? 5 : 0; // equal entries show in turn
   return { name, sub: strike.marks[i] + strike.marks[j], values, color: (rows.length === arm ? ofJoint : cycle)(k), dash, shift };
 });
+const moves = (rows) => rows.some((values) => values.some((x) => x)); // what is zero throughout is not shown
+const follows = q_d.every((values, k) => values.every((x, i) => x === q[k][i])); // the arm, its references exactly
 const plots = [
   { title: "Tip speed", unit: "m/s", series: [{ name: "tip", values: strike.speed, color: "blue" }], fromZero: true },
   { title: "Distance to target", unit: "m", series: [{ name: "tip to target", values: strike.distance, color: "blue" }],
     fromZero: true, extra: 1, zone: radius, dot: near && [near.time, near.distance] },
   { title: strike.slides.includes(true) ? "Positions" : "Angles", unit: strike.units.q,
     series: perJoint(q.slice(0, arm).map(positions)).flatMap((joint, k) => [
-      joint, { name: "desired", values: positions(q_d[k], k), color: "black", dash: [5, 3] }]) },
+      joint, ...(follows ? [] : [{ name: "desired", values: positions(q_d[k], k), color: "black", dash: [5, 3] }])]) },
   { title: "Torque", unit: strike.units.tau, series: perJoint(strike.tau), decades: true },
-  { title: "Stiffness K", unit: strike.units.K, series: gains("K", strike.K), decades: true },
-  { title: "Damping B", unit: strike.units.B, series: gains("B", strike.B), decades: true },
+  ...(moves(strike.K) ? [{ title: "Stiffness K", unit: strike.units.K, series: gains("K", strike.K), decades: true }] : []),
+  ...(moves(strike.B) ? [{ title: "Damping B", unit: strike.units.B, series: gains("B", strike.B), decades: true }] : []),
 ].map((about, k, all) => new Plot({ ...about, last: k === all.length - 1 }));
+root.style.setProperty("--plots", plots.length);

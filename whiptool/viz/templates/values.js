@@ -58,7 +58,7 @@ const fixed = (x, digits) => {
   if (!Number.isFinite(x)) return "\u2013";
   return x.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "\u2212");
 };
-const length = (x) => (Math.abs(x) < 0.0995 ? `${fixed(1e3 * x, 1)} mm` : `${fixed(x, 3)} m`);
+const length = (x) => `${fixed(x, Math.abs(x) < 0.0995 ? 4 : 3)} m`;
 
 const exponential = (x, digits) => x.toExponential(digits).replaceAll("-", "\u2212").replace("e+", "e");
 
