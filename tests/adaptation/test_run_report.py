@@ -130,6 +130,25 @@ def test_a_first_look_is_no_strike(prior):
     assert "First hit: strike 1" in words(sections(steps, prior, TARGET))
 
 
+def test_the_first_look_shows_the_arm_and_the_hanging_whip(prior):
+    steps = [step_of(0, narrowed(prior, {"delay": 0.5})), step_of(1, narrowed(prior, {"delay": 0.2}))]
+    figure = parts(sections(steps, prior, TARGET), Picture)[0].figure
+    first, second = ({line.get_label(): line.get_xydata() for line in ax.lines} for ax in figure.axes)
+    np.testing.assert_allclose(first["arm"][0], 0, atol=1e-9)
+    along = first["arm"][1] / np.linalg.norm(first["arm"][1])  # the upper arm, at -1 rad from hanging
+    np.testing.assert_allclose(along, [np.sin(-1.0), -np.cos(-1.0)], atol=0.03)
+    hanging = first["whip"]
+    assert np.ptp(hanging[:, 1]) > 5 * np.ptp(hanging[:, 0])
+    assert "its closest approach" not in first  # which a first look does not aim at
+    near = second["its closest approach"][0]
+    np.testing.assert_allclose(second["whip"][-1], near, atol=0.01)
+    said = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"arm", "whip", "shoulder", "its closest approach", "target, hit radius 6 cm"} <= set(said)
+    assert figure.axes[0].get_ylabel() == "y, up [cm]"
+    figure.draw_without_rendering()
+    assert "50" in [label.get_text() for label in figure.axes[1].get_xticklabels()]
+
+
 def test_what_the_pictures_show(prior):
     steps = [step_of(n, narrowed(prior, {"delay": 0.5**n, "profile.length": 0.3**n})) for n in range(1, 9)]
     plane, sizes = parts(sections(steps, prior, TARGET), Picture)

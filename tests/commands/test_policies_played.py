@@ -83,7 +83,7 @@ def test_a_policy_is_looked_at_by_a_strike_at_one_of_its_targets(run: Path, file
         assert policy.task.zone.contains(np.array(strike.target.position))
         expected = policy.task.rollout.trajectory(policy.strike(strike.target), t_stay=policy.task.t_stay)
         np.testing.assert_array_equal(strike.trajectory.q, expected.q)
-        assert strike.label == "OIAC printed"
+        assert strike.label == "OIAC printed, first strike of a policy trained with sac"
     assert len(drawn) == 2
 
 

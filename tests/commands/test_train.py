@@ -58,6 +58,8 @@ def test_a_run_leaves_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert float(table[2]["critic"]) > 0  # nothing is learned in the random episodes
     assert list((tmp_path / "run/tensorboard").iterdir())
     assert (tmp_path / "run" / train.CURVE).read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "run" / train.VIDEO).read_bytes()[4:8] == b"ftyp"
+    assert "first strike of a policy trained with td3" in (tmp_path / "run" / train.PAGE).read_text()
     scored = {int(row["number"]): (float(row["held_out_hit"]), -float(row["held_out_cost"])) for row in table[4::5]}
     best = max(scored, key=scored.__getitem__)
     told = {"episode": best, "share_hit": scored[best][0], "mean_cost": -scored[best][1]}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import mujoco
 import numpy as np
 import pytest
@@ -14,10 +12,10 @@ from spatial_arms import of_universal_nodes
 from whiptool.goals.target import Target
 from whiptool.models import preset
 from whiptool.rollout.mujoco_model import build_spec
-from whiptool.viz.film import MAX_SEGMENTS, film_of, nearest_place
+from whiptool.viz.film import MAX_SEGMENTS, film_of, nearest_place, side_view
 from whiptool.viz.opengl import gl_context
 
-UR5E = of_universal_nodes("ur5e")
+LEMON, UR5E = preset("lemon2024"), of_universal_nodes("ur5e")
 PATH = swing(UR5E)
 TARGET = Target(tuple(PATH.tip[200] + 0.01), 0.08)
 
@@ -91,16 +89,27 @@ def test_the_trail_is_reddest_where_the_tip_is_fastest():
     assert found.trail_rgb.max() <= 1
 
 
-def test_the_box_holds_everything():
+def test_the_places_reach_as_far_as_everything():
     found = film()
-    corners = found.box(TARGET)
-    assert corners.shape == (8, 3)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    assert {tuple(x) for x in corners} == set(product(*zip(low, high, strict=True)))
-    place = np.array(TARGET.position)
+    places, place = found.places(TARGET), np.array(TARGET.position)
+    low, high = places.min(axis=0), places.max(axis=0)
     for point in (*found.trail[:, 0], place - TARGET.hit_radius, place + TARGET.hit_radius, np.zeros(3)):
         assert (point >= low - 1e-12).all()
         assert (point <= high + 1e-12).all()
+
+
+@pytest.mark.parametrize("size", [(960, 540), (400, 600)])
+def test_a_strike_in_the_plane_fills_the_frame_beside_the_texts(size: tuple[int, int]):
+    """All places are right of the texts, and fill what is left in width or height but for margins."""
+    path, target = swing(LEMON), Target((1.2, 0.1), 0.06)
+    found = film_of(path, LEMON, target, fps=20, speed=0.5, size=size)
+    middle, tall = side_view(found, target)
+    wide = tall * size[0] / size[1]
+    x, _, z = ((found.places(target) - middle) / np.array([wide, 1, tall]) + 0.5).T
+    assert 0.22 <= x.min() < x.max() <= 0.97
+    assert 0.05 - 1e-9 <= z.min() < z.max() <= 0.95 + 1e-9
+    assert x.max() - x.min() == pytest.approx(0.9 * 0.78) or z.max() - z.min() == pytest.approx(0.9)
+    assert (found.places(target)[:, 1] == 0).all()
 
 
 def test_words_stand_apart_and_within_the_picture():
@@ -126,6 +135,12 @@ def test_the_nearest_place_from_which_all_is_seen():
         tight = x / aspect if np.abs(x).max() / aspect > np.abs(y).max() else y
         assert tight.max() == pytest.approx(0.8)
         assert tight.min() == pytest.approx(-0.8)  # in the middle
+        place = nearest_place(UPRIGHT, 90.0, places, aspect, filled=0.8, left_free=0.2)
+        x, y, _ = projected(places, place, UPRIGHT, 90.0).T
+        assert x.min() / aspect > -0.4 - 1e-9
+        assert x.max() / aspect < 0.8 + 1e-9
+        fills_width = np.allclose([x.min() / aspect, x.max() / aspect], [-0.4, 0.8])
+        assert fills_width or np.abs(y).max() == pytest.approx(0.8)
 
 
 def test_a_ball_is_where_mujoco_renders_it():

@@ -68,6 +68,7 @@ def test_a_strike_beyond_its_limits_is_shown_as_no_hit():
 def test_the_target_of_a_film_lights_up(target: Target, hit: bool):
     film = film_of(PATH, UR5E, target, fps=20, speed=0.5)
     assert film.hit.any() == hit
+    assert film.readings["target"] == ["hit" if struck else "not hit" for struck in film.hit]
 
 
 @every_goal
@@ -77,6 +78,10 @@ def test_the_target_of_an_animation_lights_up(target: Target, hit: bool):
     shown.show(shown.count - 1)
     color = to_rgba(shown.moving[0].get_edgecolor()[0][:3])
     assert color == to_rgba(COLORS["green" if hit else "orange"])
+    assert shown.moving[1].get_marker() == ("o" if hit else "+")  # a ring once it is hit
+    assert shown.moving[-1].get_text().endswith(", hit") == hit
+    shown.show(0)
+    assert shown.moving[1].get_marker() == "+"
 
 
 def trial(number: int, miss: float, *, hit: bool = False, diverged: bool = False, refused: str | None = None) -> Trial:
@@ -89,11 +94,13 @@ def test_the_convergence_counts_hits_as_they_are_judged():
     """Trial 2 passes the point the wrong way, trial 4 as asked."""
     trials = [trial(1, 0.4), trial(2, 0.01), trial(3, 0.2), trial(4, 0.05, hit=True)]
     ax = plot_convergence(Figure().subplots(), trials, Target((1.3, 0.0), 0.06, direction=(0, 1)))
-    assert ax.get_title() == "first hit in trial 4, nearest 10 mm"
+    assert ax.get_title() == "first hit in trial 4, nearest 0.010 m"
     (hits,) = (line for line in ax.lines if line.get_label() == "hit")
     assert np.array_equal(hits.get_xydata(), [[4, 0.05]])
+    (all_trials,) = (line for line in ax.lines if line.get_label() == "trial")
+    assert hits.get_marker() != all_trials.get_marker()  # seen by those who do not see the colour
     ax = plot_convergence(Figure().subplots(), trials[:2], Target((1.3, 0.0), 0.06, direction=(0, 1)))
-    assert ax.get_title() == "no hit in 2 trials, nearest 10 mm"
+    assert ax.get_title() == "no hit in 2 trials, nearest 0.010 m"
 
 
 def test_the_convergence_says_why_trials_have_no_result():
@@ -108,8 +115,12 @@ def test_the_convergence_says_why_trials_have_no_result():
     ax = plot_convergence(Figure().subplots(), trials, (1.3, 0.0))
     assert ax.get_ylabel() == "miss distance [m]"
     said = [text.get_text().replace("\n", " ") for text in ax.get_legend().get_texts()]
-    reasons = "3 diverged, 2 beyond the joints' limits, 4 would collide, 1 beyond the arm's reach"
-    assert f"trial (not shown: {reasons})" in said
+    assert "refused: 2 beyond the joints' limits, 4 would collide, 1 beyond the arm's reach" in said
+    assert "no result: 3 diverged" in said
+    marks = {line.get_label().partition(":")[0]: line for line in ax.lines}
+    assert list(marks["refused"].get_xdata()) == [5, 6, 7, 8, 9, 10, 11]
+    assert list(marks["no result"].get_xdata()) == [2, 3, 4]
+    assert marks["refused"].get_marker() != marks["no result"].get_marker()
 
 
 def test_a_search_whose_strikes_were_all_refused_for_many_reasons_is_drawn(tmp_path):

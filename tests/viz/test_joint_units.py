@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from approaches import approaches
 from matplotlib.figure import Figure
@@ -22,10 +24,18 @@ SWING = swing(MODEL)
 
 
 def test_gains_of_slides_are_told_in_newtons_and_metres():
-    axes = plots.plot_gains(SWING, MODEL, axes=Figure().subplots(2))
+    rising = replace(SWING, K=SWING.K * (1 + SWING.t[:, None, None]))
+    axes = plots.plot_gains(rising, MODEL, axes=Figure().subplots(2))
     assert [ax.get_ylabel() for ax in axes] == ["stiffness K [N m/rad, N/m]", "damping B [N m s/rad, N s/m]"]
-    axes = plots.plot_gains(SWING, axes=Figure().subplots(2))
+    axes = plots.plot_gains(rising, axes=Figure().subplots(2))
     assert [ax.get_ylabel() for ax in axes] == ["stiffness K [N m/rad]", "damping B [N m s/rad]"]
+
+
+def test_errors_of_slides_are_in_millimetres():
+    axes = plots.plot_tracking(SWING, MODEL, axes=Figure().subplots(2))
+    assert [ax.get_ylabel() for ax in axes] == ["position error [deg, mm]", "velocity error [deg/s, mm/s]"]
+    said = [text.get_text().rpartition(" ")[2] for ax in axes for text in ax.get_legend().get_texts()]
+    assert said == ["deg", "mm", "deg", "deg/s", "mm/s", "deg/s"]
 
 
 def test_a_page_knows_what_slides():

@@ -138,7 +138,7 @@ def test_the_page_draws_the_strike(page, trajectory, tmp_path):
     x, y = (np.interp(0.5, trajectory.t, x) for x in trajectory.tip.T)
     speed = np.interp(0.5, trajectory.t, np.hypot(*trajectory.tip_velocity.T))
     away = np.interp(0.5, trajectory.t, trajectory.distance(TARGET))
-    expected = [f"{speed:.1f} m/s", f"{away:.3f} m", f"({x:.3f}, {y:.3f}) m".replace("-", "−"), "not hit so far"]
+    expected = [f"{speed:.1f} m/s", f"{away:.3f} m", "not hit so far", f"({x:.3f}, {y:.3f}) m".replace("-", "−")]
     assert json.loads(found["data-readings"]) == expected
     near = trajectory.approach(TARGET).time[0]
     assert float(found["data-next"]) == pytest.approx(0.502, abs=1e-4)

@@ -119,7 +119,7 @@ def test_the_page_turns_zooms_and_scrubs(page, tmp_path):
     tip, speed = PATH.tip[125], np.linalg.norm(PATH.tip_velocity[125])
     where = ", ".join(f"{x:.3f}" for x in tip).replace("-", "−")
     away = np.linalg.norm(tip - np.array(TARGET.position))
-    assert said["data-readings"] == [f"{speed:.1f} m/s", f"{away:.3f} m", f"({where}) m", "not hit so far"]
+    assert said["data-readings"] == [f"{speed:.1f} m/s", f"{away:.3f} m", "not hit so far", f"({where}) m"]
 
     assert said["data-dragged-differs"]
     around, above = -40 - 0.45 * 100, 30 + 0.45 * 40

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from space_swing import swing
+from spatial_arms import of_universal_nodes
 
 from whiptool.goals.target import Target, as_target
 from whiptool.impedance import ConstantImpedance, Controller
@@ -44,8 +48,70 @@ def test_a_diverged_strike_is_drawn_too(tmp_path):
     path = CompiledRollout(LEMON, WILD, timestep=2.5e-4).trajectory(STRIKE, t_stay=0.3)
     assert path.diverged
     written = plots.save_strike_figures(tmp_path, path, LEMON, as_target(TARGET), "wild")
-    assert len(written) == 5
+    assert [file.stem for file in written] == ["distance", "speed", "torque", "tracking", "gains", "strike"]
     assert all(file.stat().st_size > 5000 for file in written)
+
+
+def legend_fits(ax) -> bool:
+    """Whether a legend that was drawn is as wide as its axes at most."""
+    legend, axes = ax.get_legend().get_window_extent(), ax.get_window_extent()
+    return axes.x0 - 1 <= legend.x0 and legend.x1 <= axes.x1 + 1
+
+
+def test_tracking_shows_errors_and_their_size(trajectory):
+    axes = plots.plot_tracking(trajectory, LEMON, axes=Figure().subplots(2))
+    error = np.rad2deg(trajectory.q[:, :2] - trajectory.q_d)
+    np.testing.assert_allclose(axes[0].lines[0].get_ydata(), error[:, 0], atol=1e-12)
+    np.testing.assert_allclose(axes[1].lines[1].get_ydata(), np.rad2deg(trajectory.v[:, 1] - trajectory.v_d[:, 1]))
+    rms, largest = np.sqrt((error[:, 1] ** 2).mean()), np.abs(error[:, 1]).max()
+    assert axes[0].get_legend().get_texts()[1].get_text() == f"elbow: RMS {rms:.3g}, largest {largest:.3g} deg"
+    assert axes[0].get_ylabel() == "position error [deg]"
+
+
+def test_where_there_are_no_errors_the_motion_is_drawn(trajectory):
+    q, v = (np.c_[x, y[:, 2:]] for x, y in ((trajectory.q_d, trajectory.q), (trajectory.v_d, trajectory.v)))
+    exact = replace(trajectory, q=q, v=v)
+    axes = plots.plot_tracking(exact, LEMON, axes=Figure().subplots(2))
+    np.testing.assert_allclose(axes[0].lines[1].get_ydata(), np.rad2deg(trajectory.q_d[:, 1]))
+    assert [ax.get_ylabel() for ax in axes] == ["position [deg]", "velocity [deg/s]"]
+    assert axes[0].get_title(loc="left") == "the joints follow their references exactly"
+
+
+def test_constant_gains_are_matrices_with_their_numbers(trajectory, tmp_path):
+    K, B = np.array([[29.5, 14.3], [14.3, 0.0]]), np.array([[2.95, 1.43], [1.43, 3.93]])
+    ones = np.ones((len(trajectory.t), 1, 1))
+    constant = replace(trajectory, K=ones * K, B=ones * B)
+    axes = plots.plot_gains(constant, LEMON, axes=Figure().subplots(1, 2))
+    assert [text.get_text() for text in axes[0].texts] == ["29.5", "14.3", "14.3", "0"]
+    np.testing.assert_allclose(axes[1].images[0].get_array(), B)
+    assert axes[0].get_title(loc="left") == "stiffness K [N m/rad], constant"
+    assert [label.get_text() for label in axes[0].get_yticklabels()] == ["shoulder", "elbow"]
+    assert not plots.plot_gains(trajectory, LEMON, axes=Figure().subplots(2))[0].images
+    none = replace(trajectory, K=0 * ones * K, B=0 * ones * K)
+    assert "gains.png" not in {x.name for x in plots.save_strike_figures(tmp_path, none, LEMON, as_target(TARGET), "x")}
+
+
+def test_the_speed_of_the_tip_is_marked_where_it_is_largest_and_at_the_target(trajectory):
+    ax = plots.plot_tip_speed(trajectory, tuple(TARGET), ax=Figure().subplots())
+    near = trajectory.approach(TARGET)
+    curve, largest, closest = ax.lines[:3]
+    np.testing.assert_array_equal(curve.get_ydata(), trajectory.tip_speed)
+    assert largest.get_ydata() == trajectory.tip_speed.max()
+    np.testing.assert_allclose(closest.get_xydata(), [[near.time[0], near.speed[0]]])
+    assert largest.get_marker() != closest.get_marker()
+    assert len(plots.plot_tip_speed(trajectory, ax=Figure().subplots()).lines) == 3  # with the line at D
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e"])
+def test_legends_of_many_joints_are_within_their_axes(name):
+    model = of_universal_nodes(name)
+    path = swing(model)
+    for draw in (plots.plot_torque, plots.plot_tracking):
+        axes = np.ravel(draw(path, model))
+        axes[0].figure.draw_without_rendering()
+        assert all(legend_fits(ax) for ax in axes)
+        assert all(ax.get_window_extent().height > 0.25 * ax.figure.bbox.height for ax in axes)
+        plt.close(axes[0].figure)
 
 
 def compared(ax, bar) -> bool:

@@ -71,6 +71,23 @@ def test_four_views_show_the_posture_at_the_closest_approach(model):
     plt.close(ax.figure)
 
 
+def test_all_views_have_labels_and_the_legend_names_the_dotted_path(model):
+    path, target = struck(model)
+    ax = plots_strike.plot_strike(path, model, target)
+    ax.figure.draw_without_rendering()
+    for view, seen in zip(ax.figure.axes[:3], ("xz", "xy", "yz"), strict=True):
+        assert (view.get_xlabel()[0], view.get_ylabel()[0]) == tuple(seen)
+        for axis in (view.xaxis, view.yaxis):
+            assert any(label.get_visible() and label.get_text() for label in axis.get_ticklabels())
+    legend = ax.figure.axes[0].get_legend()
+    assert "path of the tip afterwards" in [text.get_text() for text in legend.get_texts()]
+    dotted = next(line for line in ax.figure.axes[0].lines if line.get_label() == "path of the tip afterwards")
+    after = next(line for line in ax.figure.axes[0].lines if len(line.get_xdata()) > 20 and line.is_dashed())
+    assert dotted.get_color() == after.get_color()
+    assert legend.get_window_extent().x1 <= ax.figure.axes[2].get_window_extent().x1
+    plt.close(ax.figure)
+
+
 def pixels(ax, point) -> np.ndarray:
     """Where a point in space is in the picture; pinhole camera, written out."""
     low, high = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
@@ -142,7 +159,8 @@ def test_a_planar_target_is_refused_in_space_and_the_other_way_round():
 def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
     path, target = struck(model)
     files = plots.save_strike_figures(tmp_path, path, model, target, "by hand")
-    assert {file.name for file in files} == {f"{x}.png" for x in ("strike", "distance", "tracking", "torque", "gains")}
+    names = ("strike", "distance", "speed", "tracking", "torque", "gains")
+    assert {file.name for file in files} == {f"{x}.png" for x in names}
     figure = Figure()
     plots_strike.draw_strike(figure, path, model, target)
     assert Picture(figure, "strike").source.startswith("data:image/svg+xml")

@@ -17,6 +17,7 @@ from whiptool.viz.style import (
     SPEED,
     STYLE,
     TIME,
+    head,
     legend_above,
     length_text,
     save_figure,
@@ -87,6 +88,27 @@ def test_a_legend_stands_between_title_and_axes(count: int):
     assert title.y0 > ax.get_window_extent().y1
 
 
+@pytest.mark.parametrize(("wide", "labels"), [(7.6, ["shoulder_pan, up to 17.7 N m"] * 7), (3.0, ["word " * 12])])
+def test_a_legend_is_no_wider_than_its_axes(wide: float, labels: list[str]):
+    figure = Figure((wide, 4), layout="constrained")
+    ax = figure.subplots()
+    for label in labels:
+        ax.plot([0, 1], label=label)
+    legend_above(ax)
+    figure.draw_without_rendering()
+    assert ax.get_legend().get_window_extent().x1 <= ax.get_window_extent().x1 + 1
+    assert ax.get_window_extent().width > 0.6 * figure.bbox.width
+
+
+def test_a_long_heading_is_wrapped_within_its_figure():
+    figure = Figure((4, 3), layout="constrained")
+    figure.subplots()
+    head(figure, "a model, with a controller whose name is long and has $ in it, beyond its limits")
+    figure.draw_without_rendering()
+    assert figure.get_suptitle().count("\n") >= 1
+    assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1
+
+
 def test_a_legend_has_only_the_handles_given():
     ax = Figure().subplots()
     first, _ = ax.plot([0], label="a"), ax.plot([1], label="b")
@@ -115,9 +137,11 @@ def test_a_figure_is_written_whole_into_a_new_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("meters", "text"),
     [
-        (0.0012, "1.2 mm"),
-        (0.06, "60 mm"),
-        (0.0994, "99 mm"),
+        (0.0, "0.000 m"),
+        (0.00076, "0.00076 m"),
+        (0.0012, "0.0012 m"),
+        (0.06, "0.060 m"),
+        (0.0994, "0.099 m"),
         (0.0995, "0.100 m"),
         (0.1018, "0.102 m"),
         (2.3854, "2.385 m"),

@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib.transforms import Bbox
 from processes import HANG
 from projection import projected
 from space_swing import places, swing
@@ -15,6 +16,7 @@ from spatial_arms import of_universal_nodes
 
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.models import preset
 from whiptool.models.kinematics import joint_points
 from whiptool.rollout.mujoco_model import build_spec
 from whiptool.viz import video
@@ -78,13 +80,29 @@ def test_the_animation_moves_arm_whip_and_trail():
     shown._draw_was_started = True
     frame = 5
     shown.show(frame)
-    _, trail, whip, arm, tip, _ = shown.moving
+    _, _, trail, whip, arm, tip, _ = shown.moving
     time = frame / 25
     expected = places(UR5E, np.array([np.interp(time, PATH.t, x) for x in PATH.q.T]))
     for line, points in zip((arm, whip, tip), (*expected, expected[1][-1:]), strict=True):
         np.testing.assert_allclose(np.transpose(line.get_data_3d()), points, atol=1e-9)
     np.testing.assert_allclose(np.transpose(trail.get_data_3d())[-1], expected[1][-1], atol=1e-4)
     assert len(trail.get_data_3d()[0]) > 50
+
+
+@pytest.mark.parametrize("name", ["ur5e", "nah2023"])
+def test_the_labels_of_an_animation_in_space_are_within_its_frame(name):
+    """Both a wide strike and a tall one."""
+    model = of_universal_nodes(name) if name == "ur5e" else preset(name)
+    shown = animate(swing(model), model, TARGET, speed=1.0, dpi=60)
+    shown._draw_was_started, figure = True, shown.figure
+    (ax,) = figure.axes
+    figure.draw_without_rendering()
+    drawn = Bbox.union([axis.get_tightbbox() for axis in (ax.xaxis, ax.yaxis, ax.zaxis)])
+    assert drawn.x0 > 0
+    assert drawn.y0 > 0
+    assert drawn.x1 < figure.bbox.width
+    assert drawn.y1 < 0.95 * figure.bbox.height  # below the title
+    assert max(drawn.width / figure.bbox.width, drawn.height / figure.bbox.height) > 0.8
 
 
 def test_targets_of_the_plane_are_refused(tmp_path):

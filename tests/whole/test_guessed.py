@@ -138,9 +138,9 @@ PATHS = [
 FIGURES = [
     (
         "wt.plot_tracking(path)",
-        "it.shape == (2,) and 'joint1, error' in it[0].get_legend().get_texts()[0].get_text()",
+        "it.shape == (2,) and 'joint1: RMS' in it[0].get_legend().get_texts()[0].get_text()",
     ),
-    ("wt.plot_tracking(path, model)", "'shoulder, error up to' in it[0].get_legend().get_texts()[0].get_text()"),
+    ("wt.plot_tracking(path, model)", "'shoulder: RMS' in it[0].get_legend().get_texts()[0].get_text()"),
     ("wt.plot_torque(path, model)", "np.array_equal(it.lines[1].get_ydata(), path.tau[:, 1])"),
     ("wt.plot_torque(path)", "it.get_ylabel() == 'torque [N m]'"),
     ("wt.plot_tip_speed(path)", "it.lines[1].get_ydata()[0] == path.tip_speed.max()"),

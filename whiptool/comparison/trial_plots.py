@@ -29,7 +29,7 @@ _SEARCH_COLORS = {
 }
 
 
-_DASHES = {  # by which searches differ where colours cannot be told apart
+_DASHES = {  # by which searches differ for those who do not see the colours
     "directl": (0, (5, 1.5)),
     "ga": (0, (1.2, 1.2)),
     "cmaes": (0, (5, 1.5, 1.2, 1.5)),

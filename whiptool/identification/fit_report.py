@@ -168,9 +168,9 @@ _SIMILARITY = (
 )  # fmt: skip
 _RHO = (
     "rho is the similarity of Eq. 23 (Wang, Xiong, Tolu and Gorb 2024), divided by the number of samples, which the "
-    "paper's print leaves out; it depends on where the origin lies, here the arm's base, and samples at which it divides "
-    "by zero are left out. It says little alone: see the errors next to it. Hit point, time and speed are those of the "
-    "closest approach to the target, modelled minus measured, of a smooth path through the frames."
+    "paper's print leaves out; it depends on where the origin lies, here the arm's base, and samples at which it "
+    "divides by zero are left out. It says little alone: see the errors next to it. Hit point, time and speed are "
+    "those of the closest approach to the target, modelled minus measured, of a smooth path through the frames."
 )
 
 

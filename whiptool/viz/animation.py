@@ -98,7 +98,7 @@ def animate(
 ) -> StrikeAnimation:
     """Animate a strike in slow motion: arm, whip, path of the tip, and the target.
 
-    When the target is hit, it turns green, a ring appears around it, and the title says so. A strike in space is seen
+    When the target is hit, it turns green, its cross becomes a ring, and the title says so. A strike in space is seen
     in perspective.
 
     A notebook shows the result as a film; `.save("strike.gif")` writes a file.
@@ -131,7 +131,7 @@ def animate(
     with matplotlib.rc_context(STYLE):
         figure, ax, zone = (_in_space if model.dimension == 3 else _in_plane)(every, goal, width, dpi)
         trail, whip, arm, tip = _lines(ax, model)
-        ring = _ring(ax, goal)
+        mark = _mark(ax, goal)
         title = ax.set_title(" ", fontsize=11) if model.dimension == 2 else figure.text(0.02, 0.95, " ", fontsize=11)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, not in every frame
@@ -143,11 +143,11 @@ def animate(
             _put(trail, path[path_times <= now])
             struck = hit_time is not None and now >= hit_time
             zone.set_color(COLORS["green"] if struck else COLORS["orange"])
-            ring.set_visible(struck)
+            mark.set(marker="o" if struck else "+", color=COLORS["green"] if struck else COLORS["orange"])
             fast = np.linalg.norm(tip_velocity[frame])
             title.set_text(f"{now:.2f} s, tip at {fast:.1f} m/s ({speed:g} x real time){', hit' if struck else ''}")
 
-        return StrikeAnimation(figure, (zone, ring, trail, whip, arm, tip, title), len(times), show, fps)
+        return StrikeAnimation(figure, (zone, mark, trail, whip, arm, tip, title), len(times), show, fps)
 
 
 def _lines(ax: Axes, model: Model) -> tuple[Any, Any, Any, Any]:
@@ -161,11 +161,11 @@ def _lines(ax: Axes, model: Model) -> tuple[Any, Any, Any, Any]:
     return trail, whip, arm, tip
 
 
-def _ring(ax: Axes, target: Target) -> Any:
-    """The ring around a target, for when it was hit."""
-    look = {"color": COLORS["green"], "markersize": 24, "markerfacecolor": "none", "markeredgewidth": 2}
-    (ring,) = ax.plot(*([x] for x in target.position), "o", visible=False, **look)
-    return ring
+def _mark(ax: Axes, target: Target) -> Any:
+    """The mark of a target, which is seen however small its hit radius is: a cross, and a ring once it is hit."""
+    look = {"color": COLORS["orange"], "markersize": 20, "markerfacecolor": "none", "markeredgewidth": 1.8}
+    (mark,) = ax.plot(*([x] for x in target.position), "+", **look)
+    return mark
 
 
 def _nothing(model: Model) -> list[list[float]]:

@@ -15,7 +15,8 @@ from whiptool.rollout.mujoco_import import mujoco
 from whiptool.viz.drawn_posture import as_mujoco_shows, at_times
 
 MAX_SEGMENTS = 800  # of the tip's path
-GRID, HIT, TEXT = (0.70, 0.73, 0.77), (0.0, 0.62, 0.45), (0.15, 0.16, 0.18)  # colours; the target's once hit
+GRID, TEXT = (0.70, 0.73, 0.77), (0.15, 0.16, 0.18)  # colours
+AIM, HIT = (0.90, 0.62, 0.0), (0.0, 0.62, 0.45)  # colours of the ring around the target before and after the hit
 _FILLED = 0.9  # of a frame's width and height, by the strike
 _OF_TEXTS = 0.22  # of a frame's width, at its left
 _SLOW, _FAST = (0.62, 0.66, 0.72), (0.84, 0.37, 0.0)  # colours of the path where the tip rests and is fastest
@@ -144,7 +145,7 @@ def film_place(mj: mujoco.MjModel, film: Film, target: Target) -> np.ndarray:
 def side_view(film: Film, target: Target) -> tuple[np.ndarray, float]:
     """Return the middle (3,) and the height [m] of what a camera at the side has to show of a strike in the plane.
 
-    The strike fills the frame but for a margin, and for a column at the left that is left to the texts.
+    The strike fills the frame except for a margin, and for a column at the left that is left to the texts.
     """
     places, aspect = film.places(target), film.size[0] / film.size[1]
     low, high = places.min(axis=0), places.max(axis=0)

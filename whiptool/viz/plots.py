@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -104,7 +105,7 @@ def plot_tracking(trajectory: Trajectory, model: Model | None = None, *, axes: n
         ax.set_ylabel(f"{what} [{joint_units(f'deg{per}', f'mm{per}', joint_names, slides)}]")
         _time_axis(ax, trajectory)
         if exact and quantity == "position":
-            ax.set_title("the joints follow their references exactly")
+            ax.set_title("the joints follow their references exactly", loc="left")
         legend_above(ax, ncols=4 if exact else 2)
     return axes
 
@@ -232,11 +233,11 @@ def _plot_matrix(ax: Axes, trajectory: Trajectory, name: str, label: str, joint_
     ax.imshow(np.abs(gain), cmap="Blues", vmin=0, vmax=2 * max(float(np.abs(gain).max()), 1e-12), aspect="auto")
     for (i, j), value in np.ndenumerate(gain):
         ax.text(j, i, f"{value:.4g}" if value else "0", ha="center", va="center", color="black" if value else "0.6")
-    few = count <= 3
-    turned = {} if few else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
+    turned: dict[str, Any] = {} if count <= 3 else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(count), joint_names, **turned)
     ax.set_yticks(range(count), joint_names)
-    ax.set(title=f"{label}, constant", xlabel="error of", ylabel="torque on")
+    ax.set(xlabel="error of", ylabel="torque on")
+    ax.set_title(f"{label}, constant", loc="left")
     ax.grid(visible=False)
 
 
@@ -248,7 +249,7 @@ def _plot_entries(ax: Axes, trajectory: Trajectory, name: str, label: str, joint
     a, few = len(marks), len(marks) <= 3
     for k, (i, j) in enumerate(np.ndindex(a, a)):
         color, entry = CYCLE[k % len(CYCLE)], f"${name}_{{{marks[i]}{marks[j]}}}$"
-        style = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
+        style: dict[str, Any] = {"linestyle": "-" if i == j else (4 * (i > j), (4, 4))}  # equal ones show in turn
         if not few:
             color = JOINT_COLORS[i % len(JOINT_COLORS)] if i == j else "0.6"
             style = {} if i == j else {"linewidth": 0.8, "zorder": 1.5}

@@ -83,7 +83,7 @@ def legend_above(
     """
     figure = ax.get_figure(root=True)
     assert figure is not None
-    if width is None:  # a layout engine that comes later only widens axes, but for a colour bar at their side
+    if width is None:  # a layout engine that comes later only widens axes, unless a colour bar is at their side
         width = ax.get_position().width * figure.get_figwidth()
     shown = ax.get_legend_handles_labels()[0] if handles is None else handles
     if not shown:

@@ -16,7 +16,7 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec, set_posture
 from whiptool.viz.animation import animate, write_film
-from whiptool.viz.film import GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place, side_view
+from whiptool.viz.film import AIM, GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place, side_view
 from whiptool.viz.opengl import add_bar, add_path, add_rod, draws_in_software, gl_context
 from whiptool.whole_files import replacing
 
@@ -38,8 +38,8 @@ def render_video(
 ) -> str:
     """Write a film of a strike, seen from the side, or in space from the front right and above.
 
-    The tip's path so far is drawn with colours from slow to fast (red). When the target is hit, it turns green, a ring
-    appears around it, and the text says so.
+    The tip's path so far is drawn with colours from slow to fast (red). When the target is hit, it turns green, the
+    broken ring around it becomes whole, and the text says so.
 
     Args:
         path: MP4 file to write; missing folders are created.
@@ -87,14 +87,12 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
     mj = spec.compile()
     flat = model.dimension == 2
     seen_from = mj.cam("side" if flat else "view")
-    floor = float(film.places(target)[:, 2].min())
     if flat:
-        middle, tall = side_view(film, target)
+        middle, seen_from.fovy[:] = side_view(film, target)  # the height of what it sees [m]
         seen_from.pos[:] += middle
-        seen_from.fovy = tall  # the height of what it sees [m]
     else:
         seen_from.pos[:] = film_place(mj, film, target)
-        mj.geom("floor").pos[2] = floor
+        mj.geom("floor").pos[2] = film.places(target)[:, 2].min()
     data = mujoco.MjData(mj)
     context = gl_context(width, height)
     context.make_current()
@@ -108,7 +106,7 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
             scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = False
         option, rect, camera = mujoco.MjvOption(), mujoco.MjrRect(0, 0, width, height), mujoco.MjvCamera()
         camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, seen_from.id
-        pixels, first_bar = np.empty((height, width, 3), np.uint8), None
+        pixels, ring = np.empty((height, width, 3), np.uint8), None
         for i, q in enumerate(film.q):
             context.make_current()
             if film.hit[i]:
@@ -116,18 +114,16 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
                     mj.mat(material).rgba[:3] = HIT
             set_posture(mj, data, q)
             mujoco.mjv_updateScene(mj, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
-            if first_bar is None:  # bars are added once: updating the scene rewrites the model's own geoms only
+            if ring is None:  # bars are added once: updating the scene rewrites the model's own geoms only
                 if flat:
-                    _add_grid(scene, film.grid, reach, middle, tall * np.array([width / height, 1.0]))
+                    _add_grid(scene, film, seen_from.pos, float(seen_from.fovy[0]))
                 else:
-                    _add_floor_grid(scene, film.grid, reach, floor)
-                ring = scene.ngeom
-                _add_ring(scene, mj.cam_mat0[seen_from.id].reshape(3, 3), target, reach)
-                first_bar = scene.ngeom
+                    _add_floor_grid(scene, film.grid, reach, float(mj.geom("floor").pos[2]))
+                ring = _add_ring(scene, mj.cam_mat0[seen_from.id].reshape(3, 3), target, reach)
                 add_path(scene, film.trail, film.trail_rgb, reach)
-            scene.ngeom = first_bar + int(film.shown[i])
-            for geom in scene.geoms[ring:first_bar]:
-                geom.rgba[3] = float(film.hit[i])
+            scene.ngeom = ring.stop + int(film.shown[i])
+            for k, geom in enumerate(scene.geoms[ring]):
+                geom.rgba[:] = (*(HIT if film.hit[i] else AIM), 1.0 if film.hit[i] or k % 4 < 2 else 0.0)
             mujoco.mjr_render(rect, scene, gl)
             for x, y, word in film.text(i):
                 mujoco.mjr_text(mujoco.mjtFont.mjFONT_NORMAL, word, gl, x, y, *TEXT)
@@ -139,11 +135,12 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
         context.free()
 
 
-def _add_grid(scene: mujoco.MjvScene, spacing: float, reach: float, middle: np.ndarray, size: np.ndarray) -> None:
-    """Add lines on the board behind a strike in the plane, as far as a view with this middle (3,) and size (2,) shows
-    [m]."""
-    centre = middle[[0, 2]]
-    low, high = centre - size / 2, centre + size / 2
+def _add_grid(scene: mujoco.MjvScene, film: Film, middle: np.ndarray, tall: float) -> None:
+    """Add lines on the board behind a strike in the plane, as far as a camera in the middle (3,) [m] of a view of this
+    height [m] shows them."""
+    (width, height), spacing, reach = film.size, film.grid, film.model.reach
+    half = tall / 2 * np.array([width / height, 1.0])
+    low, high = middle[[0, 2]] - half, middle[[0, 2]] + half
     for axis in (0, 1):
         for k in range(int(np.ceil(low[axis] / spacing)), int(np.floor(high[axis] / spacing)) + 1):
             ends = np.array([low, high])
@@ -160,10 +157,13 @@ def _add_floor_grid(scene: mujoco.MjvScene, spacing: float, reach: float, floor:
             add_rod(scene, line, (0.002 if k else 0.004) * reach, GRID)
 
 
-def _add_ring(scene: mujoco.MjvScene, axes: np.ndarray, target: Target, reach: float) -> None:
-    """Add a ring around a target that faces a camera with these axes, in columns (3, 3)."""
+def _add_ring(scene: mujoco.MjvScene, axes: np.ndarray, target: Target, reach: float) -> slice:
+    """Add a ring around a target that faces a camera with these axes, in columns (3, 3); return its place among the
+    scene's objects."""
+    first = scene.ngeom
     place = np.array(target.position if len(target.position) == 3 else (target.position[0], 0.0, target.position[1]))
     radius, around = max(1.5 * target.hit_radius, 0.045 * reach), np.linspace(0, 2 * np.pi, _RING + 1)
     points = place + radius * (np.cos(around)[:, None] * axes[:, 0] + np.sin(around)[:, None] * axes[:, 1])
     for ends in np.stack([points[:-1], points[1:]], axis=1):
         add_rod(scene, ends, 0.006 * reach, HIT)
+    return slice(first, scene.ngeom)
