@@ -1,7 +1,7 @@
 """Runs killed at random moments and resumed: the end is that of a run that was left alone, wall times aside.
 
-`python benchmarks/kills.py [--kills 50] [--seed 0] [--commands optimize train ...] [--out build/kills] [--json]`. Each
-command runs once undisturbed; while it is stopped in the middle, a second process tries its folder and must be refused.
+`python benchmarks/kills.py [--kills 50] [--seed 0] [--commands optimize train ...] [--out build/kills] [--quick]
+[--json]`. Each command runs once undisturbed; while it is stopped in the middle, a second process tries its folder and must be refused.
 Then it is killed with SIGKILL (one kill in ten before it has a folder to resume), resumed, and what it leaves is
 compared file by file. Every kill is a line in `OUT/kills.jsonl`; what is there is not done again. Counted as wrong: a
 difference, an exit status other than that of the undisturbed run, a second process that was not refused.
@@ -206,8 +206,11 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--commands", nargs="+", choices=list(COMMANDS), default=list(COMMANDS))
     parser.add_argument("--out", type=Path, default=Path("build/kills"))
+    parser.add_argument("--quick", action="store_true", help="one kill of one short command")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
+    if args.quick:
+        args.kills, args.commands, args.out = 1, ["optimize"], args.out / "quick"
     result = {}
     for name in args.commands:
         whole, *kills = all_kills(name, args.out.resolve() / f"{name}-{args.seed}", args.kills, args.seed)

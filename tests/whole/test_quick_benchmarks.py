@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 
@@ -10,6 +11,24 @@ import pytest
 from repository import ROOT
 
 pytest.importorskip("dynamixel_sdk")
+
+
+SCRIPTS = sorted(path for path in (ROOT / "benchmarks").rglob("*.py") if path.parent.name != "peers")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_benchmark_has_a_quick_form_and_json(script):
+    """By its text, in no time; `test_every_benchmark_says_its_options` asks each of them."""
+    options = re.findall(r"""add_argument\(\s*["'](--[\w-]+)["']""", script.read_text())
+    assert {"--json", "--quick"} <= set(options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_benchmark_says_its_options(script):
+    done = subprocess.run([sys.executable, str(script), "--help"], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert {"--json", "--quick"} <= set(re.findall(r"--[\w-]+", done.stdout))
 
 
 @pytest.mark.slow

@@ -28,8 +28,9 @@ CLOCK_OFF = 1e-3  # [s] of an offset that matters
 TURNED = math.radians(1.0)  # of axes that are not where they were assumed
 SHIFTED = 5e-3  # [m] of an origin, likewise
 NEAR = math.radians(20.0)  # within which axes are exchanged, and not turned
-MOVING = 0.1  # of its largest speed, from which a path has begun to move
-WHIP_LAG = 0.15  # [s] after the hand in which the tip of a whip begins to move
+MOVING = 0.1  # of the hand's largest speed, from which tip and hand have begun to move
+WHIP_LAG = 0.08  # [s] after the hand at which the tip of a whip begins to move, in the median of simulated strikes
+LAG_ERROR = 0.3  # [s] by which that lag may be wrong, in 99 % of these
 
 
 def compared(files: Sequence[Understood], arm: AnyArm | None = None) -> list[Understood]:
@@ -219,24 +220,25 @@ def _by_beginning(recording: StrikeRecording, path: Path, called: str, key: str,
     """Yield a rough offset, from when the tip and the hand begin to move."""
     if "tip" not in recording.markers:
         return
-    begun = [_begins(x) for x in (marker_path(recording, "tip"), path)]
+    paths = [(x, speeds(x, float(np.median(np.diff(x.t))))) for x in (marker_path(recording, "tip"), path)]
+    least = MOVING * paths[1][1].max(initial=0.0)
+    begun = [_begins(x, speed, least) for x, speed in paths]
     if begun[0] is None or begun[1] is None:
         yield Finding("offset", f"{called}: unknown", ASSUMED, "no marker handle, and not at rest at the start")
         return
-    offset = begun[0] - begun[1] - WHIP_LAG / 2
-    wrong = abs(offset) > WHIP_LAG
-    value = f"{called}: {offset:.3g} s, within {WHIP_LAG / 2:g} s, have to be added to its time"
+    offset = begun[0] - begun[1] - WHIP_LAG
+    wrong = abs(offset) > LAG_ERROR
+    value = f"{called}: {offset:.3g} s, within {LAG_ERROR:g} s, have to be added to its time"
     reason = "from when tip and hand begin to move; the tip follows the hand. A marker handle tells it to a millisecond"
     fix = f"say {key} = {start - offset:.2f} in the sidecar, and fit with --per-recording delay" if wrong else ""
-    numbers = {"offset": offset, "error": WHIP_LAG / 2, "start": start - offset}
+    numbers = {"offset": offset, "error": LAG_ERROR, "start": start - offset}
     yield Finding("offset", value, DOUBTFUL if wrong else MEASURED, reason, fix, numbers)
 
 
-def _begins(path: Path) -> float | None:
-    """When a path begins to move [s]; None if it moves from the start."""
+def _begins(path: Path, speed: np.ndarray, least: float) -> float | None:
+    """When the speed of a path is first above a least one [s]; None if it is from the start, or never."""
     dt = float(np.median(np.diff(path.t)))
-    speed = speeds(path, dt)
-    moving = np.flatnonzero(speed > MOVING * speed.max(initial=0.0))
+    moving = np.flatnonzero(speed > least)
     return float(path.t[0] + dt * moving[0]) if len(moving) and moving[0] >= WINDOW // 2 else None
 
 
