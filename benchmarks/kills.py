@@ -1,10 +1,10 @@
 """Runs killed at random moments and resumed: the end is that of a run that was left alone, wall times aside.
 
 `python benchmarks/kills.py [--kills 50] [--seed 0] [--commands optimize train ...] [--out build/kills] [--quick]
-[--json]`. Each command runs once undisturbed; while it is stopped in the middle, a second process tries its folder and must be refused.
-Then it is killed with SIGKILL (one kill in ten before it has a folder to resume), resumed, and what it leaves is
-compared file by file. Every kill is a line in `OUT/kills.jsonl`; what is there is not done again. Counted as wrong: a
-difference, an exit status other than that of the undisturbed run, a second process that was not refused.
+[--json]`. Each command runs once undisturbed; while it is stopped in the middle, a second process tries its folder and
+must be refused. Then it is killed with SIGKILL (one kill in ten before it has a folder to resume), resumed, and what it
+leaves is compared file by file. Every kill is a line in `OUT/kills.jsonl`; what is there is not done again. Counted as
+wrong: a difference, an exit status other than that of the undisturbed run, a second process that was not refused.
 """
 
 from __future__ import annotations

@@ -190,6 +190,12 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
         ) from None
 
 
+def without_number(path: Path) -> tuple[Path, int | None]:
+    """Return the file or folder of `PATH#3`, and the number; of a path that exists itself, and None."""
+    found = None if path.exists() else re.fullmatch(r"(.+)#(\d+)", path.name)
+    return (path.with_name(found[1]), int(found[2])) if found else (path, None)
+
+
 def parsed_apart(path: Path, kind: str, parse: Callable[[str], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Parse a file in a separate process with bounds on time and memory, and return its arrays by name.
 

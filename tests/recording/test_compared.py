@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.models import preset
-from whiptool.models.joint_trajectory import POSE
 from whiptool.models.kinematics import arm_poses, joint_points
+from whiptool.models.pose_columns import POSE
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.recording.compared import compared
 from whiptool.recording.finding import Finding

@@ -136,6 +136,10 @@ class Controller(NoArray, instead="its parameters()"):
     compensated: tuple[float, ...] | None = None
     hand: HandControl | None = None
 
+    def table(self) -> dict[str, Any]:
+        """Return the controller as plain data, see `controller_to_table`."""
+        return controller_to_table(self)
+
     def __post_init__(self) -> None:
         if not isinstance(self.law, Law):
             raise InputError("law", self.law, "a law: OIAC(), ConstantImpedance() or PositionControl()")

@@ -21,6 +21,7 @@ from whiptool.given_files import read_text
 from whiptool.models.excess import Excess
 from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
+from whiptool.models.pose_columns import POSE
 from whiptool.models.smooth_path import path_between
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, Vector, limit_unit
 from whiptool.models.spline_points import spline_points
@@ -31,7 +32,6 @@ from whiptool.words import counted
 RATE = 500.0  # [1/s], of a UR5e's servos
 REST = 3.0  # [s] in which the whip comes to hang still
 _QUANTITIES = ("position", "velocity", "acceleration")
-POSE = tuple(f"hand_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))  # columns: place [m], unit quaternion
 _UNIT = 1e-6  # by which the length of a quaternion may differ from 1
 _ROUNDING = 1e-9  # by which a sample may be beyond a limit
 

@@ -21,7 +21,8 @@ from whiptool.recording.readers import split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
 from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.recording.understood import TABLES, Understood
+from whiptool.recording.track_findings import TABLES
+from whiptool.recording.understood import Understood
 
 SURE = 3.0  # standard errors from which a difference is one
 CLOCK_OFF = 1e-3  # [s] of an offset that matters

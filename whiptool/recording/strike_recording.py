@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,6 +57,7 @@ _READ = {
     "view": lambda value: camera_of("view", json.loads(str(value))),
 }
 
+PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")  # names of markers that a fit predicts
 ENCODERS = "encoders"  # in place of a camera: the markers are those of the arm
 
 
@@ -520,13 +522,8 @@ def _spread(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
 
 def _plain_table(value: object) -> dict:
     """A controller as a table of plain data, as JSON keeps it."""
-    if not isinstance(value, dict):
-        from whiptool.impedance.controller import (
-            Controller,  # CasADi is imported where used
-            controller_to_table,
-        )
-
-        value = controller_to_table(value) if isinstance(value, Controller) else value
+    made = getattr(value, "table", None)  # of a Controller
+    value = made() if callable(made) else value
     if not isinstance(value, dict) or not isinstance(value.get("law"), str):
         raise InputError("controller", str(value)[:80], "a Controller, or its table with the key law")
     try:

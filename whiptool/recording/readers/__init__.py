@@ -20,7 +20,7 @@ from typing import Any
 
 from whiptool.errors import InputError, expect
 from whiptool.extras import Registry
-from whiptool.given_files import whole_file
+from whiptool.given_files import whole_file, without_number
 from whiptool.recording.readers import programs
 from whiptool.recording.readers.angles import holds_angles, read_angles
 from whiptool.recording.readers.anipose import read_anipose
@@ -220,8 +220,8 @@ def log_alone(path: Path | str) -> InputError:
 
 def split_episode(path: str) -> tuple[str, dict[str, Any]]:
     """Return the file or folder of `PATH#3`, and its reader's options; other paths as they are, without options."""
-    found = None if Path(path).exists() else re.fullmatch(r"(.+)#(\d+)", path)
-    return (found[1], {"episode": int(found[2])}) if found else (path, {})
+    file, number = without_number(Path(path))
+    return (path, {}) if number is None else (str(file), {"episode": number})
 
 
 def open_any(path: str, **options: Any) -> StrikeRecording | VideoSource | Logs:

@@ -37,9 +37,8 @@ from whiptool.recording.readers.bag_logs import (
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.rosbag import IMAGE, bag_sidecar
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import PARTS, StrikeRecording
 
-MARKER = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 SAME = 1e-6  # [s] between stamps of one frame
 DELAYED, OTHER_CLOCK = 0.05, 1.0  # [s] between delays of two topics: a word is said, and their clocks are others
 
@@ -58,7 +57,7 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
     side = bag_sidecar(path, options)
     topics = bag_topics(path)
     own = {name.rpartition("/")[2]: name for name, topic in topics.items() if topic.kind == POINT}
-    markers = side.names("markers") or {name: topic for name, topic in own.items() if MARKER.fullmatch(name)}
+    markers = side.names("markers") or {name: topic for name, topic in own.items() if PARTS.fullmatch(name)}
     if not markers:
         given = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items()) or "no messages"
         raise InputError(f"{path}: topics", given[:400], "topics of points: name the markers' topics (key markers)")

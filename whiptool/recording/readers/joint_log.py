@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.joint_trajectory import POSE
+from whiptool.models.pose_columns import POSE
 from whiptool.recording.logs import POSITION, Column, good_stamps, in_numbers
 from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
 
@@ -109,11 +109,11 @@ def read_csv_logs(path: Path) -> Logs:
     Raises:
         InputError: See `read_joint_log`.
     """
-    names, _ = read_columns(path)
+    names, table = read_columns(path)
     posed = set(POSE) <= set(names)
     jointed = any(layout.columns(names) for layout in LAYOUTS) or any(Column.of(x).kind == POSITION for x in names)
-    hand = read_poses(path) if posed else None
-    return Logs(read_joint_log(path) if jointed or not posed else None, hand)
+    hand = _poses(path, names, table) if posed else None
+    return Logs(_joints(path, names, table) if jointed or not posed else None, hand)
 
 
 def read_poses(path: Path) -> JointLog:
@@ -123,7 +123,12 @@ def read_poses(path: Path) -> JointLog:
     Raises:
         InputError: See `read_joint_log`; or a quaternion is 0.
     """
-    log = read_joint_log(path, list(POSE))
+    return _poses(path, *read_columns(path))
+
+
+def _poses(path: Path, names: Sequence[str], table: np.ndarray) -> JointLog:
+    """The log of the hand's poses in a table (rows, columns)."""
+    log = _joints(path, names, table, list(POSE))
     if not np.linalg.norm(log.q[:, 3:], axis=1).all():
         raise InputError(f"{path}: {', '.join(POSE[3:])}", "0, 0, 0, 0", "a quaternion in every row")
     return replace(log, notes=tuple(note.replace("joints:", "hand:") for note in log.notes))
@@ -140,7 +145,13 @@ def read_joint_log(path: Path, columns: Mapping[str, str] | Sequence[str] | None
         InputError: The file is not a joint log, has no joints, lacks a column, units differ, or time stamps are
             implausible.
     """
-    names, table = read_columns(path)
+    return _joints(path, *read_columns(path), columns)
+
+
+def _joints(
+    path: Path, names: Sequence[str], table: np.ndarray, columns: Mapping[str, str] | Sequence[str] | None = None
+) -> JointLog:
+    """The log of joint positions in a table (rows, columns)."""
     layout = next((layout for layout in LAYOUTS if layout.columns(names)), None)
     if layout is None:
         at, scale, said = time_column(names)

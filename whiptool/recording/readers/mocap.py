@@ -21,12 +21,11 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
 KEYS = (*SPACE, "markers", "sigma")  # of the sidecar
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
-PARTS = re.compile(r"tip|handle|shoulder|elbow|node\d+")
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
 

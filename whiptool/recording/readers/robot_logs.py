@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from whiptool.errors import InputError
+from whiptool.given_files import without_number
 from whiptool.recording.readers.bag_files import is_bag
 from whiptool.recording.readers.bag_logs import bag_hand, bag_joints
 from whiptool.recording.readers.joint_log import JointLog, read_joint_log, read_poses
@@ -31,11 +31,10 @@ def read_joints(
     Raises:
         InputError: The file has another format or is damaged, lacks a column, or a topic is given for another format.
     """
-    found = None if path.exists() else re.fullmatch(r"(.+)#(\d+)", path.name)
-    folder = path.with_name(found[1]) if found else path
+    folder, number = without_number(path)
     if (folder / "meta/info.json").is_file():
         _no_topic("joints_topic", topic, path)
-        return joints_of(lerobot_episode(folder, int(found[2]) if found else 0), STATE, columns, stated=stated)
+        return joints_of(lerobot_episode(folder, number or 0), STATE, columns, stated=stated)
     if is_bag(path, b""):
         return bag_joints(path, topic, columns)
     _no_topic("joints_topic", topic, path)

@@ -30,7 +30,7 @@ import tomli_w
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
-from whiptool.models.joint_trajectory import POSE
+from whiptool.models.pose_columns import POSE
 from whiptool.recording.camera import BASELINE, SUBPIXEL, Camera, write_cameras
 from whiptool.recording.logs import TIME, Column
 from whiptool.recording.readers.footage import clock_of_rows
