@@ -190,7 +190,7 @@ def torques_and_gain(
     square = ca.sumsqr(turning) + smooth**2
     root = ca.sqrt(square)
     damping = viscous + dry / root
-    gain = GAMMA * h * (viscous + dry * smooth**2 / (square * root))
+    gain = GAMMA * h * damping
     sums = frame.sums + damping * ca.vertcat(ca.dot(turning, per_spin), ca.sumsqr(per_spin))
     couples = [-damping * turning, -damping * per_spin]
     columns = [*(couple - ca.dot(d, couple) * along for couple in couples), along]
