@@ -28,6 +28,8 @@ BLUR = 0.005  # [m] by which the search smoothes where strikes pass, at least
 _PULL = 0.2  # probability that a metre of expected miss is worth, where nothing hits; and half a turn off the direction
 _SAFE = 3  # rounds of random strikes, where no aimed one may be made
 _FAR = 0.5  # [m], beyond which a miss is as good as any other
+_SEARCHED = 1e-3  # [m], tolerance of the distances that a search compares: a fifth of `BLUR`, a third of the time
+_TOGETHER = 8  # strikes whose whole trajectories are judged together
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ class Search(ABC):
     Attributes:
         margins: Fractions of the limits that are left unused, one for each successive search; without limits only the
             first search is made.
-        checked: Number of the best strikes of a search of which one may be chosen, see `allows`; None: all.
+        checked: Number of the best strikes of a search of which one may be chosen, see `first_allowed`; None: all.
         margin: The fraction of the current search.
         spread: Standard deviation of the first random steps around the best strike, as a fraction of the bounds' width.
     """
@@ -159,8 +161,12 @@ class Search(ABC):
     ) -> None:
         plant = belief.at()
         assert plant.controller is not None
-        self.rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=sag)
-        self.striker = Striker(self.rollout, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
+        self.rollout, rough = (
+            CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=sag, tolerance=tolerance)
+            for tolerance in (None, _SEARCHED)
+        )
+        self.striker = Striker(rough, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
+        self.judge = Striker(self.rollout, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
         self.goal, self.error = target.goals, belief.model_error
         self.check = None if demands.check is None else cache(demands.check)  # a rehearsal takes seconds
         self.margins = self.margins if demands.limits else self.margins[:1]
@@ -186,9 +192,16 @@ class Search(ABC):
         random strikes pass, from which a strike is chosen where no aimed one may be made.
         """
 
-    def allows(self, strike: np.ndarray) -> bool:
-        """Whether a strike (m,) may be chosen: it keeps the limits at all times, and `check` allows it."""
-        return bool(self.striker.keep(strike[None])[0]) and self._checked(strike) is None
+    def first_allowed(self, strikes: np.ndarray) -> np.ndarray | None:
+        """Return the first of strikes (B, m) that may be chosen: it keeps the limits at all times, and `check` allows
+        it; None: there is none.
+        """
+        for first in range(0, len(strikes), _TOGETHER):
+            some = strikes[first : first + _TOGETHER]
+            for strike in some[self.judge.keep(some)]:
+                if self._checked(strike) is None:
+                    return strike
+        return None
 
     def _checked(self, strike: np.ndarray) -> str | None:
         """What `check` says against a strike (m,); None: nothing."""
@@ -197,9 +210,9 @@ class Search(ABC):
     def refusal(self, strike: np.ndarray) -> str | None:
         """Return why a strike (m,) must not be made: what `check` says, or the limit that it exceeds; None: it may."""
         said = self._checked(strike)
-        if said is None and not self.striker.keep(strike[None])[0]:
+        if said is None and not self.judge.keep(strike[None])[0]:
             made = Strike.from_vector(strike)
-            path = self.rollout.trajectory(made, t_stay=self.striker.t_stay)
+            path = self.rollout.trajectory(made, t_stay=self.judge.t_stay)
             said = self.striker.limits.explain(path, self.rollout.model.arm.joints, made) or "its simulation diverges"
         return said
 
@@ -211,7 +224,7 @@ class Search(ABC):
         """
         for count in range(1, _SAFE + 1):
             strikes = self.spare(rng, effort)
-            strikes = strikes[self.striker.keep(strikes)]
+            strikes = strikes[self.judge.keep(strikes)]
             scores = self.score(strikes, whips) if len(strikes) else np.empty(0)
             for strike in strikes[np.argsort(-scores)]:
                 if self._checked(strike) is None:
@@ -240,13 +253,14 @@ class Search(ABC):
         return np.vstack([tried, draws]), np.concatenate([scores, values]), number
 
     def mean(self, strikes: np.ndarray) -> Approach:
-        """Return the closest approaches of strikes (B, m) to the goal with the belief's mean."""
-        return self.rollout.approach(strikes, self.goal.positions[0], t_stay=self.striker.t_stay)
+        """Return the closest approaches of strikes (B, m) to the goal with the belief's mean, as the search needs
+        them."""
+        return self.striker.rollout.approach(strikes, self.goal.positions[0], t_stay=self.striker.t_stay)
 
-    def each(self, strikes: np.ndarray, whips: Sequence[Plant]) -> Passes:
+    def each(self, strikes: np.ndarray, whips: Sequence[Plant], rollout: CompiledRollout) -> Passes:
         """Return the closest approaches of all strikes (B, m) to the goal with all S whips."""
         order = [whip for _ in strikes for whip in whips]
-        near = self.rollout.approach(
+        near = rollout.approach(
             np.repeat(strikes, len(whips), axis=0),
             self.goal.positions[0],
             t_stay=self.striker.t_stay,
@@ -260,7 +274,7 @@ class Search(ABC):
         """Return hit probabilities less a penalty for the miss, (B,); strikes that break the limits score below all
         others.
         """
-        passes = self.each(strikes, whips)
+        passes = self.each(strikes, whips, self.striker.rollout)
         score = passes.probability(self.goal, self.error, blur=BLUR)
         score = score - _PULL * np.minimum(passes.distance, _FAR).mean(axis=1)
         if self.goal.directions is not None:
@@ -297,7 +311,8 @@ class Search(ABC):
             refused: Why the strike must not be made; None: it may be made.
             forbidden: Why the best aimed strike must not be made; None: it may, and is the chosen strike.
         """
-        passes, near = self.each(strike[None], whips), self.mean(strike[None])
+        passes = self.each(strike[None], whips, self.rollout)
+        near = self.rollout.approach(strike[None], self.goal.positions[0], t_stay=self.striker.t_stay)
         miss, known = passes.distance[0], np.isfinite(passes.distance[0])
         probability = float(passes.probability(self.goal, self.error)[0])
         expected = float(miss[known].mean()) if known.any() else None

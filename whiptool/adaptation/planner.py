@@ -22,6 +22,7 @@ from whiptool.goals.target import Target
 from whiptool.limits.arm_limits import ArmLimits, MotorLimits
 from whiptool.models.trajectory import Approach
 from whiptool.strike_map.answers import Front
+from whiptool.strike_map.map_files import answers_of
 from whiptool.strike_map.striker import refine
 
 MARGINS = (0.1, 0.2, 0.3, 0.4)  # part of the limits that is kept free; more, where all strikes were refused
@@ -105,7 +106,7 @@ class PlanarSearch(Search):
         """
         width, x, best, value = self.striker.widths, strikes.copy(), strikes.copy(), np.full(len(strikes), np.inf)
         for step in range(steps + 1):
-            near, slope = self.rollout.gradient(x, self.goal.positions[0], t_stay=self.striker.t_stay)
+            near, slope = self.striker.rollout.gradient(x, self.goal.positions[0], t_stay=self.striker.t_stay)
             rank = self.rank(near)
             better = rank < value
             best[better], value[better] = x[better], rank[better]
@@ -152,11 +153,14 @@ class AimedSearch(Search):
     def candidates(
         self, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
     ) -> tuple[np.ndarray, int]:
-        """Return refined random and past strikes, and the number of candidates; see `Search.candidates`."""
+        """Return refined known, random and past strikes, those that keep all limits if there are any, and the number of
+        candidates; see `Search.candidates`."""
         starts = self.starts(rng, effort)
         if len(past):
             starts = np.vstack([np.array(past, float), starts])
-        return self.refined(starts, effort.steps), effort.pool + len(past)
+        tried = self.refined(starts, effort.steps)
+        kept = self.judge.keep(tried)
+        return tried[kept] if kept.any() else tried, effort.pool + len(past)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
         """Return the excess of strikes (B, m) over the limits, (B,), at most 10; see `Search.beyond`."""
@@ -167,14 +171,16 @@ class AimedSearch(Search):
         return self.starts(rng, effort)
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
-        """Return the random strikes whose tips pass the goal best with the belief's mean, those within the limits
-        first, (B, m).
+        """Return the strikes whose tips pass the goal best with the belief's mean, those within the limits first, (B,
+        m): of random ones and, if a map comes with the package for this arm, as many of the map's.
 
-        If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
+        The map's strikes keep the limits with another whip, and are fast. If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
         direction.
         """
         striker, goal = self.striker, self.goal
-        pool = striker.admissible(rng.uniform(striker.lower, striker.upper, (effort.pool, len(striker.lower))))
+        known = self._known(effort.pool // 2)
+        drawn = rng.uniform(striker.lower, striker.upper, (effort.pool - len(known), len(striker.lower)))
+        pool = striker.admissible(np.vstack([known, drawn]))
         keep, paths = striker.paths(pool, rate=RATE)
         tips = paths.reshape(-1, paths.shape[2])
         velocities = np.gradient(paths, 1 / RATE, axis=1).reshape(tips.shape)
@@ -188,6 +194,17 @@ class AimedSearch(Search):
         inside = keep & striker.inside(ready)
         worst = cost[rows, when] + np.where(inside, 0.0, goal.largest_cost)
         return ready[np.argsort(worst)[: effort.polished]]
+
+    def _known(self, count: int) -> np.ndarray:
+        """The strikes of the arm's map that come closest to the goal with the whip that the map is of, (B, m), at most
+        so many."""
+        answers = answers_of(self.rollout.model.arm)
+        if answers is None:
+            return np.empty((0, len(self.striker.lower)))
+        angle = self.front.angles(self.goal.positions)
+        near = answers.shortlist(self.front.goals(self.goal, -angle), count)
+        strikes = np.unique(answers.strikes[near], axis=0)  # many are there at several instants
+        return self._wrapped(self.front.strikes(strikes, np.repeat(angle, len(strikes))))
 
     def _wrapped(self, strikes: np.ndarray) -> np.ndarray:
         """Strikes of an arm that turns, a whole turn back where that puts their first joint into the box."""
@@ -226,7 +243,7 @@ FIRST = PlanningEffort(pool=256, polished=16, whips=32, population=12, rounds=6)
 NEXT = PlanningEffort()
 FIRST_IN_SPACE = PlanningEffort(pool=2048, polished=32, steps=20, population=12)
 NEXT_IN_SPACE = PlanningEffort(pool=512, steps=20)
-RETRIES_IN_SPACE = 3  # with the first effort, while the hit probability is below 50 %
+RETRIES_IN_SPACE = 1  # with the first effort, while the hit probability is below 50 %
 
 
 def surest(
@@ -292,7 +309,7 @@ def plan(
         strikes, scores, number = search.look(rng, past, effort, whips)
         order, tried = np.argsort(-scores), tried + number
         first = strikes[order[0]] if first is None else first
-        chosen = next((x for x in strikes[order[: search.checked]] if search.allows(x)), None)
+        chosen = search.first_allowed(strikes[order[: search.checked]])
         if chosen is not None:
             break
     strike = first if chosen is None else chosen

@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -33,7 +34,8 @@ class Starts:
     """Thresholds at which the fit of a whip is accepted without another starting point.
 
     Args:
-        explained: Root mean square of the residuals, in standard errors, up to which no other start is tried.
+        explained: Root mean square of the residuals, in standard errors with what is not modelled, up to which no other
+            start is tried.
         near: In the plane also an RMSE [m] up to which no other start is tried: in a wrong local minimum the RMSE is
             centimetres, with an incomplete model millimetres. Not used in space, where a bead at a wrong position also
             costs only millimetres.
@@ -43,7 +45,7 @@ class Starts:
         same: Difference in cost (a log likelihood) up to which two fits count as the same.
     """
 
-    explained: float = 1.3
+    explained: float = 0.9
     near: float = 0.0075
     close: float = 3e-3
     valley: float = 0.02
@@ -53,7 +55,9 @@ class Starts:
 STARTS = Starts()
 
 
-BEADS = (0.35, 0.8)  # parts of the length where a bead is sought, if not where it is expected
+BEADS = (0.35, 0.6, 0.85)  # parts of the length where a bead is sought, where what was found explains not all
+_HEAVY = 0.1  # of the whip's mass, as it is sought
+_FIRST_STEPS = 5  # of a fit, after which the places are compared
 IMPLAUSIBLE = 4.0  # standard errors of the prior, root mean square over its numbers: no whip is like this
 _OUTLYING = 3.0  # times the RMSE of the other recordings, if more than half of `TOO_FAR`
 _UNMOVED = 0.02  # [rad], [m], of a camera that stood where it should
@@ -221,14 +225,10 @@ def _best(
     """
     starts, screened, seed = tries
     found: list[Fit | None] = []
-    for way in (_fit, _grown):
+    for way in (_fit, _beaded, _grown):
         found.append(way(recordings, guess.at(), prior.names, options))
-        if _explains(prior, found[-1]) or (_again(found) and not _beaded(prior)):
-            return found[-1]
-    for plant in _beaded(prior):
-        found.append(_grown(recordings, plant, prior.names, options))
-        if _explains(prior, found[-1]):
-            return found[-1]
+        if _explains(prior, found[-1]) or (way is _grown and _again(found)):
+            return min((f for f in found if f is not None), key=_cost)
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
     predictor = Predictor(early, prior.plant, drive=options.drive, shared=_of_plant(prior))
@@ -240,12 +240,21 @@ def _best(
     return min((f for f in found if f is not None), key=_cost, default=None)
 
 
-def _beaded(prior: Belief) -> list[Plant]:
-    """The prior's mean with a bead at other places, where its place is unknown: a fit does not move one along the whip
-    once it has vanished."""
-    if "profile.bead_place" not in prior.names:
-        return []
-    return [prior.at().changed({"profile.bead_place": place}) for place in BEADS]
+def _beaded(
+    recordings: Sequence[StrikeRecording], plant: Plant, names: Sequence[str], options: FitOptions
+) -> Fit | None:
+    """A fit from where its first steps lead farthest, of a bead at several places; None where no place is unknown.
+
+    A fit does not move a bead along the whip once it has vanished.
+    """
+    if "profile.bead_place" not in names:
+        return None
+    heavy = plant.values()["profile.linear_density"] * plant.values()["profile.length"] * _HEAVY
+    placed = [plant.changed({"profile.bead_place": place, "profile.bead_mass": heavy}) for place in BEADS]
+    first = dataclasses.replace(options, max_iterations=_FIRST_STEPS)
+    tried = [f for f in (_fit(recordings, start, names, first) for start in placed) if f is not None]
+    best = min(tried, key=_cost, default=None)
+    return None if best is None else _fit(recordings, cast(Plant, best.plant), names, options)
 
 
 def _again(found: Sequence[Fit | None]) -> bool:

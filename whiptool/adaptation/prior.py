@@ -39,12 +39,11 @@ class Spread:
             stiffness and damping, which scale with its fourth power, have twice as much.
         rest_curvature: Error of the rest curvature [1/m]: a twentieth of that of a coil of 0.15 m radius, which a
             stored rope keeps.
-        air_form: Error of drag in the plane, because the prior's drag is the same along and across the whip and real
-            drag acts mostly across.
-        along: Error of the ratio of drag along a whip in space to that across; the mean is 0.5.
-        bead: Error of the mass of a bead or knot in space, and its mean, as a fraction of the whip's mass.
+        along: Error of the ratio of drag along a whip to that across; the mean is 0.5.
+        stiffening: Error of the relative increase of a joint's stiffness at a usual bend, and its mean.
+        bead: Error of the mass of a bead or knot, and its mean, as a fraction of the whip's mass.
         bead_place: Error of the bead's position, as a fraction of the length.
-        density_wave, stiffness_wave: In space, errors of the first Fourier component of density and stiffness along the
+        density_wave, stiffness_wave: Errors of the first Fourier component of density and stiffness along the
             whip beyond the taper; a thickness error of 7 % changes mass by 15 % and stiffness by 30 %.
         wave_falls: Ratio of the error of each further component to that of the one before.
         arm_friction: Error of the friction of the arm [N m s/rad].
@@ -53,14 +52,15 @@ class Spread:
         clock: Error of the camera's clock [s].
         usual_speed: Typical speed of a joint in a strike [rad/s], at which dry friction is converted to viscous
             friction; not an error.
+        usual_bend: Curvature that most of a whip stays below in a strike [1/m]; not an error.
         inertia: Error of a motor's inertia.
     """
 
     thickness_taper: float = 0.35
     own_taper: float = 0.2
     rest_curvature: float = 0.3
-    air_form: float = 0.5
     along: float = 0.3
+    stiffening: float = 0.2
     bead: float = 0.1
     bead_place: float = 0.25
     density_wave: float = 0.15
@@ -71,6 +71,7 @@ class Spread:
     gain: float = 0.1
     clock: float = 0.006
     usual_speed: float = 2.0
+    usual_bend: float = 4.0
     inertia: float = 0.4
 
 
@@ -274,7 +275,7 @@ def _uniform(plant: Plant, stock: Stock) -> Belief:
 
 
 def _profile(plant: Plant, stock: Stock) -> Belief:
-    """A stock's numbers, tapers that go together, a marker's mass; rest curvature, or in space what is uneven."""
+    """A stock's numbers, tapers that go together, a marker's mass, what is uneven; in the plane a rest curvature."""
     names = [f"profile.{name}" for name in NUMBERS[:-1]] + ["whip.dry_friction"]
     entries: dict[str, tuple[float | None, float]] = dict.fromkeys(names, (None, 1.0))
     entries |= dict.fromkeys(_TAPERS, (None, 1.0))
@@ -282,30 +283,29 @@ def _profile(plant: Plant, stock: Stock) -> Belief:
     assert profile is not None
     half = profile.linear_density * profile.length / plant.model.whip.N / 2  # what point masses have beyond half a hat
     entries |= {"profile.tip_mass": (half, half)}
-    in_space = plant.model.dimension == 3
-    if in_space:
-        entries |= _uneven(profile)
-    else:  # in space a bend has a direction, too
+    entries |= _uneven(profile, plant.model.whip.N)
+    if plant.model.dimension == 2:  # in space a bend has a direction, too
         entries |= {"profile.rest_curvature": (None, _SPREAD.rest_curvature)}
     belief = _belief(plant, entries)
     covariance = np.array(belief.covariance)
     # a number that has no logarithm moves by its size times what its logarithm would
     size = [1.0 if v.log else x for v, x in zip(belief.variables, belief.z, strict=True)][: len(names)]
     covariance[: len(names), : len(names)] = stock.covariance * np.outer(size, size)
-    drag = belief.names.index("profile.drag")
-    if not in_space:
-        covariance[drag, drag] += (_SPREAD.air_form * belief.z[drag]) ** 2
     powers, tapers = np.array([*_TAPERS.values()]), slice(len(names), len(names) + len(_TAPERS))
     common = _SPREAD.thickness_taper**2 * np.outer(powers, powers)
     covariance[tapers, tapers] = common + np.diag((_SPREAD.own_taper * powers) ** 2 / 4)
     return dataclasses.replace(belief, covariance=covariance)
 
 
-def _uneven(profile: WhipProfile) -> dict[str, tuple[float | None, float]]:
-    """What makes a rope in space differ from a tapered one: air along it, a bead, waves of thickness."""
+def _uneven(profile: WhipProfile, N: int) -> dict[str, tuple[float | None, float]]:
+    """What makes a whip of N nodes differ from a tapered one: air along it, springs that stiffen, a bead, waves of
+    thickness."""
     bead = _SPREAD.bead * profile.linear_density * profile.length
+    l = profile.length / N
+    stiffening = _SPREAD.stiffening * profile.bending_stiffness / l / (_SPREAD.usual_bend * l) ** 2
     entries: dict[str, tuple[float | None, float]] = {
         "whip.drag_ratio": (0.5, _SPREAD.along),
+        "whip.cubic_stiffness": (stiffening, stiffening),
         "profile.bead_mass": (bead, bead),
         "profile.bead_place": (0.6, _SPREAD.bead_place),
     }

@@ -187,10 +187,8 @@ def torques_and_gain(
     spun = frame.spun * (1 - frame.twists + frame.twists * ca.dot(along, last))
     turning, per_spin = end.speed - frame.speed, frame.twists * (spun * d - frame.spun * last)
     viscous, dry, smooth = (ca.SX(x) for x in (joint.damping, joint.dry_friction, joint.friction_velocity))
-    square = ca.sumsqr(turning) + smooth**2
-    root = ca.sqrt(square)
-    damping = viscous + dry / root
-    gain = GAMMA * h * damping
+    damping = viscous + dry / ca.sqrt(ca.sumsqr(turning) + smooth**2)
+    gain = GAMMA * h * damping  # friction changes by this across the slip, and by less along it
     sums = frame.sums + damping * ca.vertcat(ca.dot(turning, per_spin), ca.sumsqr(per_spin))
     couples = [-damping * turning, -damping * per_spin]
     columns = [*(couple - ca.dot(d, couple) * along for couple in couples), along]

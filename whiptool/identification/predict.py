@@ -14,10 +14,11 @@ from whiptool.identification.motion import BaseMotion
 from whiptool.identification.plant import BareArm, Plant, slopes
 from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
-from whiptool.rollout.batch import OF_A_STEP, Batch
+from whiptool.rollout.batch import OF_A_STEP, TOLERANCE, Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
 
 _INTERVAL = 1e-3  # [s] between samples of a path
+_NOISE_OVER_ERROR = 10.0  # standard errors of readings over integration errors, at least
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,8 @@ class Predictor:
         self.sigma = [read.sigma for read in self._read]
         self.channels = [read.channels for read in self._read]
         self.sharing = [_sharing(r, self.recordings) for r in self.recordings]
+        finest = min((float(x.min()) for x, r in zip(self.sigma, self._read, strict=True) if len(x) and not r.view), default=0.0)
+        self._of_a_step = OF_A_STEP * max(1.0, finest / _NOISE_OVER_ERROR / TOLERANCE)
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
 
     def _first(self, drive: Drive) -> np.ndarray:
@@ -217,7 +220,7 @@ class Predictor:
             stride=self.stride,
         )
         if self._adaptive:
-            batch.tolerance, batch.knot = np.full(len(lanes), OF_A_STEP), np.array([d.ends for d in drives])[lanes]
+            batch.tolerance, batch.knot = np.full(len(lanes), self._of_a_step), np.array([d.ends for d in drives])[lanes]
             batch.weight, batch.period = drives[0].displacements, drives[0].period or 0.0
         if derivatives:
             batch.dp, batch.dx0 = np.zeros_like(batch.p), np.zeros_like(batch.x0)

@@ -273,7 +273,7 @@ class Model(NoArray, instead="its parameters()"):
         return dataclasses.replace(
             self,
             whip=dataclasses.replace(self.whip, **whip),
-            arm=self.arm.with_parameters(arm),
+            arm=self.arm.with_parameters(arm) if arm else self.arm,
             gravity=gravity,
         )
 

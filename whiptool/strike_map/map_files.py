@@ -12,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.given_files import read_arrays
 from whiptool.goals.arrival_rule import GoalRegion, usual_region
 from whiptool.models import Model
+from whiptool.models.parameters import AnyArm
 from whiptool.models.presets import PRESETS
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.answers import Answers, bounds_all_around
@@ -138,6 +139,13 @@ def map_of(model: Model) -> StrikeMap:
         if PRESETS[name] == model:
             return shipped_map(name)
     raise InputError("model", model.name, f"an unchanged preset that has a map: {', '.join(shipped_names())}")
+
+
+def answers_of(arm: AnyArm) -> Answers | None:
+    """Return the entries of the map that comes with the package for an arm, whatever hangs on it; None: there is
+    none."""
+    names = [name for name in shipped_names() if PRESETS[name].arm == arm]
+    return shipped_map(names[0]).answers if names else None
 
 
 def _gate_arrays(gate: Gate) -> dict[str, np.ndarray]:
