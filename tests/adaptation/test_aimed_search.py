@@ -11,6 +11,7 @@ import pytest
 from scipy.stats import norm
 
 from papers.aim.published import CONTROLLER, MODEL
+from whiptool.adaptation import planner
 from whiptool.adaptation.adapter import Adapter, Options
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, hanging
 from whiptool.adaptation.materials import stock_of_material
@@ -30,6 +31,7 @@ from whiptool.limits.clearance import Clearance
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
+from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.striker import Striker
 
 STOCK = stock_of_material("cotton")
@@ -75,6 +77,25 @@ def test_a_strike_that_passes_every_whip_by_a_quarter_of_what_is_allowed_is_good
             enough = within * (norm.cdf(0.3 / turned) - norm.cdf(-0.5 / turned)) - 0.2 * 0.015 - 0.2 * 0.1 / np.pi
         assert AimedSearch.sure(search, enough + 1e-9)
         assert not AimedSearch.sure(search, enough - 1e-9)
+
+
+def test_known_strikes_of_the_arm_are_candidates(prior, monkeypatch):
+    """A strike whose tip passes the goal comes first; it is known for another direction, to which the arm is turned."""
+    goal, rng = Target.arriving((1.6, 0.2, 0.3), 0.5, hit_radius=0.05), np.random.default_rng(0)
+    search = AimedSearch(prior, goal, Demands(limits=()))
+    strike = search.starts(rng, FEW)[:1]  # the best of some
+    t, paths, _ = search.rollout.tip_path(strike, rate=200.0)
+    nearest = int(np.nanargmin(np.linalg.norm(paths[0] - goal.position, axis=1)))
+    tip, velocity = paths[0, nearest], np.gradient(paths[0], t, axis=0)[nearest]
+    target = Target(tuple(tip), 0.05, direction=tuple(velocity), speed=0.1)
+    slopes = np.zeros((1, 3, strike.shape[1] + 1))
+    known = Answers(strike, tip[None], velocity[None], slopes, slopes)
+    search = AimedSearch(prior, target, Demands(limits=()))
+    ahead = search.front.answers(known, -search.front.angles(tip[None]))
+    monkeypatch.setattr(planner, "answers_of", lambda arm: ahead if arm == MODEL.arm else None)
+    found = search.starts(rng, FEW)[0]
+    np.testing.assert_allclose(np.delete(found, [0, 6]), np.delete(strike[0], [0, 6]), atol=1e-12)
+    np.testing.assert_allclose(found[[0, 6]], strike[0, [0, 6]], atol=0.02)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -38,16 +38,17 @@ MOTOR = MotorLimits("toy", stall_torque=2.0, no_load_speed=10.0, stall_current=1
 class Toy:
     """`tip = PUSH u + LONGER log(length)`; torques `2 |q_i|`, none of them in motion; the tip at `4 D`."""
 
+    rough = 0.0  # part of the tolerance by which the tip is off
     lost = np.inf  # length over the mean's, from which a whip diverges
     space, prescribed = types.SimpleNamespace(kind="joint"), False
 
-    def __init__(self, model, controller, *, free, sag=None) -> None:
-        self.model = model
+    def __init__(self, model, controller, *, free, sag=None, tolerance=None) -> None:
+        self.model, self.off = model, self.rough * (tolerance or 0.0)
 
     def approach(self, strikes, target, *, t_stay, models=None, controllers=None) -> Approach:
         models = [self.model] * len(strikes) if models is None else models
         stretch = np.array([m.whip.length for m in models]) / LENGTH
-        tip = strikes @ PUSH.T + LONGER * np.log(stretch)[:, None]
+        tip = strikes @ PUSH.T + LONGER * np.log(stretch)[:, None] + [self.off, 0.0]
         B = len(strikes)
         return Approach(
             distance=np.linalg.norm(tip - target, axis=1),
@@ -93,6 +94,15 @@ def planned(
 
 def search(error: float = 0.1, limits=(), speed: float | None = None, radius: float = 0.06) -> PlanarSearch:
     return PlanarSearch(belief(error), Target(tuple(AT), radius, speed=speed), Demands(BOUNDS, limits))
+
+
+def test_what_is_stated_is_simulated_finer_than_what_is_searched(monkeypatch):
+    """The search ends where its own tip passes the target, which is a millimetre from where the tip passes."""
+    monkeypatch.setattr(Toy, "rough", 1.0)
+    found = planned(0.001)
+    tip = PUSH @ found.strike
+    assert found.mean_miss == pytest.approx(np.linalg.norm(tip - AT), abs=1e-12)
+    assert found.mean_miss == pytest.approx(plan_search._SEARCHED, rel=0.1)
 
 
 @pytest.mark.parametrize("error", [0.08, 0.16])
@@ -142,9 +152,9 @@ def test_a_score_is_the_probability_less_a_fifth_per_metre_up_to_half_a_metre():
     stretch = np.log([w.model.whip.length / LENGTH for w in whips])
     tips = aside @ PUSH.T
     miss = np.linalg.norm(tips[:, None] + stretch[:, None] * LONGER - AT, axis=2)
-    np.testing.assert_allclose(s.each(aside, whips).distance, miss, atol=1e-9)
+    np.testing.assert_allclose(s.each(aside, whips, s.rollout).distance, miss, atol=1e-9)
     hits = norm.cdf((0.06 - miss) / 0.005) - norm.cdf((-0.06 - miss) / 0.005)  # smoothed by 5 mm
-    probability = s.each(aside, whips).probability(s.goal, s.error, blur=0.005)
+    probability = s.each(aside, whips, s.rollout).probability(s.goal, s.error, blur=0.005)
     np.testing.assert_allclose(probability, hits.mean(axis=1), atol=1e-9)
     expected = hits.mean(axis=1) - 0.2 * np.minimum(miss, 0.5).mean(axis=1)
     np.testing.assert_allclose(s.score(aside, whips), expected, atol=1e-9)
@@ -155,7 +165,7 @@ def test_whips_that_diverge_miss_by_all_and_are_told():
     s, whips = search(), belief(0.1).sample(np.random.default_rng(0), 40)
     Toy.lost = 1.05
     lengths = np.array([w.model.whip.length / LENGTH for w in whips])
-    miss = s.each(MIDDLE[None], whips).distance[0]
+    miss = s.each(MIDDLE[None], whips, s.rollout).distance[0]
     np.testing.assert_array_equal(np.isinf(miss), lengths > 1.05)
     found = planned()
     share = 1 - norm.cdf(np.log(1.05) / 0.1)

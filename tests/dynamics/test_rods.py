@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -212,6 +213,24 @@ def test_damping_takes_the_power_of_its_dissipation_and_brakes_no_spin(seed: int
     net = damping.torques - np.concatenate([damping.torques[:, 1:], np.zeros((5, 1, 3))], axis=1)
     assert np.abs((net * directions[:, 1:]).sum(axis=-1)).max() < 1e-12
     assert np.abs((damping.torques * directions[:, 1:])[:, 0].sum(axis=-1)).max() < 1e-6
+
+
+def test_steps_are_implicit_in_friction_of_every_direction():
+    """A joint that slips brakes what is across the slip by mu / |slip|, a hundred times more than what is along it; the
+    inertia that a step adds has to cover both, or a light rod that slips makes the steps small."""
+    b, mu, turn_over, h, zero = 1e-4, 1e-3, 0.1, 2e-3, ca.SX.zeros(3)
+    joint = SimpleNamespace(stiffness=0.0, cubic_stiffness=0.0, damping=b, dry_friction=mu, friction_velocity=turn_over)
+    slip = ca.SX.sym("slip", 3)
+    hand = rods.RodFrame(ca.SX([0, 0.6, 0.8]), zero, zero, ca.SX.zeros(2), ca.SX(1), ca.SX(0), zero, zero)
+    rod = hand._replace(direction=ca.SX([0, 0, 1]), speed=slip)
+    _, torques, added = rods.torques_and_gain(joint, hand, rod, ca.SX(h), again=False)
+    braked = ca.Function("braked", [slip], [-ca.jacobian(torques[:3, 0], slip), added / (rods.GAMMA * h)])
+    for speed in (0.0, 0.05, 1.0, 20.0):
+        slope, bound = (np.array(x) for x in braked([speed, 0.0, 0.0]))
+        across = b + mu / np.hypot(speed, turn_over)
+        np.testing.assert_allclose(slope[1, 1], across, rtol=1e-9)
+        np.testing.assert_allclose(slope[0, 0], b + mu * turn_over**2 / np.hypot(speed, turn_over) ** 3, rtol=1e-9)
+        assert np.linalg.eigvalsh(slope[:2, :2]).max() <= float(bound.item()) * (1 + 1e-9)
 
 
 def test_in_the_plane_damping_is_that_of_the_angles_between_rods():

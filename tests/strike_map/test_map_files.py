@@ -17,7 +17,15 @@ from whiptool.goals.arrival_rule import usual_region
 from whiptool.models import preset
 from whiptool.optimizers.gradient_search import REFINED
 from whiptool.strike_map.answers import Answers
-from whiptool.strike_map.map_files import FOLDER, load_packed, map_of, save_packed, shipped_map, shipped_names
+from whiptool.strike_map.map_files import (
+    FOLDER,
+    answers_of,
+    load_packed,
+    map_of,
+    save_packed,
+    shipped_map,
+    shipped_names,
+)
 from whiptool.strike_map.strike_map import HIDDEN, Gate
 
 NAMES = ["lemon2024", "panda", "ur5e"]
@@ -84,6 +92,8 @@ def test_a_search_may_begin_from_it():
     with pytest.raises(InputError, match="lemon2024, panda, ur5e"):
         map_of(replace(preset("lemon2024"), gravity=1.6))
     assert map_of(preset("lemon2024")) is shipped_map("lemon2024")
+    assert answers_of(preset("lemon2024").arm) is shipped_map("lemon2024").answers
+    assert answers_of(preset("nah2023").arm) is None
 
 
 def test_a_search_without_a_map_is_refused_before_anything_is_written(tmp_path):

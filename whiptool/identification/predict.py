@@ -106,7 +106,9 @@ class Predictor:
         self.sigma = [read.sigma for read in self._read]
         self.channels = [read.channels for read in self._read]
         self.sharing = [_sharing(r, self.recordings) for r in self.recordings]
-        finest = min((float(x.min()) for x, r in zip(self.sigma, self._read, strict=True) if len(x) and not r.view), default=0.0)
+        finest = min(
+            (float(x.min()) for x, r in zip(self.sigma, self._read, strict=True) if len(x) and not r.view), default=0.0
+        )
         self._of_a_step = OF_A_STEP * max(1.0, finest / _NOISE_OVER_ERROR / TOLERANCE)
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
 
@@ -220,7 +222,10 @@ class Predictor:
             stride=self.stride,
         )
         if self._adaptive:
-            batch.tolerance, batch.knot = np.full(len(lanes), self._of_a_step), np.array([d.ends for d in drives])[lanes]
+            batch.tolerance, batch.knot = (
+                np.full(len(lanes), self._of_a_step),
+                np.array([d.ends for d in drives])[lanes],
+            )
             batch.weight, batch.period = drives[0].displacements, drives[0].period or 0.0
         if derivatives:
             batch.dp, batch.dx0 = np.zeros_like(batch.p), np.zeros_like(batch.x0)
