@@ -174,8 +174,8 @@ class AimedSearch(Search):
         """Return the strikes whose tips pass the goal best with the belief's mean, those within the limits first, (B,
         m): of random ones and, if a map comes with the package for this arm, as many of the map's.
 
-        The map's strikes keep the limits with another whip, and are fast. If the first joint rotates the whole arm about the vertical, every sample of a tip path is rotated to the goal's
-        direction.
+        The map's strikes keep the limits with another whip, and are fast. If the first joint rotates the whole arm
+        about the vertical, every sample of a tip path is rotated to the goal's direction.
         """
         striker, goal = self.striker, self.goal
         known = self._known(effort.pool // 2)
