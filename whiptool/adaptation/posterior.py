@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 
@@ -254,7 +253,7 @@ def _beaded(
     first = dataclasses.replace(options, max_iterations=_FIRST_STEPS)
     tried = [f for f in (_fit(recordings, start, names, first) for start in placed) if f is not None]
     best = min(tried, key=_cost, default=None)
-    return None if best is None else _fit(recordings, cast(Plant, best.plant), names, options)
+    return None if best is None else _fit(recordings, best.plant, names, options)
 
 
 def _again(found: Sequence[Fit | None]) -> bool:
