@@ -193,8 +193,8 @@ class Search(ABC):
         """
 
     def first_allowed(self, strikes: np.ndarray) -> np.ndarray | None:
-        """Return the first of strikes (B, m) that may be chosen: it keeps the limits at all times, and `check` allows
-        it; None: there is none.
+        """Return the first of strikes (B, m) that keeps the limits at all times and that `check` allows; None if all
+        are refused.
         """
         for first in range(0, len(strikes), _TOGETHER):
             some = strikes[first : first + _TOGETHER]

@@ -142,8 +142,8 @@ def map_of(model: Model) -> StrikeMap:
 
 
 def answers_of(arm: AnyArm) -> Answers | None:
-    """Return the entries of the map that comes with the package for an arm, whatever hangs on it; None: there is
-    none."""
+    """Return the entries of the map that comes with the package for an arm, whatever hangs on it; None for another
+    arm."""
     names = [name for name in shipped_names() if PRESETS[name].arm == arm]
     return shipped_map(names[0]).answers if names else None
 
