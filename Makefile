@@ -38,7 +38,7 @@ docs-commands: $(VENV)/.dev
 	$(RUN) -m pytest -m "slow or hours" tests/whole/test_page_commands.py -k "as_it_is_typed and ($(or $(PAGES),md))"
 
 docs: $(VENV)/.dev
-	$(RUN) -m sphinx -W --keep-going -b html docs docs/_build/html
+	$(RUN) -m sphinx -j auto -W --keep-going -b html docs docs/_build/html
 
 check: $(VENV)/.dev
 	$(RUN) -m ruff check .
@@ -64,4 +64,4 @@ $(VENV)/.dev: $(VENV)/.core
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .grimp_cache .hypothesis docs/_build docs/api docs/notebooks
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .import_linter_cache .grimp_cache .hypothesis docs/_build docs/_made docs/api docs/gallery docs/notebooks

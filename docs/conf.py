@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import pkgutil
 import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
 
+from made_pages import list_modules, list_names, make_strike, take_notebooks  # noqa: E402
 from sphinx.domains.python import PythonDomain  # noqa: E402
 
 import whiptool  # noqa: E402
@@ -21,13 +21,14 @@ project_copyright = "The whiptool developers, MIT licence"
 release = version = whiptool.__version__
 
 extensions = [
+    "mathml",
     "myst_nb",
     "sphinx.ext.autodoc",
-    "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "_made", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json"]
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"  # the tests execute the notebooks; here they come with their outputs
@@ -43,56 +44,31 @@ napoleon_numpy_docstring = False
 napoleon_preprocess_types = False
 python_maximum_signature_line_length = 100
 
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples",
+    "gallery_dirs": "gallery",
+    "ignore_pattern": "extending",  # these are on the page of that name
+    "filename_pattern": "",  # every script is run
+    "abort_on_example_error": True,
+    "capture_repr": (),
+    "write_computation_times": False,
+    "show_signature": False,
+    "show_memory": False,
+    "download_all_examples": False,
+    "notebook_extensions": set(),
+    "remove_config_comments": True,
+}
+
+html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_extra_path = ["_made/site"]
+html_favicon = "_static/whiptool.svg"
+html_css_files = ["whiptool.css"]
+html_context = {"default_mode": "auto"}
 html_theme = "pydata_sphinx_theme"
 html_title = f"whiptool {release}"
 html_theme_options = {"navigation_with_keys": False, "show_toc_level": 2}
 html_sidebars = {"*": []}  # only pages in folders have others next to them
-
-
-def take_notebooks() -> None:
-    """Copy the notebooks that exist into the folder `notebooks`, with a page that lists them."""
-    source, folder = HERE.parent / "notebooks", HERE / "notebooks"
-    folder.mkdir(exist_ok=True)
-    found = sorted(source.glob("[0-9]*.ipynb")) if source.is_dir() else []
-    for old in folder.glob("*.ipynb"):
-        if old.name not in {path.name for path in found}:
-            old.unlink()
-    for path in found:
-        _write(folder / path.name, path.read_text(encoding="utf-8"))
-    lines = ["# Notebooks", ""]
-    if found:
-        lines += ["Each runs from its first cell to its last; the tests execute them.", "", "```{toctree}"]
-        lines += [":maxdepth: 1", "", *(path.stem for path in found), "```"]
-    else:
-        lines += ["This build was made without the folder `notebooks`."]
-    _write(folder / "index.md", "\n".join(lines) + "\n")
-
-
-def list_modules() -> None:
-    """One page per package in the folder `api`, with all its modules; their docstrings are the reference."""
-    folder = HERE / "api"
-    folder.mkdir(exist_ok=True)
-    pages = {"whiptool": ["whiptool"]}
-    for module in pkgutil.walk_packages(whiptool.__path__, "whiptool."):
-        package = ".".join(module.name.split(".")[:2])
-        at_top = package == module.name and not module.ispkg
-        if not module.name.endswith("__main__"):  # these are only run
-            pages.setdefault("whiptool" if at_top else package, []).append(module.name)
-    for old in folder.glob("*.md"):
-        if old.stem not in pages:
-            old.unlink()
-    for package, names in pages.items():
-        lines = [f"# {package}", ""]
-        for name in names:
-            heading = [] if name == package else [f"## {name}", ""]
-            lines += [*heading, "```{eval-rst}", f".. automodule:: {name}", "```", ""]
-        _write(folder / f"{package}.md", "\n".join(lines))
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file unless it holds the text already: Sphinx reads again what is newer."""
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
 
 
 def mend(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
@@ -131,3 +107,5 @@ def setup(app) -> None:
 
 take_notebooks()
 list_modules()
+list_names()
+make_strike()

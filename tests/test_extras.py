@@ -98,7 +98,7 @@ def test_what_cannot_be_taken_up_is_named(monkeypatch, tmp_path, point, said):
         Registry("numbers", int, {"four": 4}).find("five")
 
 
-LAB = (ROOT / "docs" / "examples" / "lab.py").read_text(encoding="utf-8")
+LAB = (ROOT / "examples" / "extending" / "lab.py").read_text(encoding="utf-8")
 PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 GROUPS = tomllib.loads(PAGE.split("```toml")[1].split("```")[0])["project"]["entry-points"]
 POINTS = "\n".join(
@@ -142,7 +142,7 @@ def test_all_that_an_installed_package_adds_is_found(monkeypatch, tmp_path):
     rows = [f"{0.01 * i},{0.01 * i},{0.5}" for i in range(50)]
     (tmp_path / "strike.csv").write_text("\n".join(["t,tip_x,tip_y", *rows]))
     (tmp_path / "strike.bvh").write_text("HIERARCHY\n")
-    path = os.pathsep.join(map(str, (tmp_path, ROOT / "docs" / "examples", ROOT)))
+    path = os.pathsep.join(map(str, (tmp_path, ROOT / "examples" / "extending", ROOT)))
     done = subprocess.run(
         [sys.executable, "-c", USED],
         cwd=tmp_path,

@@ -37,7 +37,7 @@ WORDS = {
 }
 FORBIDDEN = re.compile("|".join(rf"(?P<w{i}>\b(?:{word})\b)" for i, word in enumerate(WORDS)), re.IGNORECASE)
 CODE = re.compile(r"`[^`]*`|\{\w+[^}]*\}|^ +\w+(, \w+)*: ", re.MULTILINE)  # and names of arguments and in templates
-PROSE = ("*.md", "docs/*.md", "docs/how-to/*.md", "docs/**/*.py", "notebooks/*.ipynb")
+PROSE = ("*.md", "docs/*.md", "docs/how-to/*.md", "docs/**/*.py", "examples/**/*.py", "notebooks/*.ipynb")
 PYTHON = ("whiptool/**/*.py", "papers/**/*.py", "benchmarks/*.py", "tools/**/*.py")
 EXEMPT = ("CHANGELOG.md", "tools/plain_english.py")  # what was released stays as it was written; the list itself
 

@@ -23,7 +23,7 @@ from whiptool.rig.robots.addresses import ROBOTS
 from whiptool.rig.stops import STOPPED, Interlock, SafetyError, StrikeStopped
 from whiptool.runs import RunFolder
 
-sys.path.insert(0, str(ROOT / "docs" / "examples"))
+sys.path.insert(0, str(ROOT / "examples" / "extending"))
 from add_robot import LaggingRobot
 
 VECTOR = (-1.63, -1.07, -0.22, -0.49, 2.16, 0.42, -2.17, -2.07, -0.33, -1.73, -0.35, 2.09, 1.5)

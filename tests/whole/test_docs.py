@@ -28,7 +28,7 @@ import whiptool
 from whiptool.commands import cli
 from whiptool.extras import EXTRAS
 
-EXAMPLES = sorted((DOCS / "examples").glob("*.py"))
+EXAMPLES = sorted((ROOT / "examples" / "extending").glob("*.py"))
 TUTORIAL = DOCS / "tutorial.md"
 COMMAND = re.compile(r"^(?:\S*python3? -m whiptool\.|whiptool )(.*)$")
 TWOFOLD = ("rig", "robot", "map", "recording")  # commands whose second word says what they do
@@ -229,7 +229,9 @@ def test_examples_run(script, tmp_path):
 
 
 def test_every_example_is_shown():
-    shown = re.findall(r"literalinclude} examples/(\S+)", (DOCS / "extending.md").read_text(encoding="utf-8"))
+    shown = re.findall(
+        r"literalinclude} \.\./examples/extending/(\S+)", (DOCS / "extending.md").read_text(encoding="utf-8")
+    )
     assert sorted(shown) == [script.name for script in EXAMPLES]
 
 

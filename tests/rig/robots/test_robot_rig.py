@@ -33,7 +33,7 @@ from whiptool.rig.stops import Locked, NotConfirmed, SafetyError, StrikeInterrup
 from whiptool.rig.strike_report import _cycle_table
 from whiptool.rig.struck import Motion
 
-sys.path.insert(0, str(ROOT / "docs" / "examples"))
+sys.path.insert(0, str(ROOT / "examples" / "extending"))
 from add_robot import LAG, LaggingRobot
 
 MODEL = wt.preset("ur5e")
