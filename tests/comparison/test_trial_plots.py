@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from series_by_hand import series
 
 from whiptool.comparison.trial_plots import plot_ecdf
+from whiptool.viz.style import COLORS
 
 
 def test_the_share_of_targets_that_are_hit_rises_at_each_hit() -> None:
@@ -20,6 +21,14 @@ def test_the_share_of_targets_that_are_hit_rises_at_each_hit() -> None:
         1: 12.5, 2: 25, 3: 37.5, 4: 50, 5: 62.5, 7: 75, 600: 75,
     }  # fmt: skip
     assert ax.get_xlim() == (1, 600)
+
+
+def test_searches_differ_by_their_dashes_too() -> None:
+    methods = ("directl", "ga", "cmaes", "gradient", "random")
+    ax = plot_ecdf(Figure().subplots(), [series(method=method, observation="") for method in methods], cap=600)
+    dashes = [line._unscaled_dash_pattern for line in ax.get_lines()]
+    assert len(set(map(str, dashes))) == len(methods)
+    assert COLORS["yellow"] not in {line.get_color() for line in ax.get_lines()}  # hard to see on white
 
 
 def test_targets_that_are_all_hit_at_once_have_an_axis_too() -> None:

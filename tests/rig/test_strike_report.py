@@ -17,7 +17,15 @@ from whiptool.models import preset
 from whiptool.recording.filmed_approach import Frames, Judgement, judge_frames
 from whiptool.rig.cyclelog import Phase
 from whiptool.rig.stops import SafetyError
-from whiptool.rig.strike_report import draw, plot_current, plot_cycles, plot_tip, save_pictures, sections
+from whiptool.rig.strike_report import (
+    draw,
+    plot_current,
+    plot_cycles,
+    plot_distance_seen,
+    plot_tip,
+    save_pictures,
+    sections,
+)
 from whiptool.rig.struck import Run, Struck
 from whiptool.viz.report import Picture, Table, Text, to_html
 from whiptool.viz.style import STYLE
@@ -60,6 +68,16 @@ def test_the_band_of_a_current_is_what_the_motor_carries_at_that_speed():
     assert at.max() == pytest.approx(2.3 * (1 - 2.0 / (46 * 2 * np.pi / 60)))
     still = band[np.isclose(band[:, 0], 0.002 * 10)][:, 1]
     assert (still.min(), still.max()) == (pytest.approx(-2.3), pytest.approx(2.3))
+
+
+def test_the_distance_is_in_the_unit_of_the_title():
+    with matplotlib.rc_context(STYLE):
+        ax = plot_distance_seen(matplotlib.figure.Figure().subplots(), struck(), TARGET)
+    assert ax.get_ylabel() == "distance tip to target [cm]"
+    assert re.match(r"estimated miss [\d.]+ ± [\d.]+ cm", ax.get_title(loc="left"))
+    seen = next(line for line in ax.lines if line.get_label() == "as seen").get_ydata()
+    assert seen.min() == pytest.approx(2.0, abs=0.1)  # [cm], as the tip falls past
+    assert "hit radius 5 cm" in [text.get_text() for text in ax.get_legend().get_texts()]
 
 
 def test_the_arm_is_drawn_where_its_encoders_say():

@@ -68,6 +68,23 @@ def test_the_page_needs_nothing_else(page):
     assert f"Hits the target at ({where}) m" in page
 
 
+@browser
+def test_a_page_under_position_control_has_no_empty_plots(tmp_path):
+    """Neither gains that are zero, nor desired curves that coincide with the joints' own."""
+    a = PANDA.arm.n
+    q, v = PATH.q.copy(), PATH.v.copy()
+    q[:, :a], v[:, :a] = PATH.q_d, PATH.v_d
+    exact = replace(PATH, q=q, v=v, K=0 * PATH.K, B=0 * PATH.B)
+    probe = """<script>root.dataset.plots = JSON.stringify(
+      [...document.querySelectorAll("#plots figcaption")].map((x) => x.textContent));</script>"""
+    for path, titles in ((exact, 4), (PATH, 6)):
+        page = strike_page(PANDA, path, TARGET).replace("</body>", probe + "</body>")
+        found = root_data(chromium(tmp_path, page, "--dump-dom"))
+        plots = json.loads(found["data-plots"])
+        assert len(plots) == titles
+        assert ("desired" in plots[2]) == (path is PATH)
+
+
 PROBE = """<script>
 const said = (name, x) => { root.dataset[name] = JSON.stringify(x); };
 const stageCanvas = byId("stage"), box = stageCanvas.getBoundingClientRect();

@@ -77,7 +77,7 @@ def test_where_there_are_no_errors_the_motion_is_drawn(trajectory):
     assert axes[0].get_title(loc="left") == "the joints follow their references exactly"
 
 
-def test_constant_gains_are_matrices_with_their_numbers(trajectory, tmp_path):
+def test_constant_gains_are_matrices_with_their_numbers(trajectory, tmp_path, monkeypatch):
     K, B = np.array([[29.5, 14.3], [14.3, 0.0]]), np.array([[2.95, 1.43], [1.43, 3.93]])
     ones = np.ones((len(trajectory.t), 1, 1))
     constant = replace(trajectory, K=ones * K, B=ones * B)
@@ -87,6 +87,7 @@ def test_constant_gains_are_matrices_with_their_numbers(trajectory, tmp_path):
     assert axes[0].get_title(loc="left") == "stiffness K [N m/rad], constant"
     assert [label.get_text() for label in axes[0].get_yticklabels()] == ["shoulder", "elbow"]
     assert not plots.plot_gains(trajectory, LEMON, axes=Figure().subplots(2))[0].images
+    monkeypatch.setattr(plots, "save_figure", lambda figure, path: path)
     none = replace(trajectory, K=0 * ones * K, B=0 * ones * K)
     assert "gains.png" not in {x.name for x in plots.save_strike_figures(tmp_path, none, LEMON, as_target(TARGET), "x")}
 
@@ -100,6 +101,17 @@ def test_the_speed_of_the_tip_is_marked_where_it_is_largest_and_at_the_target(tr
     np.testing.assert_allclose(closest.get_xydata(), [[near.time[0], near.speed[0]]])
     assert largest.get_marker() != closest.get_marker()
     assert len(plots.plot_tip_speed(trajectory, ax=Figure().subplots()).lines) == 3  # with the line at D
+
+
+@pytest.mark.parametrize("name", ["nah2023", "panda"])
+def test_numbers_of_constant_gains_are_within_their_cells(name):
+    model = preset(name) if name == "nah2023" else of_universal_nodes(name)
+    axes = plots.plot_gains(swing(model), model)
+    axes[0].figure.draw_without_rendering()
+    for ax in axes:
+        cell = ax.get_window_extent().width / model.arm.n
+        assert all(text.get_window_extent().width < cell for text in ax.texts)
+    plt.close(axes[0].figure)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5e"])

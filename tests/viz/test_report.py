@@ -66,6 +66,15 @@ def broad_page():
     return to_html("title", "sub", {"fact": "x" * 60 + " " + "y" * 60}, [Section("one", parts)])
 
 
+def test_a_table_without_a_head_has_no_empty_row():
+    page = to_html("title", "sub", {}, [Section("one", [Table([["", ""], ["verdict", "hit"]])])])
+    assert "<tr class=head>" not in page
+    assert "<th>verdict</th>" in page
+    assert '<th data-of="strike">1</th>' in to_html(
+        "t", "s", {}, [Section("one", [Table([["strike", "x"], ["1", "2"]])])]
+    )
+
+
 @pytest.mark.slow
 @browser
 def test_no_table_is_wider_than_a_telephone(broad_page, tmp_path):

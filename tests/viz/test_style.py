@@ -138,6 +138,7 @@ def test_a_figure_is_written_whole_into_a_new_folder(tmp_path, monkeypatch):
     ("meters", "text"),
     [
         (0.0, "0.000 m"),
+        (0.000016, "0.00002 m"),
         (0.00076, "0.00076 m"),
         (0.0012, "0.0012 m"),
         (0.06, "0.060 m"),

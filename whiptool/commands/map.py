@@ -26,7 +26,7 @@ from whiptool.commands.options.option_group import (
 )
 from whiptool.commands.options.strike_options import LimitOptions, StepOptions, TrajectoryOptions
 from whiptool.commands.options.target_options import GoalOptions, RegionOptions
-from whiptool.commands.pictures import StrikeRun, tell_strike
+from whiptool.commands.pictures import MAP, StrikeRun, tell_strike
 from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines, with_cure
 from whiptool.extras import optional
 
@@ -210,7 +210,7 @@ def _strike(options: MapStrikeOptions) -> int:
         tell_strike(
             options,
             folder,
-            StrikeRun(trajectory, model, target, "strike map", beyond),
+            StrikeRun(trajectory, model, target, MAP, beyond),
             summary,
             lines,
             later=lambda: _replayed(striker, strike, target, outcome),

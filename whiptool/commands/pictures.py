@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from whiptool.models.trajectory import Trajectory
     from whiptool.runs import RunFolder
 
+MAP = "strike map"  # label of a strike that a map found
 TRAJECTORY, VIDEO, PAGE = "trajectory.npz", "strike.mp4", "strike.html"
 
 

@@ -18,7 +18,7 @@ from whiptool.commands.options.controller_options import ControllerOptions
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import Conditions, JsonOptions, OptionGroup, check_place, unless, when
 from whiptool.commands.options.target_options import GoalOptions
-from whiptool.commands.pictures import PAGE, TRAJECTORY, VIDEO, StrikeRun
+from whiptool.commands.pictures import MAP, PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
 from whiptool.progress import note
 
@@ -198,7 +198,8 @@ def read_strike(folder: Path) -> StrikeRun:
         model = model_from_table(config.get("model", {}))
         table = config.get("options", {})
         struck = _part(GoalOptions, table)
-        label = _part(_Controlled, table).controller_label()
+        of_map = config.get("command") == "map strike"
+        label = MAP if of_map else _part(_Controlled, table).controller_label()
         target = struck.build_target(model)
     except InputError as error:
         raise error.within(f"{folder / CONFIG}: ") from None

@@ -199,7 +199,7 @@ def plot_gains(trajectory: Trajectory, model: Model | None = None, *, axes: np.n
         from matplotlib import pyplot
 
         with matplotlib.rc_context(STYLE):
-            figure = pyplot.figure(figsize=_gains_size(trajectory), layout="constrained")
+            figure = pyplot.figure(figsize=_gains_size(trajectory, joint_names), layout="constrained")
             return plot_gains(trajectory, model, axes=_gains_axes(figure, trajectory))
     stiffness = joint_units("N m/rad", "N/m", joint_names, slides)
     damping = joint_units("N m s/rad", "N s/m", joint_names, slides)
@@ -214,12 +214,13 @@ def _constant(trajectory: Trajectory) -> bool:
     return all(bool(np.allclose(gain, gain[:1], rtol=1e-9, atol=0)) for gain in (trajectory.K, trajectory.B))
 
 
-def _gains_size(trajectory: Trajectory) -> tuple[float, float]:
-    """Size of a figure of the gains [in]."""
+def _gains_size(trajectory: Trajectory, joint_names: Sequence[str]) -> tuple[float, float]:
+    """Size of a figure of the gains [in], with room for the names of the joints next to matrices."""
     if not _constant(trajectory):
         return _TWO_TIMES_SIZE
-    side = max(3.6, 0.9 + 0.72 * trajectory.K.shape[1])
-    return 2 * side, side
+    name, count = 0.09 * max(len(name) for name in joint_names), len(joint_names)
+    below = name if count > 3 else 0.2  # where names are turned
+    return 2 * (0.6 + name + max(0.72 * count, 2.4)), 1.4 + below + max(0.5 * count, 1.8)
 
 
 def _gains_axes(figure: Figure, trajectory: Trajectory) -> np.ndarray:
@@ -232,7 +233,8 @@ def _plot_matrix(ax: Axes, trajectory: Trajectory, name: str, label: str, joint_
     gain, count = (trajectory.K if name == "K" else trajectory.B)[0], len(joint_names)
     ax.imshow(np.abs(gain), cmap="Blues", vmin=0, vmax=2 * max(float(np.abs(gain).max()), 1e-12), aspect="auto")
     for (i, j), value in np.ndenumerate(gain):
-        ax.text(j, i, f"{value:.4g}" if value else "0", ha="center", va="center", color="black" if value else "0.6")
+        look = {"ha": "center", "va": "center", "color": "black" if value else "0.6", "fontsize": 10}
+        ax.text(j, i, f"{value:.4g}" if value else "0", **look)
     turned: dict[str, Any] = {} if count <= 3 else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     ax.set_xticks(range(count), joint_names, **turned)
     ax.set_yticks(range(count), joint_names)
@@ -325,7 +327,9 @@ def save_strike_figures(
     with matplotlib.rc_context(STYLE):
         sizes = dict.fromkeys(("distance", "speed", "torque"), _TIME_SIZE)
         sizes["tracking"] = _tracking_size(model.arm.n)
-        sizes |= {"gains": _gains_size(trajectory)} if trajectory.K.any() or trajectory.B.any() else {}
+        sizes |= (
+            {"gains": _gains_size(trajectory, model.arm.joints)} if trajectory.K.any() or trajectory.B.any() else {}
+        )
         figures = {name: Figure(size, layout="constrained") for name, size in sizes.items()}
         figures["strike"] = Figure()
         draw_strike(figures["strike"], trajectory, model, target)

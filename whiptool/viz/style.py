@@ -136,10 +136,11 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
 
 
 def length_text(meters: float) -> str:
-    """Return a length as text in metres, the unit of the axes: to a millimetre, or a shorter one in two digits."""
-    if not 0 < meters < 0.0995:
+    """Return a length as text in metres, the unit of the axes: to a millimetre, or a shorter one in two digits, though
+    no finer than 0.01 mm."""
+    if not 1e-5 < meters < 0.0995:
         return f"{meters:.3f} m"
-    return f"{meters:.{1 - math.floor(math.log10(meters))}f} m"
+    return f"{meters:.{min(1 - math.floor(math.log10(meters)), 5)}f} m"
 
 
 def joint_units(turning: str, sliding: str, joint_names: Sequence[str], slides: Sequence[str]) -> str:
