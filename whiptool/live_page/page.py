@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from whiptool.live_page.scene import Scene
 from whiptool.live_page.session import Session, Shown
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
+from whiptool.models.visuals import Look
 
 if TYPE_CHECKING:
     from viser import ClientHandle
@@ -41,12 +42,14 @@ class Choices:
         models: Names of the models, the first of them at first.
         target: Target at first; None: the usual one of the model.
         t_stay: Time after the movement in which the tip can still hit [s].
+        looks: Visual shapes of the first model's robot, see `robot_looks`; None: the shapes of the model.
     """
 
     load: Callable[[str], tuple[Model, Controller | None]]
     models: tuple[str, ...]
     target: Target | None = None
     t_stay: float = T_STAY
+    looks: Sequence[Look] | None = None
 
 
 class Page:
@@ -99,7 +102,8 @@ class Page:
         finally:
             waits.remove()
         self._state, self._fresh, self._shown, self._ghost = None, True, None, None
-        scene = Scene(self._client.scene, model, lambda to: self._ask("drag", lambda s: s.move_target(to)))
+        looks = self._choices.looks if name == self._choices.models[0] else None
+        scene = Scene(self._client.scene, model, lambda to: self._ask("drag", lambda s: s.move_target(to)), looks)
         panel = Panel(
             self._client.gui,
             session,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +16,11 @@ from whiptool.live_page.meshes import Mesh, cone_mesh, ellipse_points, ellipsoid
 from whiptool.live_page.postures import Postures, postures, shapes
 from whiptool.live_page.session import Shown
 from whiptool.live_page.spread import INSIDE, Spread
+from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import upright
 from whiptool.models.mount import default_floor
 from whiptool.models.parameters import Model
+from whiptool.models.visuals import GREY, Look
 from whiptool.viz.style import COLORS, SPEED
 
 if TYPE_CHECKING:
@@ -46,9 +48,17 @@ class Scene:
         api: Scene of the user's page.
         model: Model that is shown.
         dragged: Function that is called with the target where the user has dragged it, and whether a drag begins.
+        looks: Visual shapes of the base and of each link in their frames, (a + 1,), see `robot_looks`; None: the
+            model's own shapes.
     """
 
-    def __init__(self, api: SceneApi, model: Model, dragged: Callable[[Target], None]) -> None:
+    def __init__(
+        self,
+        api: SceneApi,
+        model: Model,
+        dragged: Callable[[Target], None],
+        looks: Sequence[Look] | None = None,
+    ) -> None:
         self.api, self.model, self._dragged = api, model, dragged
         self.reach = model.reach
         self.target = Target((0.0,) * model.dimension)
@@ -63,7 +73,7 @@ class Scene:
         api.set_up_direction("+z")
         api.configure_default_lights(cast_shadow=False)
         self._add_ground()
-        self._links = self._add_links()
+        self._links = self._add_links() if looks is None else [self._add_look(*each) for each in enumerate(looks)]
 
     def camera(self, aspect: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the position of the camera and the point that it looks at at first [m], (3,) each.
@@ -100,6 +110,15 @@ class Scene:
             vertices, faces = joined([shape_mesh(shape) for shape in its])
             nodes.append(self.api.add_mesh_simple(f"/arm/{i}", vertices, faces, color=colors[i % 2], side="double"))
         return nodes
+
+    def _add_look(self, number: int, look: Look) -> Any:
+        """Add the visual shapes of the base, number 0, or of a link, below a frame that moves."""
+        frame = self.api.add_frame(f"/arm/{number}", show_axes=False)
+        for i, shape in enumerate(look):
+            mesh, color = (shape_mesh(shape), GREY) if isinstance(shape, Capsule) else (shape.mesh, shape.color)
+            r, g, b = (round(255 * x) for x in color)
+            self.api.add_mesh_simple(f"/arm/{number}/{i}", *mesh, color=(r, g, b), side="double")
+        return frame
 
     def show(self, shown: Shown, ghost: Shown | None) -> None:
         """Show a strike at a target, and the strike before it as a ghost."""

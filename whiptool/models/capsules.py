@@ -45,6 +45,11 @@ def _ratio(over: np.ndarray, under: np.ndarray, least: np.ndarray | float = 0.0)
 Point: TypeAlias = tuple[float, float, float]
 
 
+def _turned(R: np.ndarray, point: Point) -> Point:
+    x, y, z = (R @ np.array(point)).tolist()
+    return x, y, z
+
+
 @dataclass(frozen=True)
 class Capsule:
     """A capsule, i.e. all points within a radius of a segment; or a cylinder or box inside it.
@@ -81,6 +86,11 @@ class Capsule:
             size = float(np.linalg.norm(across))
             if self.flat or not self.length or not 0 < size < self.radius or abs(along @ across) > 1e-6 * size:
                 raise InputError("width", self.width, "a vector across the segment, shorter than the radius")
+
+    def turned(self, R: np.ndarray) -> Capsule:
+        """Return the shape turned about the origin by a rotation (3, 3)."""
+        width = None if self.width is None else _turned(R, self.width)
+        return replace(self, start=_turned(R, self.start), end=_turned(R, self.end), width=width)
 
     @property
     def length(self) -> float:

@@ -23,6 +23,7 @@ from whiptool.models.robot_files import ArmChoice
 from whiptool.models.scene import without_touching
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink
 from whiptool.models.strike import FARTHEST_TURN
+from whiptool.models.visuals import Look
 from whiptool.models.whip import WhipParameters
 from whiptool.whole_files import write_whole
 from whiptool.words import as_named
@@ -47,6 +48,47 @@ def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
         return _units_asked(without_touching(read_mjcf(path, choice), choice))
     raise InputError("file", str(path), "a robot's file: " + ", ".join(ROBOT_FILES))
+
+
+def robot_looks(name: str | PathLike[str], arm: AnyArm, *, tip: str = "") -> list[Look] | None:
+    """Return what a robot looks like: visual shapes of the base and of each link that moves, in their frames, (a + 1,).
+
+    Args:
+        name: Name of a preset or path of a file, as for `load_model`: shapes are those of a robot's URDF or MJCF file,
+            or of the file that a model's TOML file names. Meshes of a URDF whose files are missing are left out.
+        arm: The arm that was read from it, as it is mounted and with its stick, which has no visual shape.
+        tip: As for `load_model`.
+
+    Returns:
+        The shapes; None if no robot's file is named, or it has no visual shapes.
+
+    Raises:
+        InputError: The robot's file, or a mesh in it, cannot be read.
+    """
+    path, choice = Path(name), ArmChoice(tip=tip)
+    if path.suffix == ".toml":
+        table = read_toml(path)
+        table = table.get("model", table).get("arm")
+        if not isinstance(table, Mapping) or not isinstance(table.get("file"), str):
+            return None
+        chosen = {f.name: table[f.name] for f in dataclasses.fields(ArmChoice) if f.name in table}
+        path, choice = path.parent / table["file"], build_from(ArmChoice, chosen, "arm.")
+    if path.suffix == ".urdf":
+        from whiptool.models.urdf import read_urdf_looks
+
+        looks = read_urdf_looks(path, choice)
+    elif path.suffix == ".xml":
+        from whiptool.models.mjcf import read_mjcf_looks
+
+        looks = read_mjcf_looks(path, choice)
+    else:
+        return None
+    if not any(looks):
+        return None
+    arm = arm.in_space()
+    R = np.array(arm.links[0].rotation) @ np.array(read_robot(path, choice).links[0].rotation).T  # of the mounting
+    sticks = arm.links[-1].capsules[-1:] if arm.stick[0] else ()
+    return [tuple(shape.turned(R) for shape in looks[0]), *looks[1:-1], (*looks[-1], *sticks)]
 
 
 def _units_asked(arm: SpatialArm) -> SpatialArm:

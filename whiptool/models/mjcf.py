@@ -22,6 +22,7 @@ from whiptool.models.spatial_arm import (
     welded,
     without_inertia,
 )
+from whiptool.models.visuals import Look, Surface
 
 _STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionloss", "armature")  # of tendons
 
@@ -172,6 +173,28 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     """
     try:
         return _Robot(*_compiled(Path(path)), choice or ArmChoice()).arm()
+    except InputError as error:
+        raise error.within(f"{path}: ") from None
+
+
+def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[Look]:
+    """Return the visual shapes of the base and of each link of the arm of `read_mjcf`, in their frames, (a + 1,).
+
+    Of a body that has shapes which do not collide, these are taken; of others all shapes.
+
+    Raises:
+        InputError: As for `read_mjcf`, or a mesh's file is missing.
+    """
+    import mujoco
+
+    path = Path(path)
+    check_mjcf(path)
+    try:
+        model = mujoco.MjSpec.from_file(str(path)).compile()
+    except Exception as error:  # MuJoCo's own are of several kinds
+        raise InputError("file", "no model", "an MJCF file with its meshes, that MuJoCo compiles", str(error)) from None
+    try:
+        return _Robot(model, set(), choice or ArmChoice()).looks()
     except InputError as error:
         raise error.within(f"{path}: ") from None
 
@@ -389,22 +412,55 @@ class _Robot:
 
     def _capsules(self) -> dict[int, list[Capsule]]:
         """Capsules that each mover carries, in its frame, and those of the robot's base; the world's are not its."""
-        model, data, found = self.model, self.data, {i: [] for i in [_BASE, *self.movers]}
+        model, found = self.model, {i: [] for i in [_BASE, *self.movers]}
         for i in range(model.ngeom):
-            kind = self.mujoco.mjtGeom(model.geom_type[i]).name.removeprefix("mjGEOM_").lower()
-            collides = model.geom_contype[i] or model.geom_conaffinity[i]
+            kind, collides = self._shape(i), model.geom_contype[i] or model.geom_conaffinity[i]
             if kind not in _SIMPLE or not collides or not model.geom_bodyid[i]:
                 continue
             mover = self._mover_of(int(model.geom_bodyid[i]))
-            origin, axes = (np.zeros(3), np.eye(3)) if mover == _BASE else (data.xanchor[mover], self._axes(mover))
-            R, p = axes.T @ data.geom_xmat[i].reshape(3, 3), axes.T @ (data.geom_xpos[i] - origin)
-            size = model.geom_size[i]
-            if kind == "box":
-                found[mover].append(Capsule.around_box(R, p, size))
-            else:
-                half, flat = 0.0 if kind == "sphere" else float(size[1]), kind == "cylinder"
-                found[mover].append(Capsule.along(R, p, half, float(size[0]), flat=flat))
+            found[mover].append(self._capsule(i, kind, *self._place(i, mover)))
         return found
+
+    def looks(self) -> list[Look]:
+        """Visual shapes of the base and of each mover, in their frames."""
+        model, found = self.model, {i: [] for i in [_BASE, *self.movers]}
+        free = [not (model.geom_contype[i] or model.geom_conaffinity[i]) for i in range(model.ngeom)]
+        with_looks = {int(model.geom_bodyid[i]) for i in range(model.ngeom) if free[i]}
+        for i in range(model.ngeom):
+            body = int(model.geom_bodyid[i])
+            if body and (free[i] or body not in with_looks):
+                mover = self._mover_of(body)
+                found[mover] += self._look(i, *self._place(i, mover))
+        return [found[i] for i in [_BASE, *self.movers]]
+
+    def _look(self, geom: int, R: np.ndarray, p: np.ndarray) -> list[Surface | Capsule]:
+        """A shape at a place in its mover's frame; none where it is neither simple nor a mesh."""
+        model, kind = self.model, self._shape(geom)
+        if kind in _SIMPLE:
+            return [self._capsule(geom, kind, R, p)]
+        if kind != "mesh":
+            return []
+        mesh, material = int(model.geom_dataid[geom]), int(model.geom_matid[geom])
+        vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+        triangles = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+        r, g, b = (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3].tolist()
+        return [Surface(vertices @ R.T + p, triangles, (r, g, b))]
+
+    def _shape(self, geom: int) -> str:
+        return self.mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+
+    def _place(self, geom: int, mover: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation and position of a shape in the frame of the mover that carries it."""
+        data = self.data
+        origin, axes = (np.zeros(3), np.eye(3)) if mover == _BASE else (data.xanchor[mover], self._axes(mover))
+        return axes.T @ data.geom_xmat[geom].reshape(3, 3), axes.T @ (data.geom_xpos[geom] - origin)
+
+    def _capsule(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> Capsule:
+        size = self.model.geom_size[geom]
+        if kind == "box":
+            return Capsule.around_box(R, p, size)
+        half, flat = 0.0 if kind == "sphere" else float(size[1]), kind == "cylinder"
+        return Capsule.along(R, p, half, float(size[0]), flat=flat)
 
     def _link(self, joint: int, body: RigidBody, position: np.ndarray, rotation: np.ndarray) -> SpatialLink:
         model, v = self.model, self.model.jnt_dofadr[joint]

@@ -70,7 +70,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float], height: float | None 
     turned = dataclasses.replace(
         first, position=_turned(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
     )
-    base = tuple(_turned_capsule(R, capsule) for capsule in arm.base)
+    base = tuple(capsule.turned(R) for capsule in arm.base)
     if given == "pedestal" and height:
         radius = max((capsule.radius for capsule in arm.base), default=COLUMN)
         base += (Capsule((0.0, 0.0, -height), (0.0, 0.0, 0.0), radius, flat=True),)
@@ -127,11 +127,6 @@ def default_floor(arm: AnyArm) -> float | None:
 def _turned(R: np.ndarray, point: Point) -> Point:
     x, y, z = (R @ np.array(point)).tolist()
     return x, y, z
-
-
-def _turned_capsule(R: np.ndarray, capsule: Capsule) -> Capsule:
-    width = None if capsule.width is None else _turned(R, capsule.width)
-    return dataclasses.replace(capsule, start=_turned(R, capsule.start), end=_turned(R, capsule.end), width=width)
 
 
 RADIUS = 8e-3  # [m], of a stick that is 16 mm thick

@@ -36,11 +36,14 @@ from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
     capsule_of,
+    look_of,
     massless_links,
     shaped_links,
     simple_shapes,
+    visual_shapes,
     with_meshes,
 )
+from whiptool.models.visuals import Look, Surface
 
 
 def assumed(
@@ -115,18 +118,47 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     choice = choice or ArmChoice()
     text = read_urdf_text(path)
     try:
-        robot = _robot(text)
-        parents = _tree(robot)
-        ends = [link for link in parents if link not in _carriers(parents)]
-        moving = [link for link in ends if _movable(_path(parents, link))]
-        tip = choice.only_tip(moving or ends, list(parents))
-        movers = choice.movers(_movable(_path(parents, tip)), _movable(parents.values()))
-        for joint in _path(parents, tip):
-            if joint.get("name") in movers:
-                _check_moving(joint)
+        robot, tip, movers = _chosen(text, choice)
         return _arm(robot, Path(path).parent, choice, tip, movers)
     except InputError as error:
         raise error.within(f"{path}: ") from None
+
+
+def read_urdf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[Look]:
+    """Return the visual shapes of the base and of each link of the arm of `read_urdf`, in their frames, (a + 1,).
+
+    Meshes whose files are missing are left out.
+
+    Raises:
+        InputError: As for `read_urdf`, or a mesh cannot be read.
+    """
+    choice = choice or ArmChoice()
+    text = read_urdf_text(path)
+    try:
+        robot, _, movers = _chosen(text, choice)
+        _tell_apart(robot)
+        whole = _whole(robot)
+        model, shapes = _reduced(whole, robot, choice, movers, visual_shapes(whole, robot, Path(path).parent))
+    except InputError as error:
+        raise error.within(f"{path}: ") from None
+    looks: list[list[Surface | Capsule]] = [[] for _ in range(model.njoints)]
+    for shape in shapes.geometryObjects:
+        looks[shape.parentJoint].append(look_of(shape))
+    return list(looks)
+
+
+def _chosen(text: str, choice: ArmChoice) -> tuple[ET.Element, str, list[str]]:
+    """The robot, the link that is its tip, and the joints that move."""
+    robot = _robot(text)
+    parents = _tree(robot)
+    ends = [link for link in parents if link not in _carriers(parents)]
+    moving = [link for link in ends if _movable(_path(parents, link))]
+    tip = choice.only_tip(moving or ends, list(parents))
+    movers = choice.movers(_movable(_path(parents, tip)), _movable(parents.values()))
+    for joint in _path(parents, tip):
+        if joint.get("name") in movers:
+            _check_moving(joint)
+    return robot, tip, movers
 
 
 Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on, none at the root
@@ -215,19 +247,10 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     import pinocchio as pin
 
     tip = _tell_apart(robot).get(tip, tip)
-    try:
-        with quiet():
-            whole = pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
-    except (ValueError, RuntimeError) as error:
-        raise InputError("file", "no robot", "a URDF file that Pinocchio reads", f"reason: {error}") from None
+    whole = _whole(robot)
     main = {_end(joint, "child") for joint in robot.findall("joint") if joint.get("name") in movers}
     weighed = add_inertias(whole, robot, folder, main)
-    at = np.zeros(whole.nv)
-    for name, value in _locked(robot, choice).items():
-        at[whole.idx_vs[whole.getJointId(name)]] = value
-    locked = [i for i in range(1, whole.njoints) if whole.names[i] not in movers]
-    posture = pin.integrate(whole, pin.neutral(whole), at)
-    model, (shapes,) = pin.buildReducedModel(whole, [simple_shapes(whole, robot)], locked, posture)
+    model, shapes = _reduced(whole, robot, choice, movers, simple_shapes(whole, robot))
     data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
     capsules: list[list[Capsule]] = [[] for _ in range(model.njoints)]
@@ -247,6 +270,30 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     links = tuple(_with_own(x, own[name]) for x, name in zip(links, model.names[1:], strict=True))
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
     return without_inertia(replace(arm, notes=notes), [names[i - 1] for i in weightless])
+
+
+def _whole(robot: ET.Element) -> Any:
+    """The robot as Pinocchio reads it."""
+    import pinocchio as pin
+
+    try:
+        with quiet():
+            return pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
+    except (ValueError, RuntimeError) as error:
+        raise InputError("file", "no robot", "a URDF file that Pinocchio reads", f"reason: {error}") from None
+
+
+def _reduced(whole: Any, robot: ET.Element, choice: ArmChoice, movers: list[str], shapes: Any) -> tuple[Any, Any]:
+    """The robot and its shapes with all joints but the movers locked."""
+    import pinocchio as pin
+
+    at = np.zeros(whole.nv)
+    for name, value in _locked(robot, choice).items():
+        at[whole.idx_vs[whole.getJointId(name)]] = value
+    locked = [i for i in range(1, whole.njoints) if whole.names[i] not in movers]
+    posture = pin.integrate(whole, pin.neutral(whole), at)
+    model, (kept,) = pin.buildReducedModel(whole, [shapes], locked, posture)
+    return model, kept
 
 
 def _tell_apart(robot: ET.Element) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
 from whiptool.models.robot_files import quiet
+from whiptool.models.visuals import GREY, Surface
 
 DENSITY = 1000.0  # [kg/m3], of bodies whose mass a file does not tell: what MuJoCo takes
 SIMPLE = ("box", "cylinder", "capsule", "sphere")
@@ -28,6 +29,33 @@ def simple_shapes(model: Any, robot: ET.Element) -> Any:
             if not any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE):
                 link.remove(shape)
     return _geometry(model, kept, "COLLISION")
+
+
+def visual_shapes(model: Any, robot: ET.Element, folder: Path) -> Any:
+    """Return the visual shapes of a robot, whose mesh files are there, as a Pinocchio geometry model.
+
+    Raises:
+        InputError: Pinocchio cannot read them.
+    """
+    kept = _copied(robot)
+    for link in kept.findall("link"):
+        for shape in link.findall("visual"):
+            if not _is_there(shape, folder):
+                link.remove(shape)
+    return _geometry(model, kept, "VISUAL")
+
+
+def look_of(shape: Any) -> Surface | Capsule:
+    """Return a visual shape in its joint's frame."""
+    import coal
+
+    mesh = shape.geometry
+    if not isinstance(mesh, coal.BVHModelBase):
+        return capsule_of(shape)
+    R, p = shape.placement.rotation, shape.placement.translation
+    triangles = np.array([[t[0], t[1], t[2]] for t in (mesh.tri_indices(i) for i in range(mesh.num_tris))])
+    r, g, b = map(float, shape.meshColor[:3]) if shape.overrideMaterial else GREY
+    return Surface(np.array(mesh.vertices()) @ R.T + p, triangles.reshape(-1, 3), (r, g, b))
 
 
 def capsule_of(shape: Any) -> Capsule:

@@ -12,6 +12,7 @@ from whiptool.errors import NOTHING, InputError
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
+    from whiptool.models.visuals import Look
 
 _MATERIAL = ("youngs_modulus", "diameter", "density")
 _FLAGS = {"length": "--whip-length", "nodes": "--nodes", "taper": "--taper"} | {x: flag(x) for x in _MATERIAL}
@@ -115,6 +116,18 @@ class ModelOptions(WhipOptions):
     def find_model(self) -> Model:
         """Return the model as `build_model` does, without printing; files are read only once."""
         return self._model_found
+
+    def find_looks(self) -> list[Look] | None:
+        """Return what the robot looks like, see `whiptool.models.files.robot_looks`; None: like its model's shapes.
+
+        Raises:
+            InputError: The robot's file, or a mesh in it, cannot be read.
+        """
+        from whiptool.models.files import robot_looks
+
+        model = self.find_model()
+        name = self.model if self.arm is None else self.arm
+        return robot_looks(name, model.arm, tip=self.arm_tip or "") if model.dimension == 3 else None
 
     @cached_property
     def _model_found(self) -> Model:
