@@ -29,14 +29,16 @@ def test_a_search_that_has_ended_is_shown_as_it_ended(run: Path) -> None:
     assert view is not None
     assert view.finished
     assert view.facts["trials"] == "30 of at most 30"
-    assert view.heading == f"optimize, cmaes, lemon2024, {run.name}"
+    assert view.heading == "optimize, cmaes: run"
 
 
 def test_a_folder_of_another_command_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"run folder"):
         followed(tmp_path)
     (tmp_path / CONFIG).write_text('command = "compare"\n')
-    with pytest.raises(InputError, match=r"the folder of optimize, train, adapt or map build; this one is of compare"):
+    with pytest.raises(
+        InputError, match=r"the folder of optimize, train, adapt, map build or rig strike; this one is of compare"
+    ):
         followed(tmp_path)
 
 

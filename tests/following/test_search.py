@@ -113,6 +113,7 @@ def test_the_best_of_a_search_with_direction_or_criteria_is_the_objectives(tmp_p
     assert view.chosen.number == 4
     charts = {chart.title: chart for chart in view.charts}
     np.testing.assert_array_equal(charts["miss distance"].curves[1].y, [0.2, 0.5, 0.5, 0.01])
+    np.testing.assert_array_equal(charts["cost of miss and arrival"].curves[0].y, [0.9, 0.6, 0.6, 0.01])
     np.testing.assert_allclose(charts["angle of arrival"].curves[0].y, [10, 20, 20, math.degrees(0.1)])
     np.testing.assert_array_equal(charts["speed"].curves[0].y, [5.0, 6.0, 6.0, 9.0])
     assert charts["speed"].unit == "m/s"

@@ -19,7 +19,7 @@ from whiptool.rl.training_log import EpisodeTable
 def test_the_learning_curve_grows_and_a_resumed_run_is_cut(tmp_path: Path) -> None:
     table = EpisodeTable(tmp_path / EPISODES, ("critic",))
     table.cut(0)
-    run = FollowedTraining(tmp_path, "a training", {"episodes": 40})
+    run = FollowedTraining(tmp_path, "a training", episodes=40)
     run.look()
     for number in range(1, 11):
         held_out = Score(0.1 * number, 1 / number) if number % 5 == 0 else None

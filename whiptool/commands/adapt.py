@@ -292,7 +292,8 @@ def _adapt(options: AdaptOptions, told: NextOptions | None = None) -> int:
     adaptation = prepare(options)
     tell_when_interrupted(lambda: _torque(adaptation))
     ask_to_release(adaptation.interlock, options.port, options.resume)
-    with run_folders.open_folder(options, "adapt", run_folders.configuration(options, "adapt")) as folder:
+    config = run_folders.configuration(options, "adapt")
+    with run_folders.open_folder(options, "adapt", config) as folder, options.shown(folder.path):
         adaptation.folder = folder.path
         for recording in adaptation.recordings:
             print(f"known: {recording.source}: {'; '.join(recording.remarks) or 'no remarks'}", file=sys.stderr)

@@ -13,6 +13,7 @@ from tyro.conf import Positional
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.live_options import LiveOptions
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, kw_only=True)
 class BuildOptions(
     ResumableOptions,
+    LiveOptions,
     SeedOptions,
     LimitOptions,
     StepOptions,
@@ -82,7 +84,7 @@ class BuildOptions(
     """Number of random goals on which the finished map is tested."""
 
     def needs(self) -> tuple[str, ...]:
-        return ("torch",) if self.gate_strikes else ()
+        return (*super().needs(), *(("torch",) if self.gate_strikes else ()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,7 @@ def _build(options: BuildOptions) -> int:
         optional("torch", "whiptool map").set_num_threads(1)  # the same result on any number of cores
     config = run_folders.configuration(options, "map", options.build_model(), options.build_controller())
     building = building_of(config)
-    with run_folders.open_folder(options, "map", config) as folder:
+    with run_folders.open_folder(options, "map", config) as folder, options.shown(folder.path):
         start = time.monotonic()
         strike_map = built(building, folder.path)
         summary = _tested(options, strike_map, time.monotonic() - start)

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SpaceOptions
+from whiptool.commands.options.live_options import LiveOptions
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import Conditions, Interval, Ranges, ResumableOptions, SeedOptions, unless
 from whiptool.commands.options.search_options import (
@@ -42,6 +43,7 @@ from whiptool.words import counted
 @dataclass(frozen=True, kw_only=True)
 class OptimizeOptions(
     ResumableOptions,
+    LiveOptions,
     TrajectoryOptions,
     CriteriaOptions,
     SeedOptions,
@@ -396,7 +398,7 @@ def _in_mujoco(reference: dict, outcome) -> str:
 
 def _work(options: OptimizeOptions) -> int:
     run = SearchRun(options)
-    with run.folder:
+    with run.folder, options.shown(run.folder.path):
         return run.report(run.search())
 
 

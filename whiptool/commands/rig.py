@@ -12,6 +12,7 @@ from tyro.conf import arg
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.cli import INTERRUPTED, tell_when_interrupted, with_state
+from whiptool.commands.options.live_options import LiveOptions
 from whiptool.commands.options.model_options import ModelName
 from whiptool.commands.options.option_group import Conditions, ResumableOptions, when
 from whiptool.commands.options.rig_options import ArmOptions, ask_to_release, hardware_rig, loop_options
@@ -63,7 +64,7 @@ class RigOptions(ArmOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigStrikeOptions(RigOptions):
+class RigStrikeOptions(LiveOptions, RigOptions):
     """Options of `rig strike`, which makes one strike on a rig."""
 
     first: ClassVar[tuple[str, ...]] = ("strike",)
@@ -186,7 +187,8 @@ def _strike(options: RigStrikeOptions) -> int:
     tell_when_interrupted(lambda: interlock.torque)
     rig = _make_rig(options, model, controller, interlock)
     ask_to_release(interlock, options.port)
-    with run_folders.new_folder(options, "rig", run_folders.configuration(options, "rig strike")) as folder:
+    config = run_folders.configuration(options, "rig strike")
+    with run_folders.new_folder(options, "rig", config) as folder, options.shown(folder.path):
         interlock.watch(folder.path / STOPPED)
         return strike_and_tell(options, rig, strike, model, target, folder)
 

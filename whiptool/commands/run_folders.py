@@ -217,8 +217,8 @@ def as_plain(options: Any) -> dict:
             plain[f.name] = os.path.abspath(value)  # noqa: PTH100
         elif value is not None:
             plain[f.name] = list(value) if isinstance(value, tuple) else value
-    for name in ("model", "controller"):
-        if str(plain.get(name, "")).endswith(".toml"):  # the same file, wherever the run is resumed
+    for name in ("model", "arm", "controller"):
+        if str(plain.get(name, "")).endswith((".toml", ".urdf", ".xml")):  # the same file, wherever the run is resumed
             plain[name] = os.path.abspath(plain[name])  # noqa: PTH100
     return plain
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
+
+from tyro.conf import Positional
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
@@ -37,9 +40,18 @@ class PageOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class StudioOptions(PageOptions, SimulatedControllerOptions, ModelOptions, GoalOptions):
-    """Options of `studio`, which opens a page to play with strikes."""
+    """Options of `studio`, which opens a page to play with strikes, or to watch a run."""
 
     in_space: ClassVar[bool] = True
+
+    run: Positional[Path | None] = None
+    """Run folder of optimize, train, adapt, map build or rig strike, which is shown, also while the run goes on."""
+
+    def check(self) -> None:
+        super().check()
+        if self.run is not None:
+            own = {f.name for f in fields(PageOptions)} | {"run"}
+            self.refuse_given("only without a run folder", *(f.name for f in fields(self) if f.name not in own))
 
     def needs(self) -> tuple[str, ...]:
         return ("viser",)
@@ -77,6 +89,15 @@ _FILES = (".toml", ".urdf", ".xml", ".mjcf")
 
 
 def _work(options: StudioOptions) -> int:
+    if options.run is not None:
+        from whiptool.commands.following import watch
+
+        return watch(options.run, host=options.host, port=options.port, browser=options.browser)
+    return _open(options)
+
+
+def _open(options: StudioOptions) -> int:
+    """Serve the studio until Ctrl-C; return the exit status."""
     from whiptool.live_page.page import Choices
     from whiptool.live_page.server import Studio
     from whiptool.models.presets import presets
@@ -88,7 +109,7 @@ def _work(options: StudioOptions) -> int:
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # browsers that go away are no errors
     first = _first(options)
     names = [first, *(name for name in presets() if name != first)]
-    choices = Choices(_loader(options, first), tuple(names), target, options.t_stay)
+    choices = Choices(_loader(options, first), tuple(names), target, options.t_stay, options.find_looks())
     studio = Studio(choices, host=options.host, port=options.port)
     print(f"the studio is at {studio.address}\nCtrl-C ends it", flush=True)
     if options.browser:

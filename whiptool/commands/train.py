@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
+from whiptool.commands.options.live_options import LiveOptions
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     MANY_TARGETS,
@@ -45,6 +46,7 @@ HYPERPARAMETERS = {  # the learners that have each of them
 @dataclass(frozen=True, kw_only=True)
 class TrainOptions(
     ResumableOptions,
+    LiveOptions,
     SeedOptions,
     TrainingOptions,
     StepOptions,
@@ -129,7 +131,7 @@ class TrainOptions(
             raise InputError("--hindsight", self.hindsight, allowed)
 
     def needs(self) -> tuple[str, ...]:
-        return ("torch", "tensorboard")
+        return (*super().needs(), "torch", "tensorboard")
 
     def hyperparameters(self) -> dict[str, Any]:
         """Hyperparameters that were given, by name."""
@@ -329,7 +331,7 @@ class TrainingRun:
 
 def _work(options: TrainOptions) -> int:
     run = TrainingRun(options)
-    with run.folder:
+    with run.folder, options.shown(run.folder.path):
         return run.train()
 
 

@@ -97,7 +97,8 @@ class FollowedAdaptation(Followed):
         if last is None:
             return RunView(self.heading, finished, facts, charts)
         which = f"strike {last}" if last else "first look at the whip"
-        chosen = Chosen(last, f"{which}, with the whip as it is estimated now", tuple(self._steps[last].plan["strike"]))
+        said, vector = f"{which}, with the whip as it is estimated now", tuple(self._steps[last].plan["strike"])
+        chosen = Chosen(last, said, vector, state=len(self._beliefs))
         return RunView(self.heading, finished, facts, charts, self._recorded(last), chosen)
 
     def _misses(self, made: list[_Read]) -> Chart | None:

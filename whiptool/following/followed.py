@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from whiptool.following.run_view import Chosen, Motion, RunView
+from whiptool.models.visuals import Look
 from whiptool.runs import RESULT
 
 
@@ -17,10 +20,17 @@ class Followed(ABC):
     Args:
         folder: Run folder.
         heading: Which run it is, in words.
+
+    Attributes:
+        every: Time between two looks [s].
+        looks: Visual shapes of the robot, as for `Motion`.
     """
+
+    every = 0.5
 
     def __init__(self, folder: Path, heading: str) -> None:
         self.folder, self.heading = folder, heading
+        self.looks: Sequence[Look] | None = None
         self._finished: bool | None = None
 
     def look(self) -> RunView | None:
@@ -42,6 +52,10 @@ class Followed(ABC):
     @abstractmethod
     def _view(self, finished: bool) -> RunView:
         """Return what is shown now."""
+
+    def shown_motion(self, chosen: Chosen) -> Motion:
+        """Return the motion of the strike that a view of this run chose, with the looks of its robot."""
+        return replace(self.motion(chosen), looks=self.looks)
 
     @abstractmethod
     def motion(self, chosen: Chosen) -> Motion:

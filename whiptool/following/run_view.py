@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from whiptool.goals.target import Target
 from whiptool.models import Model
 from whiptool.models.trajectory import Trajectory
+from whiptool.models.visuals import Look
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +72,49 @@ class Chosen:
         number: Number of its trial, episode, strike or part.
         said: What it is, in words.
         vector: Its numbers, (m,); empty where they are only found by `Followed.motion`.
+        state: Counts what else changes its motion, such as estimates of the whip.
     """
 
     number: int
     said: str
     vector: tuple[float, ...] = ()
+    state: int = 0
+
+    def is_other(self, before: Chosen | None) -> bool:
+        """Whether another strike is chosen than before, or the same one of another state of the run."""
+        return before is None or (self.number, self.vector, self.state) != (before.number, before.vector, before.state)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A strike that can be played: its model, its trajectory, and what it is meant to hit."""
+    """A strike that can be played.
+
+    Args:
+        model, trajectory, target: Its model, its trajectory, and what it is meant to hit.
+        looks: Visual shapes of the robot, see `whiptool.models.files.robot_looks`; None: the shapes of the model.
+    """
 
     model: Model
     trajectory: Trajectory
     target: Target
+    looks: Sequence[Look] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Joints of a real arm over a strike.
+
+    Args:
+        t: Times from the strike's first cycle [s], (C,), ascending.
+        q: Positions of the arm's joints [rad or m], (C, a).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+
+    def at(self, t: float) -> np.ndarray:
+        """Return the positions at a time, (a,), those of the nearest end outside the times."""
+        return np.array([np.interp(t, self.t, q) for q in self.q.T])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +128,7 @@ class RunView:
         charts: How the run converges, learns or narrows its belief.
         points: Points in the scene by what they are, (K, d) each [m].
         chosen: The strike to play; None before the first.
+        measured: What was measured of that strike, which is shown as it happens; None: the strike is simulated alone.
     """
 
     heading: str
@@ -106,3 +137,4 @@ class RunView:
     charts: tuple[Chart, ...]
     points: Mapping[str, np.ndarray] = field(default_factory=dict)
     chosen: Chosen | None = None
+    measured: Measured | None = None

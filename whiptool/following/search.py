@@ -82,37 +82,42 @@ class FollowedSearch(Followed):
         chosen = None
         if best is not None and not best.outcome.lost:
             verdict = "hits" if best.outcome.hit else "misses"
-            facts["best trial"] = f"{best.number}, {verdict}: {1e3 * best.outcome.miss_distance:.3g} mm"
+            facts["best trial"] = f"{best.number}, {verdict}: {_millimetres(best.outcome.miss_distance)}"
             facts["tip speed"] = f"{best.outcome.tip_speed:.3g} m/s"
             chosen = Chosen(best.number, f"best of {counted(made, 'trial')}", best.strike)
         points = {"closest points of the last trials": np.array(self._tips)} if self._tips else {}
         return RunView(self.heading, finished, facts, tuple(self._charts(made)), points, chosen)
 
     def _charts(self, made: int) -> list[Chart]:
-        """How the search converged: the miss, and what else is asked for, of the best trial so far."""
-        found, x = [], np.arange(1, made + 1)
-        best = [trial for trial in self._best if not trial.outcome.lost]
+        """How the search converged: what it minimises, and what else is asked for, of the best trial so far."""
+        best = [trial.outcome for trial in self._best if not trial.outcome.lost]
         if not best:
             return []
-        tried = Curve("each trial", x, np.array(self._misses))
-        misses = [trial.outcome.miss_distance for trial in best]
-        found.append(Chart("miss distance", "trial", "m", (tried, self._stairs("best so far", misses, made)), True))
-        if best[-1].outcome.arrival is not None and best[-1].outcome.arrival.angle is not None:
-            angles = [math.degrees(t.outcome.arrival.angle or 0.0) for t in best if t.outcome.arrival is not None]
-            found.append(Chart("angle of arrival", "trial", "deg", (self._stairs("best so far", angles, made),)))
+        x = np.arange(1, made + 1)
+        misses = self._stairs([outcome.miss_distance for outcome in best], made)
+        found = [Chart("miss distance", "trial", "m", (Curve("each trial", x, np.array(self._misses)), misses), True)]
+        if arrivals := [outcome.arrival for outcome in best if outcome.arrival is not None]:
+            costs = self._stairs([arrival.cost for arrival in arrivals], made)
+            found.append(Chart("cost of miss and arrival", "trial", "m", (costs,), True))
+            if arrivals[-1].angle is not None:
+                angles = [math.degrees(arrival.angle or 0.0) for arrival in arrivals]
+                found.append(Chart("angle of arrival", "trial", "deg", (self._stairs(angles, made),)))
         criteria = [] if self._columns is None else self._columns.parts.get("values", [])
         for i, name in enumerate(criteria):
-            values = [trial.outcome.values[i] if trial.outcome.values else math.nan for trial in best]
-            found.append(Chart(name, "trial", CRITERIA.find(name).unit, (self._stairs("best so far", values, made),)))
+            values = [outcome.values[i] if outcome.values else math.nan for outcome in best]
+            found.append(Chart(name, "trial", CRITERIA.find(name).unit, (self._stairs(values, made),)))
         return found
 
-    def _stairs(self, name: str, values: list[float], made: int) -> Curve:
-        """A value of the best trial at every trial, which stays until there is a better one."""
-        best = [trial for trial in self._best if not trial.outcome.lost]
-        starts = np.array([trial.number for trial in best])
+    def _stairs(self, values: list[float], made: int) -> Curve:
+        """A value of the best trial at every trial, which stays until a better trial is made."""
+        starts = np.array([trial.number for trial in self._best if not trial.outcome.lost])
         x = np.arange(starts[0], made + 1)
-        return Curve(name, x, np.array(values)[np.searchsorted(starts, x, side="right") - 1])
+        return Curve("best so far", x, np.array(values)[np.searchsorted(starts, x, side="right") - 1])
 
     def motion(self, chosen: Chosen) -> Motion:
         strike = self._rollout.space.strike(np.array(chosen.vector))
         return Motion(self._rollout.model, self._rollout.trajectory(strike, t_stay=self._t_stay), self._target)
+
+
+def _millimetres(miss: float) -> str:
+    return f"{1e3 * miss:.3g} mm" if miss >= 1e-5 else "< 0.01 mm"

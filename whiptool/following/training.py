@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,12 +24,12 @@ class FollowedTraining(Followed):
 
     Args:
         folder, heading: As for `Followed`.
-        options: Options of the run, as its configuration has them.
+        episodes: Number of episodes.
     """
 
-    def __init__(self, folder: Path, heading: str, options: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, heading: str, *, episodes: int) -> None:
         super().__init__(folder, heading)
-        self._options, self._file = options, GrowingFile(folder / EPISODES)
+        self._episodes, self._file = episodes, GrowingFile(folder / EPISODES)
         self._names: list[str] = []
         self._rows: list[dict[str, float]] = []
 
@@ -47,7 +45,7 @@ class FollowedTraining(Followed):
         return anew or bool(lines)
 
     def _view(self, finished: bool) -> RunView:
-        facts = {"episodes": f"{len(self._rows)} of {self._options['episodes']}"}
+        facts = {"episodes": f"{len(self._rows)} of {self._episodes}"}
         chosen = None
         if self._rows:
             last = self._rows[-1]

@@ -1,11 +1,12 @@
-"""The studio's server: a page for each browser that connects, until it is closed."""
+"""Servers of pages: a page for each browser that connects, until it is closed."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import logging
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
@@ -21,11 +22,18 @@ _ANYWHERE = ("0.0.0.0", "::")  # hosts that stand for all addresses of this mach
 _log = logging.getLogger(__name__)
 
 
-class Studio:
-    """A running studio.
+class OpenPage(Protocol):
+    """A page in a browser."""
+
+    def close(self) -> None:
+        """End the page's threads; the user has gone."""
+
+
+class PageServer:
+    """A running server, whose pages one function opens.
 
     Args:
-        choices: What users can choose.
+        opened: Function that opens the page of a browser that has connected.
         host: Address to serve on; other machines can only connect if it is not a loopback address, and then with the
             token in `address`.
         port: Port; the next free one is taken if it is in use.
@@ -35,17 +43,11 @@ class Studio:
         MissingPackage: viser is not installed.
     """
 
-    def __init__(
-        self,
-        choices: Choices,
-        *,
-        host: str = LOOPBACK,
-        port: int = PORT,
-    ) -> None:
+    def __init__(self, opened: Callable[[ClientHandle], OpenPage], *, host: str = LOOPBACK, port: int = PORT) -> None:
         viser = optional("viser", "whiptool studio")
         _check_host(host)
-        self._choices, self._host = choices, host
-        self._pages: dict[int, Page] = {}
+        self._open, self._host = opened, host
+        self._pages: dict[int, OpenPage] = {}
         self.gate = Gate.of(host)
         with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
             self._server = viser.ViserServer(host=host, port=port, label="whiptool studio", verbose=False)
@@ -67,7 +69,7 @@ class Studio:
         return f"http://{named}:{self.port}/" + ("" if self.gate.token is None else f"?token={self.gate.token}")
 
     @property
-    def pages(self) -> list[Page]:
+    def pages(self) -> list[OpenPage]:
         """The pages that are open."""
         return list(self._pages.values())
 
@@ -79,12 +81,24 @@ class Studio:
             self._server.stop()
 
     def _connected(self, client: ClientHandle) -> None:
-        self._pages[client.client_id] = Page(client, self._choices)
+        self._pages[client.client_id] = self._open(client)
 
     def _disconnected(self, client: ClientHandle) -> None:
         page = self._pages.pop(client.client_id, None)
         if page is not None:
             page.close()
+
+
+class Studio(PageServer):
+    """A running studio.
+
+    Args:
+        choices: What users can choose.
+        host, port: As for `PageServer`, with its errors.
+    """
+
+    def __init__(self, choices: Choices, *, host: str = LOOPBACK, port: int = PORT) -> None:
+        super().__init__(lambda client: Page(client, choices), host=host, port=port)
 
 
 def _check_host(host: str) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from tyro.conf import arg
 
 from whiptool.commands.options.controller_options import ControllerOptions, LawName, Preset
+from whiptool.commands.options.live_options import LiveOptions
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.commands.options.option_group import (
     Condition,
@@ -291,7 +292,7 @@ _IN_SPACE = Condition("only for a model in space", lambda o: o.find_model().dime
 
 
 @dataclass(frozen=True, kw_only=True)
-class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
+class AdaptOptions(ResumableOptions, LiveOptions, GoalOptions, ExecutionOptions, ArmOptions):
     """Options of `adapt`, which strikes, films, identifies the whip and plans again until an unknown whip hits."""
 
     of_this_call: ClassVar[tuple[str, ...]] = ("posture",)
@@ -410,13 +411,14 @@ class AdaptOptions(ResumableOptions, GoalOptions, ExecutionOptions, ArmOptions):
         return stock_of_material(self.material, diameter=self.diameter, length=self.length)
 
     def needs(self) -> tuple[str, ...]:
+        page = ("viser",) if self.live else ()
         if ADDRESS in self.port:
             from whiptool.rig.robots.addresses import needs_of
 
             with renaming({"robot": "--port"}):
                 of_driver = needs_of(self.port)
-            return (*of_driver, *["cv2"] * (self.camera not in ("none", "points")))
-        return () if self.camera == "tip" or self.port == ROBOT else super().needs()
+            return (*page, *of_driver, *["cv2"] * (self.camera not in ("none", "points")))
+        return page if self.camera == "tip" or self.port == ROBOT else super().needs()
 
     def build_target(self, model: Model | None = None) -> Target:
         """Return the target with direction and speed of arrival; a least speed of 0 requires no speed."""

@@ -160,10 +160,9 @@ class CriteriaOptions(OptionGroup):
     ranges: ClassVar[Ranges] = {"noise": Interval()}
 
     minimise: CriterionName = "miss"
-    """Criterion that ranks hits: least miss, effort, torque or miss under noise (robustness), or highest speed. miss:
-    miss distance; effort: integral of the squared torques; peak-torque: largest torque; speed: that of the tip at the
-    target; robustness: root mean square miss under noise. With any criterion other than miss the search continues after
-    the first hit."""
+    """Criterion that ranks hits: least, or highest speed. miss: miss distance; effort: integral of the squared torques;
+    peak-torque: largest torque; speed: that of the tip at the target; robustness: root mean square miss under noise.
+    With any criterion other than miss the search continues after the first hit."""
     pareto: tuple[CriterionName, CriterionName] | None = None
     """Find the Pareto front of these two criteria among the hits, with derivatives."""
     noise: tuple[float, ...] = (0.01,)
