@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from whiptool.commands import optimize, view
+from whiptool.commands import optimize, studio
 from whiptool.commands.following import followed
 from whiptool.errors import InputError
 from whiptool.runs import CONFIG
@@ -45,7 +45,7 @@ def test_a_folder_of_another_command_is_refused_by_name(tmp_path: Path) -> None:
 def test_the_progress_of_a_run_is_written_as_mcap(run: Path, tmp_path: Path, capsys) -> None:
     reader = pytest.importorskip("mcap.reader", reason="MCAP files need pip install 'whiptool[io]'")
     path = tmp_path / "progress.mcap"
-    assert view.main([str(run), "--mcap", str(path), "--progress"]) == 0
+    assert studio.main([str(run), "--mcap", str(path)]) == 0
     found: dict[str, list] = {}
     with path.open("rb") as file:
         for schema, channel, message in reader.make_reader(file).iter_messages():
@@ -60,6 +60,8 @@ def test_the_progress_of_a_run_is_written_as_mcap(run: Path, tmp_path: Path, cap
     assert found["/tip_path"][0][:2] == ("nav_msgs/msg/Path", len(misses) + 1)
     assert {"/joint_states", "/whip", "/tip", "/target", "/points/closest_points_of_the_last_trials"} < set(found)
     capsys.readouterr()
-    assert view.main([str(run), "--progress"]) == 2
-    assert "--progress" in capsys.readouterr().err
-    assert view.main([str(tmp_path), "--mcap", str(path), "--progress"]) == 2
+    for words, said in ((["--mcap", str(path)], "--mcap"), ([str(tmp_path), "--mcap", str(path)], "run folder")):
+        assert studio.main(words) == 2
+        assert said in capsys.readouterr().err
+    assert studio.main([str(run), "--model", "ur5e"]) == 2
+    assert "--model: got 'ur5e'; allowed: only without a run folder" in capsys.readouterr().err

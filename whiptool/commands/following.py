@@ -105,8 +105,7 @@ def write_progress(folder: Path, path: Path) -> None:
     """Write what a run shows now as MCAP, see `whiptool.recording.mcap_file.write_progress_mcap`.
 
     Raises:
-        InputError: As for `followed`.
-        OSError: The file cannot be written.
+        InputError: As for `followed`, or the file cannot be written.
     """
     from whiptool.recording.mcap_file import write_progress_mcap
 
@@ -116,7 +115,10 @@ def write_progress(folder: Path, path: Path) -> None:
     curves = {f"{chart.full_title} {curve.name}": (curve.x, curve.y) for chart in view.charts for curve in chart.curves}
     motion = None if view.chosen is None else run.motion(view.chosen)
     strike = None if motion is None else (motion.model, motion.trajectory, motion.target.position)
-    write_progress_mcap(path, curves, view.points, strike)
+    try:
+        write_progress_mcap(path, curves, view.points, strike)
+    except OSError as error:
+        raise InputError("--mcap", str(path), "a file that can be written", f"reason: {error.strerror}") from None
 
 
 Run: TypeAlias = "tuple[Followed, ModelOptions]"

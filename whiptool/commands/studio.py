@@ -13,8 +13,9 @@ from tyro.conf import Positional
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import Count, OptionGroup, Ranges
+from whiptool.commands.options.option_group import Count, OptionGroup, Ranges, check_place
 from whiptool.commands.options.target_options import GoalOptions
+from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
@@ -46,15 +47,22 @@ class StudioOptions(PageOptions, SimulatedControllerOptions, ModelOptions, GoalO
 
     run: Positional[Path | None] = None
     """Run folder of optimize, train, adapt, map build or rig strike, which is shown, also while the run goes on."""
+    mcap: Path | None = None
+    """With a run folder, write what the page would show to this MCAP file for Foxglove, Rerun and ROS 2, and open no
+    page. A trial, episode, strike or part lasts a second there; the strike that is shown follows."""
 
     def check(self) -> None:
         super().check()
         if self.run is not None:
-            own = {f.name for f in fields(PageOptions)} | {"run"}
+            own = {f.name for f in fields(PageOptions)} | {"run", "mcap"}
             self.refuse_given("only without a run folder", *(f.name for f in fields(self) if f.name not in own))
+        elif self.mcap is not None:
+            raise InputError("--mcap", str(self.mcap), "only with a run folder", "such as whiptool studio RUN")
+        if self.mcap is not None:
+            check_place("--mcap", self.mcap)
 
     def needs(self) -> tuple[str, ...]:
-        return ("viser",)
+        return ("viser",) if self.mcap is None else ("mcap", "rosbags")
 
 
 _ABOUT = (
@@ -90,8 +98,12 @@ _FILES = (".toml", ".urdf", ".xml", ".mjcf")
 
 def _work(options: StudioOptions) -> int:
     if options.run is not None:
-        from whiptool.commands.following import watch
+        from whiptool.commands.following import watch, write_progress
 
+        if options.mcap is not None:
+            write_progress(options.run, options.mcap)
+            print(f"wrote {options.mcap}", flush=True)
+            return 0
         return watch(options.run, host=options.host, port=options.port, browser=options.browser)
     return _open(options)
 

@@ -16,7 +16,7 @@ import tyro
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import ControllerOptions
 from whiptool.commands.options.model_options import ModelOptions
-from whiptool.commands.options.option_group import Conditions, JsonOptions, OptionGroup, check_place, unless, when
+from whiptool.commands.options.option_group import Conditions, JsonOptions, OptionGroup, check_place, unless
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import MAP, PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
@@ -40,12 +40,9 @@ class ViewOptions(JsonOptions):
     mcap: Path | None = None
     """Write the strike of the run, or a recording of markers and joints, to this MCAP file, which Foxglove and Rerun
     show and ROS 2 plays; nothing is opened."""
-    progress: bool = False
-    """Write how a run of optimize, train, adapt or map build went, or goes, to the file of --mcap: what --live shows.
-    A trial, episode, strike or part lasts a second there; the best strike so far follows."""
     page: bool = False
     """Write the interactive page again and open it in the browser, instead of MuJoCo's viewer."""
-    only_with: ClassVar[Conditions] = {"page": unless("mcap"), "progress": when("mcap")}
+    only_with: ClassVar[Conditions] = {"page": unless("mcap")}
 
     def check(self) -> None:
         super().check()
@@ -73,7 +70,7 @@ _ABOUT = (
 
 def _work(options: ViewOptions) -> int:
     if options.mcap is not None:
-        _write_mcap(options.run, options.mcap, progress=options.progress)
+        _write_mcap(options.run, options.mcap)
         options.tell({"run": str(options.run), "mcap": str(options.mcap)}, f"wrote {options.mcap}")
         return 0
     run_folders.check_matplotlib()
@@ -87,16 +84,13 @@ def _work(options: ViewOptions) -> int:
 main = cli.command(ViewOptions, "view", _ABOUT, _work)
 
 
-def _write_mcap(run: Path, path: Path, *, progress: bool) -> None:
-    """Write the strike of a run, how it went, or a recording as MCAP."""
-    from whiptool.commands.following import write_progress
+def _write_mcap(run: Path, path: Path) -> None:
+    """Write the strike of a run, or a recording, as MCAP."""
     from whiptool.recording.mcap_file import write_recorded_mcap, write_strike_mcap
     from whiptool.recording.readers import read_recording
 
     try:
-        if progress:
-            write_progress(run, path)
-        elif (run / TRAJECTORY).is_file():
+        if (run / TRAJECTORY).is_file():
             strike = read_strike(run)
             write_strike_mcap(path, strike.model, strike.trajectory)
         else:
