@@ -343,7 +343,10 @@ def test_a_whip_and_its_robots_lag_come_back_from_the_command_alone():
         assert low <= true <= high
         assert high - low < 0.3 * true
     for recording in found.recordings:
-        assert abs(recording.own["lag[0]"]) + abs(recording.own["lag[2]"]) == pytest.approx(0.105, abs=1e-3)
+        assert recording.own["lag"] == pytest.approx(0.1, abs=3e-3)
+        assert recording.own["lag_shape"] == pytest.approx(1 / 3, abs=0.05)
+        assert recording.own["lag_delay"] == pytest.approx(0.005, abs=3e-3)
+        assert recording.own["lag"] + recording.own["lag_delay"] == pytest.approx(0.105, abs=1e-3)
     assert found.misfit == pytest.approx(1, abs=0.1)
 
 

@@ -283,6 +283,14 @@ def test_numbers_that_json_has(x, finite):
     assert type(summary.finite(x)) is type(finite)
 
 
+def test_a_robots_lag_has_names_and_units():
+    own = {"lag": 0.0987, "lag_shape": 1 / 3, "lag_delay": 0.0046}
+    lagging, still = (residuals_of(np.zeros(3), own=x) for x in (own, {"start[0]": 1.0}))
+    found = fitted(seen([K], [0.0], [[100]], [1]), [], recordings=(still, lagging))
+    (line,) = summary.lag_lines(found)
+    assert line.endswith(": the robot lags by 98.7 ms after a delay of 4.6 ms (shape 0.33)")
+
+
 def test_a_fit_as_plain_data():
     z = [math.log(6.0), math.log(2.0)]
     U = seen([K, M], z, [[100, -100]], [1, 1])

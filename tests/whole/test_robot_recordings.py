@@ -103,7 +103,7 @@ def test_without_a_log_the_command_and_a_lag_tell_the_whip(lab):
         low, high = found[name].interval
         assert low <= true <= high, found[name]
     for recording in (*found.recordings, *found.held_out):
-        assert abs(recording.own["lag[0]"]) + abs(recording.own["lag[2]"]) == pytest.approx(robot_lab.LAG, abs=1e-3)
+        assert recording.own["lag"] + recording.own["lag_delay"] == pytest.approx(robot_lab.LAG, abs=1e-3)
     assert found.held_out[0].predicted_from is not None
     assert found.recordings[0].rmse == pytest.approx(robot_lab.MARKER, rel=0.1)
     assert found.held_out[0].rmse < 5 * robot_lab.MARKER  # its lag is known from the slow half only

@@ -397,7 +397,7 @@ class FitRun:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
-        from whiptool.identification.summary import bound_lines, error_words, misfit_line, parameter_lines
+        from whiptool.identification.summary import bound_lines, error_words, lag_lines, misfit_line, parameter_lines
 
         lines = [
             f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
@@ -411,6 +411,7 @@ class FitRun:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
         lines.append(f"  misfit      {misfit_line(self.found)}")
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
+        lines += [f"  lag         {line}" for line in lag_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")
         lines.append(f"  run folder  {path} ({REPORT}, {IDENTIFIED}, {RECORDINGS}, {CITATIONS})")

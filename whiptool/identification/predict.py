@@ -19,6 +19,7 @@ from whiptool.rollout.engine import find_engine, wanted_rung
 
 _INTERVAL = 1e-3  # [s] between samples of a path
 _NOISE_OVER_ERROR = 10.0  # standard errors of readings over integration errors, at least
+LAG = ("lag", "lag_shape", "lag_delay")  # [s], [-], [s]: see `LaggedReference`
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,8 @@ class Predictor:
 
     def own_names(self, i: int) -> list[str]:
         """Return the names of recording i's own unknowns, in order."""
-        named = [f"{name}[{j}]" for name, x in self.drives[i].unknowns.items() for j in range(len(x))]
+        unknowns = self.drives[i].unknowns.items()
+        named = [LAG[j] if name == "lag" else f"{name}[{j}]" for name, x in unknowns for j in range(len(x))]
         return named + self._own_nuisance
 
     def __call__(
@@ -310,3 +312,9 @@ def _readings(recording: StrikeRecording, drive: Drive) -> Reading:
         depth = recording.depth[:, which]
         points, sigma = np.dstack([points, 1 / depth]), np.dstack([sigma, recording.depth_sigma[:, which] / depth**2])
     return Reading(list(known), list(known.values()), t, points, sigma, recording.exposure, recording.view)
+
+
+def named_own(names: Sequence[str], own: np.ndarray) -> dict[str, float]:
+    """Return a recording's own unknowns (L,) by name; those of a robot's lag without their signs, which have no
+    meaning."""
+    return {name: abs(float(x)) if name in LAG else float(x) for name, x in zip(names, own, strict=True)}

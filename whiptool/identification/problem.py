@@ -11,7 +11,7 @@ from whiptool.errors import InputError
 from whiptool.identification.drives import pieces
 from whiptool.identification.forecast import Forecast, Readings, calibrated
 from whiptool.identification.plant import Plant
-from whiptool.identification.predict import Predictor
+from whiptool.identification.predict import Predictor, named_own
 from whiptool.identification.readings import NEUTRAL, NUISANCE
 from whiptool.identification.resolution import resolve
 from whiptool.identification.results import RecordingFit
@@ -401,7 +401,7 @@ class Problem:
                     weight=huber(residuals / P.sigma[i][judged], self._limit)[1],
                     channels=channels,
                     markers=tuple(path),
-                    own=dict(zip(P.own_names(i), map(float, solution.own[i]), strict=True)),
+                    own=named_own(P.own_names(i), solution.own[i]),
                     t=t,
                     path=path,
                     size=p.size[judged],

@@ -71,6 +71,17 @@ def misfit_line(fit: Fit) -> str:
     return f"{said}: above {MISFIT:g}, the model does not explain the recordings"
 
 
+def lag_lines(fit: Fit) -> list[str]:
+    """Return as text how far the robot of each recording was behind its command, if that was fitted."""
+    recordings, lines = [*fit.recordings, *fit.held_out], []
+    for i, own in enumerate(found.own for found in recordings):
+        if "lag" in own:
+            lag, delay, shape = 1e3 * own["lag"], 1e3 * own["lag_delay"], own["lag_shape"]
+            name = recordings[i].source or f"recording {i + 1}"
+            lines.append(f"{name}: the robot lags by {lag:.1f} ms after a delay of {delay:.1f} ms (shape {shape:.2f})")
+    return lines
+
+
 def warning(fit: Fit) -> str | None:
     """Return the warning that all classes and intervals are withdrawn, with the reason; None if the fit is valid."""
     if fit.explains:
