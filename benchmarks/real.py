@@ -253,9 +253,11 @@ def people(folder: Path, *, quick: bool) -> dict[str, Any]:
     found = {}
     for style, one in seen.items():
         model = predicted(best.x, one.hand)
-        if model is not None:
-            found[f"{style}: peaks off by at most"] = float(np.abs(model.peaks / one.peaks - 1).max())
-            found[f"{style}: times off by at most"] = float(np.abs(model.times - one.times).max())
+        if model is None:
+            found[style] = "not predicted: the whip's simulation failed"
+            continue
+        found[f"{style}: peaks off by at most"] = float(np.abs(model.peaks / one.peaks - 1).max())
+        found[f"{style}: times off by at most [s]"] = float(np.abs(model.times - one.times).max())
     return found
 
 

@@ -38,7 +38,7 @@ def test_commands_that_lead_are_followed_exactly_and_later():
 
 def response(lag: ServoLag, t: np.ndarray, D: float) -> np.ndarray:
     """Position, rate and acceleration (3, T) behind a minimum-jerk path, by matrix exponentials: the path's five
-    derivatives are states, too, so that nothing drives the system. Time is in units of D, for the exponentials' sake."""
+    derivatives are states, too, so that nothing drives the system. Times are in units of D."""
     A = np.eye(8, k=1)
     A[1] = lag.stiffness * D**2 * np.array([-1, -lag.lag / D, 1, 0, 0, 0, 0, 0])
     path = np.array([QUINTIC.deriv(k)(0.0) for k in range(6)])
