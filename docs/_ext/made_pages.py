@@ -90,7 +90,8 @@ def make_strike() -> None:
 def _first_sentence(thing: object) -> str:
     """Return the first sentence of a docstring on one line, as a cell of a table."""
     text = " ".join((inspect.getdoc(thing) or "").split("\n\n")[0].split())
-    return re.split(r"(?<=[.:])\s(?=[A-Z`])", text)[0].replace("|", r"\|")
+    first = re.split(r"(?<=[.:])\s(?=[A-Z`])", text)[0]
+    return first.removesuffix(":").removesuffix(".").replace("|", r"\|")
 
 
 def _keep_only(folder: Path, pattern: str, names: set[str]) -> None:

@@ -182,3 +182,11 @@ def test_a_strike_that_diverged_at_once_has_a_page(tmp_path):
     found = root_data(chromium(tmp_path, strike_page(PANDA, cut, TARGET), "--dump-dom"))
     assert "data-error" not in found
     assert "data-drawn" in found
+
+
+@browser
+def test_a_frame_without_room_is_no_failure(page, tmp_path):
+    """A page in another one is drawn before it has a size, and again when it has one."""
+    narrow = "<script>document.body.style.width = '10px'; dispatchEvent(new Event('resize'))</script></body>"
+    assert page.count("</body>") == 1
+    assert "data-error" not in root_data(chromium(tmp_path, page.replace("</body>", narrow), "--dump-dom"))

@@ -33,7 +33,8 @@ const stage = {
     if (inSpace) orbit.fit(this.extent);
     const [left, right, bottom, top] = this.box;
     const [room, above, below] = [52, 24, 44];
-    this.scale = Math.min((this.width - 2 * room) / (right - left), (this.height - above - below) / (top - bottom));
+    const across = (this.width - 2 * room) / (right - left), up = (this.height - above - below) / (top - bottom);
+    this.scale = Math.max(Math.min(across, up), 1); // [pixels/m]; a frame that is not laid out has no room
     const x0 = this.width / 2 - (this.scale * (left + right)) / 2;
     const y0 = (above + this.height - below) / 2 + (this.scale * (bottom + top)) / 2;
     this.place = ([x, y]) => [x0 + this.scale * x, y0 - this.scale * y];
