@@ -31,7 +31,7 @@ class RunScene:
 
     def __init__(self, client: ClientHandle, motion: Motion) -> None:
         self._api = client.scene
-        self._scene = Scene(client.scene, motion.model, lambda target: None, motion.looks)
+        self._scene = Scene(client.scene, motion.model, lambda target, begins: None, motion.looks)
         client.camera.position, client.camera.look_at = self._scene.camera(client.camera.aspect)
         self._number = 0
         self._measured: LineSegmentsHandle | None = None

@@ -14,6 +14,7 @@ from whiptool.limits.clearance import Clearance
 from whiptool.live_page.session import Shown
 from whiptool.viz.style import COLORS, length_text
 
+_LEAST = 1e-5  # [m] of a miss distance that is told
 FULL_CLEARANCE = 0.25  # [m] at which the bar of the clearance is full
 
 
@@ -44,7 +45,8 @@ def outcome_bars(shown: Shown, limits: AllLimits) -> list[Bar]:
 def _arrival(shown: Shown) -> list[Bar]:
     target, near = shown.settings.target, shown.near
     goals, distance = target.goals, float(near.distance[0])
-    within = f"{length_text(distance)} of {length_text(target.hit_radius)} allowed"
+    said = length_text(distance) if distance >= _LEAST else f"below {length_text(_LEAST)}"
+    within = f"{said} of {length_text(target.hit_radius)} allowed"
     bars = [Bar("miss distance", within, distance / target.hit_radius, bool(distance <= target.hit_radius))]
     if target.direction is not None:
         angle = float(goals.angle(near.velocity)[0])

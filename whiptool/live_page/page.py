@@ -15,7 +15,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance.controller import Controller
 from whiptool.live_page.export import exported
 from whiptool.live_page.newest import Newest
-from whiptool.live_page.panel import THEME, Panel, error_text
+from whiptool.live_page.panel import THEME, Actions, Panel, error_text
 from whiptool.live_page.scene import Scene
 from whiptool.live_page.session import Session, Shown
 from whiptool.models.parameters import Model
@@ -29,7 +29,8 @@ WIDTH = 380  # of the panel [pixels]
 FRAMES = 30.0  # a second
 _SLIDER = 5  # frames between two movements of the slider of time
 _AT_END = 0.6  # [s] that a played strike rests at its end
-GESTURE = 0.7  # [s] within which changes are one: the ghost is the strike before all of them
+GESTURE = 1.5  # [s] between changes that are not one: the ghost is the strike before all changes of one gesture
+BEGIN = "begin"  # kind of the request with which a drag begins
 _log = logging.getLogger(__name__)
 
 
@@ -65,7 +66,7 @@ class Page:
         client: ClientHandle,
         choices: Choices,
     ) -> None:
-        self._client, self._choices = client, choices
+        self.client, self._choices = client, choices
         self._closed = threading.Event()
         self._files = ThreadPoolExecutor(1, thread_name_prefix="studio files")
         self._worker = Newest(self._after, self._failed, name=f"studio {client.client_id}")
@@ -80,6 +81,16 @@ class Page:
         self._worker.ask("model", lambda: self._open(choices.models[0], choices.target))
         threading.Thread(target=self._play, name=f"studio player {client.client_id}", daemon=True).start()
 
+    @property
+    def session(self) -> Session | None:
+        """The user's session; None while a model is loaded."""
+        return None if self._state is None else self._state[0]
+
+    @property
+    def shown(self) -> Shown | None:
+        """What is shown; None: nothing yet."""
+        return self._shown
+
     def close(self) -> None:
         """End the page's threads; the user has gone."""
         self._closed.set()
@@ -93,9 +104,14 @@ class Page:
 
         self._worker.ask(kind, action)
 
+    def _drag(self, target: Target, begins: bool) -> None:
+        if begins:
+            self._worker.ask(BEGIN, lambda: None)
+        self._ask("drag", lambda session: session.move_target(target))
+
     def _open(self, name: str, target: Target | None = None) -> None:
         """Show another model."""
-        waits = self._client.add_notification("Loading", f"{name}; the first time some seconds", loading=True)
+        waits = self.client.add_notification("Loading", f"{name}; the first time some seconds", loading=True)
         try:
             model, controller = self._choices.load(name)
             session = Session(model, controller, origin=name, target=target, t_stay=self._choices.t_stay)
@@ -103,18 +119,21 @@ class Page:
             waits.remove()
         self._state, self._fresh, self._shown, self._ghost = None, True, None, None
         looks = self._choices.looks if name == self._choices.models[0] else None
-        scene = Scene(self._client.scene, model, lambda to: self._ask("drag", lambda s: s.move_target(to)), looks)
-        panel = Panel(
-            self._client.gui,
-            session,
-            self._choices.models,
+        scene = Scene(self.client.scene, model, self._drag, looks)
+        actions = Actions(
             ask=self._ask,
             choose_model=lambda name: self._worker.ask("model", lambda: self._open(name)),
             export=self._export,
             show=scene.set_visible,
+            darken=lambda dark: self._darken(scene, dark),
         )
-        self._client.camera.position, self._client.camera.look_at = scene.camera(self._client.camera.aspect)
+        panel = Panel(self.client.gui, session, self._choices.models, actions)
+        self.client.camera.position, self.client.camera.look_at = scene.camera(self.client.camera.aspect)
         self._state = session, scene, panel
+
+    def _darken(self, scene: Scene, dark: bool) -> None:
+        self.client.gui.configure_theme(dark_mode=dark, **THEME)
+        scene.set_dark(dark)
 
     def _after(self, kinds: set[str]) -> Iterator[None] | None:
         """Show the result of some requests, and return what is computed while nothing newer waits."""
@@ -122,15 +141,16 @@ class Page:
             return None
         session, scene, panel = self._state
         now = time.monotonic()
-        if now - self._changed > GESTURE and not self._fresh and kinds != {"noise"}:
+        pause = now - self._changed > GESTURE and not kinds & {"drag", "noise"}
+        if (BEGIN in kinds or pause) and not self._fresh:
             self._ghost = self._shown
         self._changed, self._fresh = now, False
         shown = self._shown = session.shown()
-        with self._client.atomic():
+        with self.client.atomic():
             panel.refresh(session, shown, kinds)
             scene.show(shown, self._ghost)
             scene.show_spread(None)
-        self._client.flush()
+        self.client.flush()
         return self._longer(session, scene, panel, shown)
 
     def _longer(self, session: Session, scene: Scene, panel: Panel, shown: Shown) -> Iterator[None]:
@@ -150,7 +170,7 @@ class Page:
         if not isinstance(error, WhiptoolError):
             _log.error("the studio goes on after an error", exc_info=error)
         title = "Not possible" if isinstance(error, WhiptoolError) else f"Error in whiptool: {type(error).__name__}"
-        self._client.add_notification(title, error_text(error), color="orange", auto_close_seconds=8.0)
+        self.client.add_notification(title, error_text(error), color="orange", auto_close_seconds=8.0)
 
     def _export(self, kind: str) -> None:
         shown = self._shown
@@ -159,9 +179,9 @@ class Page:
 
     def _send(self, shown: Shown, kind: str) -> None:
         try:
-            waits = self._client.add_notification("Writing", f"strike.{kind}", loading=True)
+            waits = self.client.add_notification("Writing", f"strike.{kind}", loading=True)
             try:
-                self._client.send_file_download(*exported(shown, kind), save_immediately=True)
+                self.client.send_file_download(*exported(shown, kind), save_immediately=True)
             finally:
                 waits.remove()
         except Exception as error:
@@ -194,6 +214,6 @@ class Page:
                 panel.time.value = round(min(at, float(panel.time.max)), 3)
         else:
             at = float(panel.time.value)
-        with self._client.atomic():
+        with self.client.atomic():
             scene.pose(scene.postures.at(at))
         return at

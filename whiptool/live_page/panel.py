@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,25 @@ _NOTE = "font-size:0.75rem;padding:0.15rem 0.9rem;line-height:1.3;opacity:0.8"
 Ask = Callable[[str, Callable[[Session], None]], None]
 
 
+@dataclass(frozen=True)
+class Actions:
+    """What the widgets do.
+
+    Args:
+        ask: Function that has a change of the session carried out: its kind, and a function of the session.
+        choose_model: Function that is called with the name of a model.
+        export: Function that is called with a name of `EXPORTS`.
+        show: Function that is called with a part of the scene (`heat`, `spread`, `ghost`) and whether it is shown.
+        darken: Function that is called with whether the page is dark.
+    """
+
+    ask: Ask
+    choose_model: Callable[[str], None]
+    export: Callable[[str], None]
+    show: Callable[[str, bool], None]
+    darken: Callable[[bool], None]
+
+
 class Panel:
     """The panel of one user's page.
 
@@ -35,29 +54,17 @@ class Panel:
         gui: Widgets of the user's page.
         session: What the widgets show at first.
         models: Names of the models that can be chosen.
-        ask: Function that has a change of the session carried out: its kind, and a function of the session.
-        choose_model: Function that is called with the name of a model.
-        export: Function that is called with a name of `EXPORTS`.
-        show: Function that is called with a part of the scene (`heat`, `spread`, `ghost`) and whether it is shown.
+        actions: What the widgets do.
     """
 
-    def __init__(
-        self,
-        gui: GuiApi,
-        session: Session,
-        models: Sequence[str],
-        *,
-        ask: Ask,
-        choose_model: Callable[[str], None],
-        export: Callable[[str], None],
-        show: Callable[[str, bool], None],
-    ) -> None:
+    def __init__(self, gui: GuiApi, session: Session, models: Sequence[str], actions: Actions) -> None:
+        ask = actions.ask
         self._gui, self._ask = gui, ask
         self._sliders: dict[str, dict[str, Any]] = {"whip": {}, "law": {}, "strike": {}}
         self._limits = session.striker.limits
         gui.reset()
         model = session.model
-        self._add_model(session, models, choose_model)
+        self._add_model(session, models, actions.choose_model)
         self._outcome = gui.add_html("")
         self._add_player()
         tabs = gui.add_tab_group()
@@ -76,10 +83,10 @@ class Panel:
             for knob in strike_knobs(model, np.array(session.settings.strike), session.striker.bounds):
                 self._add_slider("strike", knob, Session.turn_strike)
         with tabs.add_tab("View"):
-            self._add_view(session, show)
+            self._add_view(session, actions)
         with tabs.add_tab("Export"):
             for name, what in EXPORTS.items():
-                gui.add_button(what).on_click(lambda _, name=name: export(name))
+                gui.add_button(what).on_click(lambda _, name=name: actions.export(name))
         self._law = ""
         self._arrives: tuple[float, ...] | None = None  # direction in which the tip arrives at present
 
@@ -143,12 +150,12 @@ class Panel:
         direction = _direction([math.radians(widget.value) for widget in self._angles])
         session.move_target(replace(session.settings.target, direction=direction, sight=None))
 
-    def _add_view(self, session: Session, show: Callable[[str, bool], None]) -> None:
+    def _add_view(self, session: Session, actions: Actions) -> None:
         gui, ask = self._gui, self._ask
         names = {"heat": "heat map: where the tip can hit", "spread": "tolerance ellipses", "ghost": "strike before"}
         for part, what in names.items():
             box = gui.add_checkbox(what, True)
-            self._on(box, lambda shown, part=part: show(part, shown))
+            self._on(box, lambda shown, part=part: actions.show(part, shown))
         self._heat_note = gui.add_html("")
         noise = gui.add_slider("errors of the arm, σ [rad, s]", 0.0, 0.05, 0.001, session.settings.noise)
         self._on(noise, lambda value: ask("noise", lambda s: s.set_noise(value)))
@@ -156,7 +163,7 @@ class Panel:
         follows = gui.add_checkbox("aim again after each change", session.settings.follows)
         self._on(follows, lambda value: ask("follows", lambda s: s.set_follows(value)))
         dark = gui.add_checkbox("dark", False)
-        self._on(dark, lambda value: gui.configure_theme(dark_mode=value, **THEME))
+        self._on(dark, actions.darken)
 
     def _add_slider(self, group: str, knob: Knob, turn: Callable[[Session, str, float], None]) -> None:
         low, high, value = knob.shown

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 _HANDLE = 0.16  # of the reach, from the target to the ball that sets the direction
 _GRIP = 0.02  # of the reach, radius of the balls that are dragged, at least
-_WHIP, _PATH, _GHOST = 0.005, 0.006, 0.003  # of the reach: radius of the whip, thickness of lines
+_WHIP, _PATH, _GHOST = 0.007, 0.006, 0.003  # of the reach: radius of the whip, thickness of lines
 _GREY = (130, 130, 130)
-_GRID: dict[str, Any] = {"cell_size": 0.1, "section_size": 0.5, "cell_color": (225, 225, 225)}
-_GRID |= {"section_color": (190, 190, 190), "shadow_opacity": 0.0}
+_GRID: dict[str, Any] = {"cell_size": 0.1, "section_size": 0.5, "shadow_opacity": 0.0}
+_LINES = {False: ((228, 228, 228), (200, 200, 200)), True: ((45, 45, 45), (75, 75, 75))}  # of the grid; in the dark
 _UPRIGHT = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # turns an image, whose y is downward, to stand along x
 
 
@@ -47,7 +47,7 @@ class Scene:
     Args:
         api: Scene of the user's page.
         model: Model that is shown.
-        dragged: Function that is called with the target where the user has dragged it, and whether a drag begins.
+        dragged: Function that is called with the target where the user has dragged it, and whether the drag begins.
         looks: Visual shapes of the base and of each link in their frames, (a + 1,), see `robot_looks`; None: the
             model's own shapes.
     """
@@ -56,7 +56,7 @@ class Scene:
         self,
         api: SceneApi,
         model: Model,
-        dragged: Callable[[Target], None],
+        dragged: Callable[[Target, bool], None],
         looks: Sequence[Look] | None = None,
     ) -> None:
         self.api, self.model, self._dragged = api, model, dragged
@@ -73,6 +73,7 @@ class Scene:
         api.set_up_direction("+z")
         api.configure_default_lights(cast_shadow=False)
         self._add_ground()
+        self.set_dark(False)
         self._links = self._add_links() if looks is None else [self._add_look(*each) for each in enumerate(looks)]
 
     def camera(self, aspect: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,20 +86,18 @@ class Scene:
         if self.model.dimension == 2:
             middle, away = np.array([0.0 if tall else 0.3, 0.0, 0.0]), np.array([0.0, -1.75, 0.0])
         else:
-            middle, away = np.array([0.1, 0.0, 0.15]), np.array([0.55, -1.05, 0.5])
-        away *= min(1.3 / aspect, 3.0) if tall else 1.0
+            middle, away = np.array([0.2, 0.05, 0.2]), np.array([0.5, -1.0, 0.4])
+        away *= min(0.95 / aspect, 2.5) if tall else 1.0
         middle[2] -= 0.28 * float(np.linalg.norm(away)) if tall else 0.0
         return (middle + away) * self.reach, middle * self.reach
 
     def _add_ground(self) -> None:
         floor = default_floor(self.model.arm)
         flat = self.model.dimension == 2
-        size = (4 if flat else 2) * math.ceil(self.reach)
-        if flat:
-            self.api.add_grid("/ground", size, size, plane="xz", position=(0.0, 0.05 * self.reach, 0.0), **_GRID)
-        else:
-            height = -0.6 * self.reach if floor is None else floor
-            self.api.add_grid("/ground", size, size, position=(0.0, 0.0, height), **_GRID)
+        size = (6 if flat else 2) * math.ceil(self.reach)
+        height = -0.6 * self.reach if floor is None else floor
+        place = (0.0, 0.05 * self.reach, 0.0) if flat else (0.0, 0.0, height)  # in the plane behind everything
+        self._ground = self.api.add_grid("/ground", size, size, plane="xz" if flat else "xy", position=place, **_GRID)
 
     def _add_links(self) -> list[Any]:
         nodes: list[Any] = []
@@ -134,7 +133,7 @@ class Scene:
         self.target, place = target, upright(np.array(target.position))
         color = rgb(COLORS["green"] if hit else COLORS["vermilion"])
         radius, grip = target.hit_radius, _GRIP * self.reach
-        for name, size, opacity in (("/target/hit", radius, 0.8), ("/target/grip", grip, 0.3)):
+        for name, size, opacity in (("/target/hit", radius, 0.6), ("/target/grip", grip, 0.25)):
             ball = self._node(name, lambda n=name, s=size, o=opacity: self._ball(n, s, o))
             ball.radius, ball.color, ball.position = size, color, place
         self._nodes["/target/grip"].visible = grip > radius  # of a ball that is too small to be grasped
@@ -154,7 +153,7 @@ class Scene:
         direction = upright(np.array(target.direction))
         length, color = _HANDLE * self.reach, rgb(COLORS["blue"])
         cone = cone_mesh(place, direction, min(target.cone, 1.4), 0.8 * length)
-        self._mesh("/target/cone", cone, color, 0.25)
+        self._mesh("/target/cone", cone, color, 0.35)
         start = place - length * direction
         arrow = np.array([[start, place]], np.float32)
         thin = 0.004 * self.reach
@@ -175,13 +174,15 @@ class Scene:
         if event.phase == "start":
             self._grabbed = np.array(event.start_position) - upright(np.array(self.target.position))
         place = self._in_model(np.array(event.end_position) - self._grabbed)
-        self._dragged(_moved(self.target, position=tuple(np.round(place, 4).tolist())))
+        target = _moved(self.target, position=tuple(np.round(place, 4).tolist()))
+        self._dragged(target, event.phase == "start")
 
     async def _drag_direction(self, event: Any) -> None:
         away = np.array(self.target.position) - self._in_model(np.array(event.end_position))
         if np.linalg.norm(away) > 1e-6:
             direction = away / np.linalg.norm(away)
-            self._dragged(_moved(self.target, direction=tuple(np.round(direction, 6).tolist())))
+            target = _moved(self.target, direction=tuple(np.round(direction, 6).tolist()))
+            self._dragged(target, event.phase == "start")
 
     def _in_model(self, place: np.ndarray) -> np.ndarray:
         return place[[0, 2]] if self.model.dimension == 2 else place
@@ -265,6 +266,10 @@ class Scene:
         self._visible[what] = visible
         self._set_visible(what)
 
+    def set_dark(self, dark: bool) -> None:
+        """Draw the grid for a light or a dark background."""
+        self._ground.cell_color, self._ground.section_color = _LINES[dark]
+
     def _set_visible(self, what: str) -> None:
         for name, node in list(self._nodes.items()):
             if name.startswith(f"/{what}"):
@@ -331,7 +336,7 @@ def heat_image(heat: HeatMap) -> np.ndarray:
     with np.errstate(divide="ignore"):
         level = np.log(heat.shares / LEAST) / np.log(MOST / LEAST)
     image = matplotlib.colormaps["YlOrRd"](np.clip(level, 0.0, 1.0))
-    image[..., 3] = np.where(heat.shares > 0, 0.5, 0.0)
+    image[..., 3] = np.where(heat.shares > 0, 0.4, 0.0)
     return (255 * np.repeat(np.repeat(image, 4, axis=0), 4, axis=1)).astype(np.uint8)
 
 

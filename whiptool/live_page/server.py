@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
@@ -47,6 +48,7 @@ class PageServer:
         viser = optional("viser", "whiptool studio")
         _check_host(host)
         self._open, self._host = opened, host
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a page that has just gone
         self._pages: dict[int, OpenPage] = {}
         self.gate = Gate.of(host)
         with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
