@@ -3,7 +3,7 @@
 `python benchmarks/studio.py [--drags 20] [--minutes 0] [--quick] [--json] [--window 1400x900] [--detail 0.25]`.
 Headless Chromium opens the page of `lemon2024` and of `ur5e`. The target is dragged to random places of the map's
 region that are in the window. Printed: the median and the largest time from the last movement of the mouse to the new
-outcome on the page; the share of targets that are hit where the map's strike hits; and, of every slider, the largest
+outcome on the page, and how much of it is computation; the share of targets that are hit where the map's strike hits; and, of every slider, the largest
 difference of the shown path from that of a fresh simulation. With `--minutes`, the page is then used at random: drags,
 sliders, tabs, check boxes, other models, wrong numbers and exports. Printed: errors of page and server, and the growth
 of the memory of both between the first fifth and the end. `--detail` lowers the resolution at which the scene is drawn:
@@ -29,6 +29,7 @@ from playwright.sync_api import Error, sync_playwright
 import whiptool as wt
 from whiptool.live_page.page import Choices, Page
 from whiptool.live_page.server import Studio
+from whiptool.live_page.session import Session
 from whiptool.models.kinematics import upright
 from whiptool.strike_map.map_files import shipped_map
 
@@ -154,6 +155,7 @@ def drags(user: User, name: str, count: int, seed: int) -> dict[str, Any]:
     plan, rng = shipped_map(name), np.random.default_rng(seed)
     places = [x for x in plan.region.draw(50 * count, rng).positions if user.free(user.pixel(x))][:count]
     times, hits, said, missed = [], [], [], 0
+    alone = computed(user, places)
     for place in places:
         taken = user.drag(user.pixel(place))
         if taken is None:
@@ -168,11 +170,25 @@ def drags(user: User, name: str, count: int, seed: int) -> dict[str, Any]:
         "drags": len(times),
         "not_grasped": missed,
         "median": float(np.median(times)),
+        "computed": alone,
         "largest": float(np.max(times)),
         "hits": int(np.sum(hits)),
         "hits_of_the_map": int(np.sum(said)),
         "as_the_map": int(np.sum(np.array(hits) == np.array(said))),
     }
+
+
+def computed(user: User, places: list[np.ndarray]) -> float:
+    """Return the median time of aiming at places and simulating the strikes, without a page [s]."""
+    shown, times = user.page.shown, []
+    assert shown is not None
+    session = Session(shown.settings.base)
+    for place in places:
+        begin = time.monotonic()
+        session.move_target(wt.Target(tuple(place)))
+        session.shown()
+        times.append(time.monotonic() - begin)
+    return float(np.median(times))
 
 
 def sliders(user: User) -> dict[str, Any]:
@@ -314,7 +330,7 @@ def text_of(found: dict[str, Any]) -> str:
         x = found[name]
         lines += [
             f"{name}: the strike follows the mouse in {x['median']:.3f} s (median), {x['largest']:.3f} s at most, "
-            f"in {x['drags']} drags",
+            f"in {x['drags']} drags; {x['computed']:.3f} s of it are computation",
             f"  hit            {x['hits']} of {x['drags']}; as the map in {x['as_the_map']}",
             f"  sliders        {x['sliders']}, largest difference from a fresh simulation "
             f"{x['largest_difference']:.1e} m",

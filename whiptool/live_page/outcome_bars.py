@@ -14,7 +14,7 @@ from whiptool.limits.clearance import Clearance
 from whiptool.live_page.session import Shown
 from whiptool.viz.style import COLORS, length_text
 
-_LEAST = 1e-5  # [m] of a miss distance that is told
+_LEAST = 1e-5  # [m] of a miss distance that is stated
 FULL_CLEARANCE = 0.25  # [m] at which the bar of the clearance is full
 
 
