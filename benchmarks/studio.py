@@ -3,11 +3,13 @@
 `python benchmarks/studio.py [--drags 20] [--minutes 0] [--quick] [--json] [--window 1400x900] [--detail 0.25]`.
 Headless Chromium opens the page of `lemon2024` and of `ur5e`. The target is dragged to random places of the map's
 region that are in the window. Printed: the median and the largest time from the last movement of the mouse to the new
-outcome on the page, and how much of it is computation; the share of targets that are hit where the map's strike hits; and, of every slider, the largest
-difference of the shown path from that of a fresh simulation. With `--minutes`, the page is then used at random: drags,
-sliders, tabs, check boxes, other models, wrong numbers and exports. Printed: errors of page and server, and the growth
-of the memory of both between the first fifth and the end. `--detail` lowers the resolution at which the scene is drawn:
-without a graphics card drawing takes longer than everything else.
+outcome on the page, and how much of it is computation; the share of targets that are hit where the map's strike hits;
+and, of every slider, the largest difference of the shown path from that of a fresh simulation.
+
+With `--minutes`, the page is then used at random: drags, sliders, tabs, check boxes, other models, wrong numbers and
+exports. Printed: errors of page and server, and the growth of the memory of both between the first fifth and the end.
+`--detail` lowers the resolution at which the scene is drawn: without a graphics card drawing takes
+longer than everything else.
 """
 
 from __future__ import annotations
