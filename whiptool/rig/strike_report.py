@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch
+from matplotlib.ticker import MaxNLocator
 
 from whiptool.goals.target import Target
 from whiptool.limits.arm_limits import XM430, MotorLimits
@@ -152,6 +153,7 @@ def plot_tip(ax: Axes, struck: Struck, model: Model, target: Target) -> Axes:
     up = "y, up [m]" if model.dimension == 2 else "z, up [m]"
     ax.set(aspect="equal", xlabel="x, forward [m]", ylabel=up, title="path of the tip, from the side")
     ax.margins(0.06)
+    ax.xaxis.set_major_locator(MaxNLocator(6))
     legend_above(ax, ncols=3)
     return ax
 

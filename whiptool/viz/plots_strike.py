@@ -152,6 +152,7 @@ def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
     centre = (place[i], place[j])
     ax.add_patch(Circle(centre, radius, facecolor=COLORS["orange"], alpha=0.3, edgecolor="none", zorder=1))
     ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
+    ax.plot(*centre, "+", color=COLORS["orange"], markersize=15, markeredgewidth=1.2, zorder=3.5)  # however small it is
     draw_direction(ax, strike.target, shown)
     low, high = strike.box
     ax.set(xlabel=axes[i], ylabel=axes[j], aspect="equal")
