@@ -13,7 +13,7 @@ import numpy as np
 from whiptool.adaptation.adapter import JUDGED, OUTCOME, PLAN, POSTERIOR, RECORDING, strike_folder
 from whiptool.adaptation.prior import Belief, fresh_terms
 from whiptool.following.followed import Followed
-from whiptool.following.run_view import Chart, Chosen, Curve, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, RunView, ShownMotion
 from whiptool.given_files import read_json
 from whiptool.goals.target import Target
 from whiptool.identification.variables import with_unit
@@ -153,11 +153,11 @@ class FollowedAdaptation(Followed):
         seen = recording.marker("tip")
         return {"tip, as recorded": seen[np.isfinite(seen).all(axis=1)]}
 
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         belief = self._belief_after(chosen.number)
         plant, path = belief.at(), strike_folder(self.folder, chosen.number) / RECORDING
         assert plant.controller is not None
         stood = StrikeRecording.load(path).stood if path.is_file() else None
         rollout = CompiledRollout(plant.model, plant.controller, free=fresh_terms(belief), sag=stood)
         trajectory = rollout.trajectory(Strike.from_vector(chosen.vector), t_stay=self._t_stay)
-        return Motion(plant.model, trajectory, self._target)
+        return ShownMotion(plant.model, trajectory, self._target)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from whiptool.following.run_view import Chosen, Motion, RunView
+from whiptool.following.run_view import Chosen, RunView, ShownMotion
 from whiptool.models.visuals import Look
 from whiptool.runs import RESULT
 
@@ -23,7 +23,7 @@ class Followed(ABC):
 
     Attributes:
         every: Time between two looks [s].
-        looks: Visual shapes of the robot, as for `Motion`.
+        looks: Visual shapes of the robot, as for `ShownMotion`.
     """
 
     every = 0.5
@@ -53,12 +53,12 @@ class Followed(ABC):
     def _view(self, finished: bool) -> RunView:
         """Return what is shown now."""
 
-    def shown_motion(self, chosen: Chosen) -> Motion:
+    def shown_motion(self, chosen: Chosen) -> ShownMotion:
         """Return the motion of the strike that a view of this run chose, with the looks of its robot."""
         return replace(self.motion(chosen), looks=self.looks)
 
     @abstractmethod
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         """Return the motion of the strike that a view of this run chose."""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.following.followed import Followed
-from whiptool.following.run_view import Chart, Chosen, Curve, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, RunView, ShownMotion
 from whiptool.goals.target import Target
 from whiptool.models.strike import Strike
 from whiptool.strike_map.answers import Answers
@@ -61,10 +61,10 @@ class FollowedMap(Followed):
             return None
         return Chosen(parts, "last answer, at the place that it hits", tuple(map(float, last.strikes[-1])))
 
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         last = next(part for part in reversed(self._parts) if len(part))
         row = int(np.flatnonzero((last.strikes == np.array(chosen.vector)).all(axis=1))[-1])
         striker = self._building.striker
         target = Target(tuple(map(float, last.tips[row])), hit_radius=self._building.region.hit_radius)
         trajectory = striker.rollout.trajectory(Strike.from_vector(chosen.vector), t_stay=striker.t_stay)
-        return Motion(striker.rollout.model, trajectory, target)
+        return ShownMotion(striker.rollout.model, trajectory, target)

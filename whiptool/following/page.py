@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from whiptool.following.charts import ChartPanel
 from whiptool.following.run_scene import RunScene
-from whiptool.following.run_view import Measured, Motion
+from whiptool.following.run_view import Measured, ShownMotion
 from whiptool.following.watcher import Seen, Watcher
 from whiptool.live_page.page import WIDTH
 from whiptool.live_page.panel import SPEEDS, THEME
@@ -37,7 +37,7 @@ class RunPage:
         self._ended = threading.Event()
         self._scene: RunScene | None = None
         self._shown: Seen | None = None
-        self._motion: Motion | None = None
+        self._motion: ShownMotion | None = None
         gui = client.gui
         client.gui.configure_theme(**THEME)
         gui.main_panel.dock_right()

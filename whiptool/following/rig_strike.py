@@ -8,7 +8,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.following.followed import Followed
-from whiptool.following.run_view import Chart, Chosen, Curve, Measured, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, Measured, RunView, ShownMotion
 from whiptool.goals.target import Target
 from whiptool.models.strike import Strike
 from whiptool.rig.cyclelog import Cycles, Phase
@@ -71,6 +71,6 @@ class FollowedStrike(Followed):
         currents = tuple(Curve(name, c.t, c.current[:, i]) for i, name in enumerate(joints))
         return Chart("joint minus command", "time [s]", "deg", errors), Chart("current", "time [s]", "A", currents)
 
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         trajectory = self._rollout.trajectory(self._strike, t_stay=self._t_stay)
-        return Motion(self._rollout.model, trajectory, self._target)
+        return ShownMotion(self._rollout.model, trajectory, self._target)

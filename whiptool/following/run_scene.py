@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from whiptool.following.run_view import Motion
+from whiptool.following.run_view import ShownMotion
 from whiptool.impedance.controller import default_controller
 from whiptool.live_page.scene import Scene, rgb
 from whiptool.live_page.session import Settings, Shown
@@ -29,7 +29,7 @@ class RunScene:
         motion: The first strike.
     """
 
-    def __init__(self, client: ClientHandle, motion: Motion) -> None:
+    def __init__(self, client: ClientHandle, motion: ShownMotion) -> None:
         self._api = client.scene
         self._scene = Scene(client.scene, motion.model, lambda target, begins: None, motion.looks)
         client.camera.position, client.camera.look_at = self._scene.camera(client.camera.aspect)
@@ -37,7 +37,7 @@ class RunScene:
         self._measured: LineSegmentsHandle | None = None
         self._arm = motion.model.arm.in_space()
 
-    def show(self, motion: Motion) -> None:
+    def show(self, motion: ShownMotion) -> None:
         """Show the path of a strike and its target."""
         model, target = motion.model, motion.target
         near = motion.trajectory.approach(np.array(target.position))

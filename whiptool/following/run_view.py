@@ -86,7 +86,7 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ShownMotion:
     """A strike that can be played.
 
     Args:

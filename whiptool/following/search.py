@@ -10,7 +10,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.following.followed import Followed, GrowingFile
-from whiptool.following.run_view import Chart, Chosen, Curve, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, RunView, ShownMotion
 from whiptool.goals.criteria import CRITERIA
 from whiptool.goals.target import Target
 from whiptool.objective import Trial
@@ -114,9 +114,9 @@ class FollowedSearch(Followed):
         x = np.arange(starts[0], made + 1)
         return Curve("best so far", x, np.array(values)[np.searchsorted(starts, x, side="right") - 1])
 
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         strike = self._rollout.space.strike(np.array(chosen.vector))
-        return Motion(self._rollout.model, self._rollout.trajectory(strike, t_stay=self._t_stay), self._target)
+        return ShownMotion(self._rollout.model, self._rollout.trajectory(strike, t_stay=self._t_stay), self._target)
 
 
 def _millimetres(miss: float) -> str:

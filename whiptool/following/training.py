@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.following.followed import Followed, GrowingFile
-from whiptool.following.run_view import Chart, Chosen, Curve, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, RunView, ShownMotion
 from whiptool.rl.trained import BEST, EPISODES, held_out_strike
 
 _CHARTS = {  # title, unit, and the columns that are drawn together, with a name of each
@@ -78,7 +78,7 @@ class FollowedTraining(Followed):
         known = np.isfinite(y)
         return Curve(name, x[known], y[known])
 
-    def motion(self, chosen: Chosen) -> Motion:
+    def motion(self, chosen: Chosen) -> ShownMotion:
         policy, target, strike = held_out_strike(self.folder)
         rollout = policy.task.rollout
-        return Motion(rollout.model, rollout.trajectory(strike, t_stay=policy.task.t_stay), target)
+        return ShownMotion(rollout.model, rollout.trajectory(strike, t_stay=policy.task.t_stay), target)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from whiptool.errors import WhiptoolError
 from whiptool.following.followed import Followed
-from whiptool.following.run_view import Chosen, Motion, RunView
+from whiptool.following.run_view import Chosen, RunView, ShownMotion
 
 _EVERY = 0.5  # [s] between two tries to open the run
 _log = logging.getLogger(__name__)
@@ -21,12 +21,12 @@ class Seen:
 
     Args:
         view: The view.
-        motion: Motion of its chosen strike, the same object until another strike is chosen; None before the first.
+        motion: ShownMotion of its chosen strike, the same object until another strike is chosen; None before the first.
         fault: Why the last look failed; empty: it did not.
     """
 
     view: RunView
-    motion: Motion | None
+    motion: ShownMotion | None
     fault: str = ""
 
 
