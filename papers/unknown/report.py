@@ -21,6 +21,7 @@ from whiptool.viz.style import COLORS, STYLE
 from whiptool.words import counted, fixed, rounded
 
 BINS = 5  # of stated probabilities
+_LOST = 1.0  # [m] that a miss counts as at most in the continuous ranked probability score
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ class Scores:
         brier_constant, log_constant: The same of the best constant forecast, which is the share of hits, known
             afterwards.
         within: Share of true misses up to the 50 % and the 90 % quantile of the predictive sample.
+        crps, crps_constant: Mean continuous ranked probability score of the predicted misses [m], and that of the best
+            constant forecast, the sample of all true misses, known afterwards; smaller is better.
         beyond: Share of true misses beyond all of the sample; of a sample of n, 1 / (n + 1) is to be expected.
     """
 
@@ -63,6 +66,8 @@ class Scores:
     log_constant: float
     within: tuple[float, float]
     beyond: float
+    crps: float
+    crps_constant: float
 
     @classmethod
     def of(cls, forecasts: Sequence[Forecast]) -> Scores:
@@ -71,6 +76,7 @@ class Scores:
         hit = np.array([f.hit for f in forecasts])
         share = float(hit.mean())
         ranks = np.array([_rank(f) for f in forecasts])
+        misses = np.array([_capped([f.miss])[0] for f in forecasts])
         return cls(
             count=len(forecasts),
             hits=share,
@@ -80,6 +86,8 @@ class Scores:
             log_constant=log_score(np.full(len(hit), share), hit),
             within=(float(np.mean(ranks <= 0.5)), float(np.mean(ranks <= 0.9))),
             beyond=float(np.mean(ranks >= 1)),
+            crps=float(np.mean([crps(_capped(f.misses), miss) for f, miss in zip(forecasts, misses, strict=True)])),
+            crps_constant=spread(misses) / 2,
         )
 
 
@@ -93,6 +101,23 @@ def log_score(stated: np.ndarray, came: np.ndarray) -> float:
     of_what_came = np.where(came, stated, 1 - stated)
     with np.errstate(divide="ignore"):
         return float(-np.mean(np.log(of_what_came)))
+
+
+def crps(sample: np.ndarray, came: float) -> float:
+    """Return the continuous ranked probability score of a predictive sample (S,) for what came, in their unit: the mean
+    distance from it less half the mean distance within the sample (Gneiting and Raftery 2007, Eq. 21)."""
+    return float(np.mean(np.abs(sample - came))) - spread(sample) / 2
+
+
+def spread(sample: np.ndarray) -> float:
+    """Return the mean distance between two draws, with replacement, from a sample (S,), in its unit."""
+    S = len(sample)
+    return float(2 * np.sort(sample) @ (2 * np.arange(S) + 1 - S) / S**2)
+
+
+def _capped(misses: Sequence[float | None]) -> np.ndarray:
+    """Misses [m], (S,), those of strikes that diverge or miss by more at `_LOST`."""
+    return np.array([_LOST if x is None else min(x, _LOST) for x in misses])
 
 
 def reliability(stated: np.ndarray, came: np.ndarray) -> float:
@@ -151,7 +176,10 @@ def sections(context: Context) -> list[Section]:
             "Does the planner know what it does not know?",
             [
                 Text(_CALIBRATION),
-                Table(_scores(found), "Scores of what was stated of first strikes, and of the best constant forecast."),
+                Table(
+                    _scores(found),
+                    "Scores of what was stated of first and of later strikes, and of the best constant forecast.",
+                ),
             ],
         ),
     ]
@@ -230,21 +258,27 @@ _CALIBRATION = (
     "The planner states the probability of a hit for every strike. The calibration error is the mean distance between "
     "it and the share that hit, over strikes with about the same probability (Naeini et al. 2015). Where nearly all "
     "strikes hit it says little; the Brier and the log score say more, next to those of the best constant forecast "
-    "(the share of hits, known afterwards), and so does where the true miss lies in the predictive sample."
+    "(the share of hits, known afterwards), and so does where the true miss lies in the predictive sample. A trial ends "
+    "at its first hit, so that later strikes are those after a miss."
 )
 
 
 def _scores(found: ByWay) -> list[list[str]]:
-    head = ["way", "family", "strikes", "stated", "hit", "calibration error", "Brier", "constant", "log", "constant"]
-    rows = [[*head, "miss within 50 %", "within 90 %", "beyond all samples"]]
+    head = ["way", "family", "which", "strikes", "stated", "hit", "calibration error", "Brier", "constant", "log"]
+    rows = [[*head, "constant", "CRPS [mm]", "constant", "miss within 50 %", "within 90 %", "beyond all samples"]]
     for (way, family), trials in found.items():
-        firsts = [struck[0] for struck in trials if struck]
-        known = [Forecast(x["probability"] or 0.0, x["misses"], x["miss"], x["hit"]) for x in firsts]
-        if not known:
-            continue
-        s = Scores.of(known)
-        stated, hit = (np.array([getattr(f, name) for f in known]) for name in ("probability", "hit"))
-        said = [way, family, str(s.count), *(f"{100 * x:.0f} %" for x in (stated.mean(), s.hits))]
-        said += [f"{x:.3f}" for x in (reliability(stated, hit), s.brier, s.brier_constant, s.log, s.log_constant)]
-        rows.append([*said, *(f"{100 * x:.0f} %" for x in (*s.within, s.beyond))])
+        for which, some in (("first", slice(1)), ("later", slice(1, None))):
+            strikes = [x for struck in trials for x in struck[some]]
+            known = [Forecast(x["probability"] or 0.0, x["misses"], x["miss"], x["hit"]) for x in strikes]
+            if known:
+                rows.append([way, family, which, *_scored(known)])
     return rows
+
+
+def _scored(known: Sequence[Forecast]) -> list[str]:
+    s = Scores.of(known)
+    stated, hit = (np.array([getattr(f, name) for f in known]) for name in ("probability", "hit"))
+    said = [str(s.count), *(f"{100 * x:.0f} %" for x in (stated.mean(), s.hits))]
+    said += [f"{x:.3f}" for x in (reliability(stated, hit), s.brier, s.brier_constant, s.log, s.log_constant)]
+    said += [f"{1e3 * x:.1f}" for x in (s.crps, s.crps_constant)]
+    return [*said, *(f"{100 * x:.0f} %" for x in (*s.within, s.beyond))]

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from papers.unknown.report import Forecast, Scores, brier_score, log_score
+from papers.unknown.report import Forecast, Scores, brier_score, crps, log_score, spread
 
 
 def _simulated(rng: np.random.Generator, count: int, *, narrow: float = 1.0) -> list[Forecast]:
@@ -24,6 +24,16 @@ def test_proper_scores_are_those_of_torch() -> None:
     p, y = torch.tensor(stated), torch.tensor(came, dtype=torch.float64)
     assert brier_score(stated, came) == pytest.approx(functional.mse_loss(p, y).item())
     assert log_score(stated, came) == pytest.approx(functional.binary_cross_entropy(p, y).item())
+
+
+def test_crps_is_the_area_between_the_sample_and_what_came() -> None:
+    rng = np.random.default_rng(0)
+    sample, x = rng.exponential(0.03, 40), np.linspace(0, 0.5, 200_001)
+    below = np.searchsorted(np.sort(sample), x, side="right") / len(sample)
+    for came in (0.0, 0.02, 0.3):
+        area = np.trapezoid((below - (x >= came)) ** 2, x)
+        assert crps(sample, came) == pytest.approx(area, rel=1e-3)
+    assert spread(sample) / 2 == pytest.approx(np.mean([crps(sample, x) for x in sample]))  # as the best constant has
 
 
 def test_sure_and_wrong_is_infinitely_bad() -> None:
@@ -45,6 +55,7 @@ def test_calibrated_predictions_are_kept_as_often_as_they_say() -> None:
     assert found.within == pytest.approx((0.5, 0.9), abs=0.03)
     assert found.beyond == pytest.approx(1 / 65, abs=0.006)
     assert found.brier < found.brier_constant
+    assert found.crps < found.crps_constant
 
 
 def test_overconfidence_shows() -> None:
