@@ -258,8 +258,8 @@ _CALIBRATION = (
     "The planner states the probability of a hit for every strike. The calibration error is the mean distance between "
     "it and the share that hit, over strikes with about the same probability (Naeini et al. 2015). Where nearly all "
     "strikes hit it says little; the Brier and the log score say more, next to those of the best constant forecast "
-    "(the share of hits, known afterwards), and so does where the true miss lies in the predictive sample. A trial ends "
-    "at its first hit, so that later strikes are those after a miss."
+    "(the share of hits, known afterwards), and so does where the true miss lies in the predictive sample. A trial "
+    "ends at its first hit, so that later strikes are those after a miss."
 )
 
 
