@@ -358,6 +358,10 @@ def test_other_results_have_the_documented_keys(command, words, tmp_path, capsys
     assert set(json.loads(capsys.readouterr().out)) == documented_keys(command)
 
 
+# what a browser loads with a page; links are followed by people only
+FROM_A_NETWORK = re.compile(r'<(?:script|img|iframe|video|source|link)\b[^>]*\s(?:src|href)="(?:https?:)?//[^>]*>')
+
+
 @pytest.mark.slow
 def test_the_documentation_builds_without_a_warning(tmp_path):
     for module in ("sphinx", "myst_nb", "pydata_sphinx_theme"):
@@ -372,8 +376,19 @@ def test_the_documentation_builds_without_a_warning(tmp_path):
         timeout=HANG,
     )
     assert done.returncode == 0, done.stderr
-    for page in ("index", "tutorial", "derivations", "json", "api/whiptool.models", "notebooks/index"):
+    for page in (
+        "index",
+        "tutorial",
+        "derivations",
+        "json",
+        "api/whiptool.models",
+        "notebooks/index",
+        "gallery/robot",
+        "strike",
+    ):
         assert (tmp_path / "html" / f"{page}.html").exists(), page
+    for built in (tmp_path / "html").rglob("*.html"):
+        assert not FROM_A_NETWORK.search(built.read_text(encoding="utf-8")), built
 
 
 def test_every_make_target_of_the_pages_is_in_the_makefile():
