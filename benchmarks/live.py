@@ -23,8 +23,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 SEARCHES = {  # trials, trials in the quick form, and words of the command
-    "plane": (20_000, 300, "--target 1.2 0.1 --method directl"),
-    "ur5e": (4_000, 100, "--model ur5e --target 1.1 0.3 0.6 --method cmaes"),
+    "plane": (8_000, 300, "--target 1.2 0.1 --method directl"),
+    "ur5e": (2_000, 100, "--model ur5e --target 1.1 0.3 0.6 --method cmaes"),
 }
 TIMED = """
 import json, sys, time

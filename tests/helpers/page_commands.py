@@ -75,7 +75,7 @@ class Command:
     @property
     def serves(self) -> bool:
         """Whether it runs until it is stopped."""
-        return any(name in self.line for name in SERVES)
+        return any(name in self.line for name in SERVES) and "--mcap" not in self.line
 
     @property
     def words(self) -> list[str]:
