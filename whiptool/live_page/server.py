@@ -53,6 +53,8 @@ class PageServer:
         self.gate = Gate.of(host)
         with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
             self._server = viser.ViserServer(host=host, port=port, label="whiptool studio", verbose=False)
+        # of frames for a browser that has just gone away
+        warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
         self._server.request_share_url = lambda *_, **__: None  # nothing is made public by way of another's server
         self._server.gui.configure_theme(**THEME)
         self._server.on_client_connect(self._connected)
