@@ -18,9 +18,9 @@ Each FOLDER holds one of these:
 
 Every recording that is held out is predicted by `fit(..., held_out=...)` as the command `identify` does it. Printed are
 its errors at the horizons (readings within 0.1 s of them), and which shares of the readings the stated 50 and 90 %
-predictive intervals hold. Next to a pendulum stands the plain fit: the textbook's equations with viscous friction,
-least squares by SciPy, the same readings, and the spread of its residuals as interval. `--ropes` adds
-`benchmarks/ropes.py`.
+predictive intervals hold; of swings also if they are predicted from their middle, by which nothing was chosen. Next to
+a pendulum stands the plain fit: the textbook's equations with viscous friction, least squares by SciPy, the same
+readings, and the spread of its residuals as interval. `--ropes` adds `benchmarks/ropes.py`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,10 @@ from whiptool.models.parameters import ArmLink, ArmParameters
 from whiptool.recording.readers.angles import read_swings
 from whiptool.recording.strike_recording import StrikeRecording
 
-HORIZONS, AROUND = (0.5, 1.0, 2.0), 0.1  # [s]
+HORIZONS, AROUND = (0.5, 1.0, 1.5, 2.0), 0.1  # [s]
+WITHIN = 1.5  # [s] after the last known reading, over which a recording's RMS error is taken
 OTHER_STARTS = 2  # drawn, from which the classes of the first fit are judged again
+LEAST = 40  # readings of a swing that is also predicted from its middle
 FOLDS = 3  # every third recording is held out in turn
 KEYS = ("recordings", "held_out", "each", "model", "drive", "free", "pieces", "knots", "per_recording", "starts",
         "horizons")  # fmt: skip
@@ -131,23 +133,28 @@ def classes(found: Fit) -> dict[str, str]:
 
 def study(given: Given) -> dict[str, Any]:
     """Fit each fold, predict what it left out."""
-    parts, seconds, kinds, fits = [], [], [], []
+    parts, later, seconds, kinds, fits = [], [], [], [], []
+    swings = isinstance(given.plant.model, BareArm)
     for held in given.folds:
         began = time.perf_counter()
         inside = [r for i, r in enumerate(given.recordings) if i not in held]
         outside = [given.recordings[i] for i in held]
-        found = fit(inside, given.plant, given.free, held_out=outside, options=given.options)
+        also = [from_middle(r) for r in outside] if swings and min(len(r.t) for r in outside) >= LEAST else []
+        found = fit(inside, given.plant, given.free, held_out=[*outside, *also], options=given.options)
         seconds.append(time.perf_counter() - began)
         kinds.append(classes(found))
         fits.append(found)
-        parts += [of_recording(r, f) for r, f in zip(outside, found.held_out, strict=True)]
+        each = [of_recording(r, f) for r, f in zip([*outside, *also], found.held_out, strict=True)]
+        parts, later = [*parts, *each[: len(outside)]], [*later, *each[len(outside) :]]
     first = [r for i, r in enumerate(given.recordings) if i not in given.folds[0]]
     starts = [kinds[0], *(classes(fit(first, other, given.free, options=given.options)) for other in given.others)]
     return {
         "recordings": len(given.recordings),
         "held_out": sum(map(len, given.folds)),
-        "angular": isinstance(given.plant.model, BareArm),
+        "angular": swings,
         "predicted": joined(parts).table(given.horizons),
+        "from the middle": joined(later).table(given.horizons) if later else {},
+        "median of recordings": float(np.median([p.row(p.after <= WITHIN)["rms"] for p in parts])),
         "classes": kinds[0],
         "misfit_rms": float(np.sqrt(np.mean([r.rmse**2 for r in fits[0].recordings]))),
         "values": {p.name: p.value for p in fits[0].parameters},
@@ -155,6 +162,12 @@ def study(given: Given) -> dict[str, Any]:
         "starts_that_agree": sum(x == kinds[0] for x in starts),
         "seconds": float(np.median(seconds)),
     }
+
+
+def from_middle(swing: StrikeRecording) -> StrikeRecording:
+    """The second half of a swing, whose first tenth is known: no choice was made by how well it is predicted."""
+    half = {name: getattr(swing, name)[len(swing.t) // 2 :] for name in ("t", "points", "sigma", "t_points")}
+    return replace(swing, **half, first_state=None)
 
 
 def pendulum(folder: Path, name: str, *, quick: bool, whole: bool = False) -> Given:
@@ -295,12 +308,13 @@ def print_study(name: str, found: dict[str, Any]) -> None:
         return
     unit = "mrad" if found["angular"] else "mm"
     print(f"{name}: {found['held_out']} of {found['recordings']} recordings held out, fit {found['seconds']:.1f} s")
-    for title, key in (("whiptool", "predicted"), ("plain fit", "plain")):
+    for title, key in (("whiptool", "predicted"), ("from middle", "from the middle"), ("plain fit", "plain")):
         for horizon, row in found.get(key, {}).items():
             print(
-                f"  {title:10s} {horizon:6s} RMS {1e3 * row['rms']:6.2f} {unit}, median {1e3 * row['median']:6.2f}; "
+                f"  {title:11s} {horizon:6s} RMS {1e3 * row['rms']:6.2f} {unit}, median {1e3 * row['median']:6.2f}; "
                 f"50 % intervals hold {row['coverage_50']:.0%}, 90 % {row['coverage_90']:.0%}"
             )
+    print(f"  RMS of a recording until {WITHIN:g} s: median {1e3 * found['median of recordings']:.2f} {unit}")
     zeros = ", ".join(f"{name} {1e3 * x:.2f} mrad" for name, x in found["values"].items() if ".zero[" in name)
     print(f"  fitted readings: RMS {1e3 * found['misfit_rms']:.2f} {unit}{'; ' if zeros else ''}{zeros}")
     print(f"  classes agree from {found['starts_that_agree']} of {found['starts']} starts")
