@@ -270,7 +270,7 @@ def people(folder: Path, *, quick: bool) -> dict[str, Any]:
             found[style] = "not predicted: the whip's simulation failed"
             continue
         found[f"{style}: peaks off by at most"] = float(np.abs(model.peaks / one.peaks - 1).max())
-        found[f"{style}: times off by at most [s]"] = float(np.abs(model.times - one.times).max())
+        found[f"{style}: times off by at most, of the throw"] = float(np.abs(model.times - one.times).max())
     return found
 
 
