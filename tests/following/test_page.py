@@ -13,7 +13,7 @@ pytest.importorskip("viser", reason="the page needs pip install 'whiptool[studio
 
 from whiptool.errors import InputError
 from whiptool.following.page import RunPage
-from whiptool.following.run_view import Chart, Chosen, Curve, Measured, Motion, RunView
+from whiptool.following.run_view import Chart, Chosen, Curve, Measured, RunView, ShownMotion
 from whiptool.following.watcher import Watcher
 from whiptool.goals.target import Target
 from whiptool.models import preset
@@ -37,10 +37,10 @@ class Scripted:
             raise shown
         return shown
 
-    def shown_motion(self, chosen: Chosen) -> Motion:
+    def shown_motion(self, chosen: Chosen) -> ShownMotion:
         self.played.append(chosen.number)
         trajectory = CompiledRollout(MODEL).trajectory(Strike((-1.0, 0.5), (2.0, 0.8), 0.8), t_stay=0.3)
-        return Motion(MODEL, trajectory, Target((1.2, 0.1)))
+        return ShownMotion(MODEL, trajectory, Target((1.2, 0.1)))
 
 
 def view(number: int, count: int = 3, **changes: Any) -> RunView:

@@ -33,7 +33,7 @@ def test_the_learning_curve_grows_and_a_resumed_run_is_cut(tmp_path: Path) -> No
     assert view.chosen is None  # no policy was stored
     charts = {chart.title: chart for chart in view.charts}
     np.testing.assert_array_equal(charts["reward"].curves[0].y, -np.arange(1.0, 11))
-    trials, held_out = charts["share of hits"].curves
+    (trials,), (held_out,) = (charts[f"share of hits{where}"].curves for where in ("", " at held-out goals"))
     np.testing.assert_allclose(trials.y, 0.02 * np.arange(1, 11))
     np.testing.assert_array_equal(held_out.x, [5, 10])
     np.testing.assert_allclose(held_out.y, [0.5, 1.0])

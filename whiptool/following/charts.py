@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -22,15 +23,13 @@ _LEAST = 0.01  # [mm], what is nearer is drawn there on a logarithmic axis
 
 
 def columns(chart: Chart, most: int = MOST) -> tuple[np.ndarray, ...]:
-    """Return a chart's x and the values of each curve there, (K,) each, in its `drawn_unit`.
+    """Return a chart's x and the values of each curve there, (K,) each, in its `drawn_unit`; all are finite.
 
-    Between two of its points a curve is interpolated. Before its first and after its last point it is NaN, which the
-    page leaves out; on a logarithmic axis, where the page cannot, it keeps the value of that point.
+    Between two of its points a curve is interpolated; before its first and after its last point it keeps the value of
+    that point. The page's charts show nothing where a value is not a number.
     """
-    curves = [Curve(c.name, *(part[np.isfinite(c.y)] for part in (c.x, c.y))) for c in chart.curves]
-    x = np.unique(np.concatenate([curve.thinned(most).x for curve in curves])).astype(float)
-    outside = None if chart.logarithmic else np.nan
-    values = [np.interp(x, c.x, c.y, outside, outside) if len(c.x) else np.full(len(x), np.nan) for c in curves]
+    x = np.unique(np.concatenate([curve.thinned(most).x for curve in chart.curves])).astype(float)
+    values = [np.interp(x, curve.x, curve.y) for curve in chart.curves]
     if drawn_unit(chart) == "mm":
         values = [np.maximum(1e3 * y, _LEAST) for y in values]
     return x, *values
@@ -39,6 +38,13 @@ def columns(chart: Chart, most: int = MOST) -> tuple[np.ndarray, ...]:
 def drawn_unit(chart: Chart) -> str:
     """Return the unit in which a chart is drawn: logarithmic axes of the page write no small numbers."""
     return "mm" if chart.logarithmic and chart.unit == "m" else chart.unit
+
+
+def _known(chart: Chart) -> Chart | None:
+    """Return a chart without values that are not finite; None: nothing is left."""
+    curves = [Curve(c.name, *(part[np.isfinite(c.y)] for part in (c.x, c.y))) for c in chart.curves]
+    kept = tuple(curve for curve in curves if len(curve.x))
+    return replace(chart, curves=kept) if kept else None
 
 
 class ChartPanel:
@@ -54,7 +60,7 @@ class ChartPanel:
 
     def show(self, charts: tuple[Chart, ...]) -> None:
         """Show charts with their present values."""
-        for chart in charts:
+        for chart in filter(None, map(_known, charts)):
             names, data = tuple(curve.name for curve in chart.curves), columns(chart)
             before, handle = self._handles.get(chart.title, ((), None))
             if handle is not None and names == before:

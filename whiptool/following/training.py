@@ -13,7 +13,8 @@ from whiptool.rl.trained import BEST, EPISODES, held_out_strike
 
 _CHARTS = {  # title, unit, and the columns that are drawn together, with a name of each
     "reward": ("", {"mean_reward": "mean of the episode"}),
-    "share of hits": ("", {"share_hit": "trials of the episode", "held_out_hit": "held-out goals, first strikes"}),
+    "share of hits": ("", {"share_hit": "trials of the episode"}),
+    "share of hits at held-out goals": ("", {"held_out_hit": "first strikes"}),
     "cost at held-out goals": ("m", {"held_out_cost": "mean of first strikes"}),
 }
 _COUNTS = ("number", "strikes", "diverged")
