@@ -51,6 +51,7 @@ sphinx_gallery_conf = {
     "filename_pattern": "",  # every script is run
     "abort_on_example_error": True,
     "capture_repr": (),
+    "min_reported_time": 1e3,  # how long a script took says more about the machine
     "write_computation_times": False,
     "show_signature": False,
     "show_memory": False,
