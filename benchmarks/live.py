@@ -2,7 +2,8 @@
 
 `python benchmarks/live.py [--repeats 3] [--page] [--quick] [--json]`. Two searches, in the plane and of a UR5e, whose
 trials are the same with and without `--live`. Printed are the processor time and the wall time of the search itself,
-with `--live` in parts of those without: the median of the ratios of neighbouring runs, and the range. With `--page` a
+with `--live` in parts of those without: the median of the ratios of neighbouring runs, and the range; and as `shown`
+the processor time of the process that shows the run, its start included, in parts of the search's. With `--page` a
 browser looks at the page, too (playwright and /usr/bin/chromium), which draws without a graphics card and takes what
 the machine has: its own cost is in that.
 """
@@ -27,7 +28,7 @@ SEARCHES = {  # trials, trials in the quick form, and words of the command
     "ur5e": (2_000, 100, "--model ur5e --target 1.1 0.3 0.6 --method cmaes"),
 }
 TIMED = """
-import json, sys, time
+import json, resource, sys, time
 from whiptool import optimizers
 from whiptool.commands import optimize
 
@@ -40,7 +41,9 @@ def timed(*given, **named):
     return found
 
 optimizers.run_search = timed
-sys.exit(optimize.main(sys.argv[1:]))
+status, used = optimize.main(sys.argv[1:]), resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps(used.ru_utime + used.ru_stime))
+sys.exit(status)
 """
 MODES = {"without": (), "live": ("--live",), "page": ("--live",)}
 
@@ -55,8 +58,8 @@ def browser(address: str, stack: ExitStack) -> None:
     opened.new_page(viewport={"width": 1400, "height": 900}).goto(address)
 
 
-def searched(words: list[str], mode: str) -> tuple[float, float]:
-    """Processor time and wall time of a search [s]."""
+def searched(words: list[str], mode: str) -> tuple[float, float, float]:
+    """Processor time and wall time of a search, and processor time of the process that shows it [s]."""
     with TemporaryDirectory() as folder, ExitStack() as stack:
         command = [sys.executable, "-c", TIMED, *words, "--no-video", "--no-stop-at-hit", "--json", "--out"]
         process = subprocess.Popen(
@@ -73,12 +76,11 @@ def searched(words: list[str], mode: str) -> tuple[float, float]:
                 raise RuntimeError("the run ended before its page was there")
             browser(said, stack)
         threading.Thread(target=process.stderr.read, daemon=True).start()  # bars, which would fill the pipe
-        told = process.stdout.readline()
-        process.stdout.read()
+        told, rest = process.stdout.readline(), process.stdout.read()
         if process.wait() != 0:
             raise RuntimeError(f"the search ended with {process.returncode}")
         processor, wall = json.loads(told)
-        return processor, wall
+        return processor, wall, json.loads(rest.splitlines()[-1])
 
 
 def main() -> None:
@@ -95,9 +97,10 @@ def main() -> None:
         searched(given, "without")  # what has to be compiled is
         ratios: dict[str, list[np.ndarray]] = {mode: [] for mode in modes}
         for _ in range(repeats):
-            plain = np.array(searched(given, "without"))
+            plain = np.array(searched(given, "without")[:2])
             for mode in modes:
-                ratios[mode].append(np.array(searched(given, mode)) / plain)
+                *times, shown = searched(given, mode)
+                ratios[mode].append(np.array([*(times / plain), shown / plain[0]]))
             print(
                 f"{name}: without {plain[1]:.2f} s",
                 {m: np.round(r[-1], 3).tolist() for m, r in ratios.items()},
@@ -105,7 +108,7 @@ def main() -> None:
             )
         result[name] = {"trials": int(given[-1]), "seconds": float(plain[1])}
         for mode, found in ratios.items():
-            for i, what in enumerate(("processor", "wall")):
+            for i, what in enumerate(("processor", "wall", "shown")):
                 each = [float(ratio[i]) for ratio in found]
                 result[name][f"{mode}_{what}"] = {"median": float(np.median(each)), "each": each}
     if options.json:
