@@ -12,7 +12,7 @@ from whiptool.limits.all_limits import AllLimits
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.live_page.session import Shown
-from whiptool.viz.style import COLORS, length_text
+from whiptool.viz.style import COLORS
 
 _LEAST = 1e-5  # [m] of a miss distance that is stated
 FULL_CLEARANCE = 0.25  # [m] at which the bar of the clearance is full
@@ -35,6 +35,11 @@ class Bar:
     good: bool | None = None
 
 
+def millimetres(length: float) -> str:
+    """Return a length [m] as text in mm, with three digits."""
+    return f"{1e3 * length:.3g} mm" if length >= _LEAST else f"below {1e3 * _LEAST:g} mm"
+
+
 def outcome_bars(shown: Shown, limits: AllLimits) -> list[Bar]:
     """Return the bars of a strike."""
     if shown.trajectory.diverged:
@@ -45,8 +50,7 @@ def outcome_bars(shown: Shown, limits: AllLimits) -> list[Bar]:
 def _arrival(shown: Shown) -> list[Bar]:
     target, near = shown.settings.target, shown.near
     goals, distance = target.goals, float(near.distance[0])
-    said = length_text(distance) if distance >= _LEAST else f"below {length_text(_LEAST)}"
-    within = f"{said} of {length_text(target.hit_radius)} allowed"
+    within = f"{millimetres(distance)} of {millimetres(target.hit_radius)} allowed"
     bars = [Bar("miss distance", within, distance / target.hit_radius, bool(distance <= target.hit_radius))]
     if target.direction is not None:
         angle = float(goals.angle(near.velocity)[0])
@@ -103,7 +107,7 @@ def _clearance(limits: Clearance, shown: Shown) -> list[Bar]:
     if found is None:
         return []
     where = f"{found.names[0]} to {found.names[1]}"
-    size = length_text(abs(found.clearance))
+    size = millimetres(abs(found.clearance))
     text = f"{size}, {where}" if found.clearance >= 0 else f"{size} inside: {where}, at {at:.2f} s"
     return [Bar("clearance", text, max(found.clearance, 0.0) / FULL_CLEARANCE, found.clearance >= limits.least)]
 
