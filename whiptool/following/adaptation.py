@@ -89,7 +89,7 @@ class FollowedAdaptation(Followed):
         if strikes and (chance := strikes[-1].plan.get("probability")) is not None:
             facts["planned chance to hit"] = f"{chance:.0%}"
         if made and (judged := made[-1].judged).get("miss") is not None:
-            facts["last miss"] = f"{1e3 * judged['miss']:.0f} ± {1e3 * judged['error']:.0f} mm"
+            facts["last miss"] = f"{1e3 * judged['miss']:.3g} ± {1e3 * judged['error']:.2g} mm"
             facts["chance that it hit"] = f"{judged['probability']:.0%}"
         last = max(self._steps, default=None)
         facts |= self._narrowed_facts()
