@@ -30,6 +30,7 @@ FRAMES = 30.0  # a second
 _SLIDER = 5  # frames between two movements of the slider of time
 _AT_END = 0.6  # [s] that a played strike rests at its end
 GESTURE = 1.5  # [s] between changes that are not one: the ghost is the strike before all changes of one gesture
+QUIET = 0.3  # [s] without a change before longer work begins, which would delay what is dragged
 BEGIN = "begin"  # kind of the request with which a drag begins
 _log = logging.getLogger(__name__)
 
@@ -154,8 +155,10 @@ class Page:
         return self._longer(session, scene, panel, shown)
 
     def _longer(self, session: Session, scene: Scene, panel: Panel, shown: Shown) -> Iterator[None]:
-        """Compute tolerance ellipses and heat map."""
-        yield
+        """Compute tolerance ellipses and heat map, once nothing has changed for a while."""
+        while time.monotonic() - self._changed < QUIET:
+            time.sleep(QUIET / 20)
+            yield
         spread = session.spread() if shown.settings.noise > 0 and not shown.trajectory.diverged else None
         scene.show_spread(spread)
         panel.show_spread(spread, shown.settings.noise)
