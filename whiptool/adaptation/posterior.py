@@ -226,7 +226,7 @@ def _best(
     found: list[Fit | None] = []
     for way in (_fit, _beaded, _grown):
         found.append(way(recordings, guess.at(), prior.names, options))
-        if _explains(prior, found[-1]) or (way is _grown and _again(found)):
+        if _explains(prior, found[-1]) or _again(found):
             return min((f for f in found if f is not None), key=_cost)
     samples = prior.sample(np.random.default_rng([seed, len(recordings)]), screened)
     early = [_until(r, _HORIZONS[0]) for r in recordings]
