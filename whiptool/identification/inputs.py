@@ -303,9 +303,15 @@ def may_be_filmed(path: str) -> bool:
 
 
 def in_pixels(path: str) -> bool:
-    """Whether a recording is a CSV file with a camera's pixel coordinates of markers."""
-    if not Path(path).is_file() or find_format(path) != "csv":
+    """Whether a recording has a camera's pixel coordinates of markers: a CSV file, or one of pose estimation whose
+    sidecar names the camera, and no way to metres.
+    """
+    if not Path(path).is_file() or (form := find_format(path)) not in ("csv", *POSES):
         return False
+    if form in POSES:
+        side = Path(path).with_suffix(".toml")
+        said = read_toml(side) if side.is_file() else {}
+        return "camera" in said and not said.keys() & {"homography", "known_points", "scale"}
     with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
         return any(name.strip().strip('"').endswith("_u") for name in file.readline().split(","))
 

@@ -6,12 +6,15 @@ needed where the file has times), the way to metres (`homography`, `known_points
 (which body parts are what, as in `{tip = "whip_end"}`; default: all by their own names), `individual` (which animal, if
 there are several), `likelihood` (below it a point is missing), `sigma_pixels` (standard error per coordinate; default
 1), and, for a rolling shutter, `readout` with `rows`, the height of the image.
+
+In place of the way to metres `camera` and `cameras` may state the camera in space that saw them; the recording then
+holds pixels, and the camera's own exposure and readout count where the sidecar states none.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +23,12 @@ from whiptool.errors import InputError
 from whiptool.recording.camera import to_plane
 from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.readers.footage import frame_clock
-from whiptool.recording.readers.sidecar import CLOCK, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 
-KEYS = (*CLOCK, *PIXELS, "markers", "individual", "likelihood", "sigma_pixels", "rows")  # of the sidecar
+KEYS = (*CLOCK, *PIXELS, *FILM, "markers", "individual", "likelihood", "sigma_pixels", "rows")  # of the sidecar
+WAYS = "homography, known_points, or scale and origin of the strike plane; or camera and cameras of one in space"
 HIGH = 1e6  # the largest limit of a likelihood; SLEAP's scores may exceed 1
 
 
@@ -81,14 +85,19 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
             notes.append(f"{counted(count, 'point')} with a likelihood below {least:g} taken as missing")
     if not np.isfinite(pixels).all(axis=2).any():
         raise InputError(str(path), f"{poses.what} in which no body part was seen", "at least one position")
-    if (homography := side.homography()) is None:
-        raise InputError(
-            "homography", None, "homography, known_points, or scale and origin", "write them into the sidecar .toml"
-        )
+    homography, view = side.homography(), side.filmed_by
+    if (homography is None) == (view is None):
+        raise InputError("homography", "together with cameras" if view else None, WAYS, "state them in the sidecar .toml")
     clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
-    notes.append("units: pixels, taken to metres in the strike plane as the sidecar says")
     pixels, t = pixels[clock.keep], clock.times
-    readout = side.readout()
+    readout, sigma = side.readout(), side.number("sigma_pixels", 1.0, low=1e-6, high=1e3)
+    if view is not None:
+        timed = readout * view.height / max(view.height - 1, 1)  # to the row after the last
+        view = replace(view, exposure=side.exposure(), readout=timed)
+        seen = {"points": pixels, "markers": tuple(names), "sigma": sigma, "view": view}
+        return side.recording(path, notes=[*clock.notes, *notes], t=t, **seen)
+    assert homography is not None
+    notes.append("units: pixels, taken to metres in the strike plane as the sidecar says")
     if readout and "rows" not in side.table:
         raise InputError(
             "rows", None, "the height of the image [pixels], with the key readout", "state it in the sidecar"
@@ -101,7 +110,7 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         t=t,
         points=to_plane(homography, pixels),
         markers=tuple(names),
-        sigma=side.number("sigma_pixels", 1.0, low=1e-6, high=1e3) * metres_per_pixel(homography, pixels),
+        sigma=sigma * metres_per_pixel(homography, pixels),
         t_points=t[:, None] + late,
     )
 
