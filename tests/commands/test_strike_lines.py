@@ -183,9 +183,11 @@ def test_what_is_commanded_is_judged_of_strikes_of_joints_alone(by_joints, used)
 
 def test_shapes_that_are_taken_to_touch_are_told_with_their_cure():
     words = "at 0.000 s the link of j1 is 3 mm inside the link of j3"
-    assert with_cure(words) == f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"
-    for others in (None, "at 0.1 s the torque of j1 is +9.00; its limit is 5.00"):
-        assert with_cure(others) == others
+    cured = f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"
+    assert with_cure(words, True) == cured
+    for others in (None, words):
+        assert with_cure(others, False) == others
+    assert with_cure(None, True) is None
 
 
 @pytest.mark.parametrize("end", ["start", "end"])

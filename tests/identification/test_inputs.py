@@ -241,6 +241,14 @@ def test_pixels_are_told_by_the_columns_of_a_csv(tmp_path, name, head, pixels):
     assert in_pixels(str(tmp_path / name)) is pixels
 
 
+def test_body_parts_are_in_pixels_where_their_sidecar_names_a_camera_and_no_plane(tmp_path):
+    (tmp_path / "left.csv").write_text("scorer,me,me\nbodyparts,tip,tip\ncoords,x,y\n0,1,2\n")
+    assert not in_pixels(str(tmp_path / "left.csv"))
+    for said, pixels in (('camera = "left"\n', True), ('camera = "iPhone"\nscale = 0.001\n', False)):
+        (tmp_path / "left.toml").write_text(said)
+        assert in_pixels(str(tmp_path / "left.csv")) is pixels
+
+
 def test_a_file_that_is_not_there_is_not_in_pixels(tmp_path):
     assert not in_pixels(str(tmp_path / "absent.csv"))
 

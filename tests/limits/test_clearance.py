@@ -128,6 +128,7 @@ def test_an_arm_that_folds_into_itself_and_a_whip_that_lies_on_it():
     assert said.startswith("at 0.")
     assert "the link of shoulder_lift is" in said
     assert "mm inside the link of" in said
+    assert limits.explain(folding, UR5E.arm.joints).overlap
     back = held(AHEAD, AHEAD, along=(-1.0, 0.0, 0.0))  # along the stick
     assert limits.violation(back) > 0
     assert "is 40 mm inside the whip's node" in str(limits.explain(back, UR5E.arm.joints))

@@ -195,13 +195,15 @@ def _strike(options: MapStrikeOptions) -> int:
     with warnings.catch_warnings(action="ignore"):  # what it misses or is beyond is printed
         strike = strike_map.strike(target, refined=options.refine)
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
-    beyond = striker.limits.explain(trajectory, model.arm.joints, strike)
+    found = striker.limits.worst(trajectory, model.arm.joints, strike)
+    beyond = None if found is None else str(found)
     options.refuse_beyond(beyond)
     commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
     outcome, named = objective.judge(trajectory, strike), named_strike(strike, model.arm)
     lines = [f"one strike from the map of {model.name}", *strike_lines(named, model.arm)]
-    refused = [f"  outcome        refused, as it is beyond the limits: {with_cure(beyond)}"]
+    said = with_cure(beyond, found is not None and found.overlap)
+    refused = [f"  outcome        refused, as it is beyond the limits: {said}"]
     lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
     summary = {"strike": named, **outcome_table(outcome, target), "refined": options.refine, "beyond": beyond}
     summary |= {"model": model.name, "version": code_version()}

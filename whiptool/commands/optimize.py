@@ -196,7 +196,8 @@ class SearchRun:
         if objective.best.outcome.refused != UNREACHABLE:
             strike = self.rollout.space.strike(objective.best.strike)
             trajectory = self.rollout.trajectory(strike, t_stay=self.options.t_stay)
-            said = with_cure(objective.limits.explain(trajectory, self.model.arm.joints, strike))
+            found = objective.limits.worst(trajectory, self.model.arm.joints, strike)
+            said = None if found is None else with_cure(str(found), found.overlap)
         why = ", ".join(f"{name} ({count})" for name, count in why_lost(objective.trials).items())
         closest = "" if said is None else f"; the least of them: {said}"
         motors = "other --limits, or " if objective.best.outcome.refused == "motor" else ""
@@ -356,13 +357,14 @@ class SearchRun:
         bounds = self.objective.bounds
         refused = result.outcome.refused is not None
         batch = result.status.value == "hit" and result.first_hit != result.n_trials
+        said = with_cure(summary.get("beyond"), summary.get("overlap", False))
         first = f" (number {result.first_hit} was the first hit; whole batches are evaluated)" if batch else ""
         lines = [
             f"{result.method}: {result.message}, after {counted(result.n_trials, 'trial')}{first} in "
             f"{result.wall_time:.2f} s ({result.n_diverged} diverged)",
             *strike_lines(summary["strike"], self.model.arm, zip(bounds.lower, bounds.upper, strict=True)),
             *(
-                [f"  outcome        refused, like all other strikes; the best: {with_cure(summary['beyond'])}"]
+                [f"  outcome        refused, like all other strikes; the best: {said}"]
                 if refused
                 else outcome_lines(result.outcome, self.target, self.model.arm)
             ),

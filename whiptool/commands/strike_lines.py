@@ -135,7 +135,8 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
 
     Each kind of limit has a key: `joint_usage`, `motor_usage` and `speed_usage` are fractions of it, `clearance` is the
     smallest distance [m]. `point_speeds` are the largest speeds of elbow, flange and hand of an arm in space [m/s].
-    `beyond` describes the limit that is exceeded most; None: all are kept. Numbers of a diverged strike are None.
+    `beyond` describes the limit that is exceeded most, None: all are kept; `overlap` is whether this is that two shapes
+    are inside each other. Numbers of a diverged strike are None.
     """
     from whiptool.limits.clearance import Clearance
 
@@ -157,7 +158,8 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
         names = [name for name in ("elbow", "flange", "hand") if name in arm.points]
         fastest = point_speeds(arm, names, trajectory.q[:, : arm.n], trajectory.v[:, : arm.n]).max(axis=0)
         table["point_speeds"] = dict(zip(names, fastest.tolist(), strict=True))
-    return table | {"beyond": None if trajectory.diverged else limits.explain(trajectory, arm.joints, strike)}
+    found = None if trajectory.diverged else limits.worst(trajectory, arm.joints, strike)
+    return table | {"beyond": None if found is None else str(found), "overlap": found is not None and found.overlap}
 
 
 def limit_lines(limits: AllLimits, table: dict) -> list[str]:
@@ -171,7 +173,7 @@ def limit_lines(limits: AllLimits, table: dict) -> list[str]:
     if table.get("point_speeds"):
         fastest = ", ".join(f"{name} {speed:.2f}" for name, speed in table["point_speeds"].items())
         lines.append(f"  point speeds   at most {fastest} m/s")
-    return lines + ([f"  beyond         {with_cure(table['beyond'])}"] if table.get("beyond") else [])
+    return lines + ([f"  beyond         {with_cure(table['beyond'], table['overlap'])}"] if table.get("beyond") else [])
 
 
 def _used(share: float, limits: str) -> str:
@@ -181,10 +183,14 @@ def _used(share: float, limits: str) -> str:
     return f"beyond {limits}: {math.ceil(100 * share)} % used"
 
 
-def with_cure(words: str | None) -> str | None:
+def with_cure(words: str | None, overlap: bool) -> str | None:
     """Return the text on the limit that a strike exceeds; if two shapes collide, with the settings that allow them to
     touch.
+
+    Args:
+        words: The limit; None: all are kept.
+        overlap: Whether two shapes are inside each other, as `Excess` has it.
     """
-    if words is None or " mm inside " not in words:
+    if words is None or not overlap:
         return words
     return f"{words}; if they never meet: arm.never_touch in a model file, or --ignore-collisions"

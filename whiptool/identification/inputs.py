@@ -29,6 +29,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.runs import CONFIG
 from whiptool.vision.markers import Marker
 
+POSES = ("deeplabcut", "sleap", "hdf5")  # formats of pose estimation
 RECORDED = "recording.npz"  # of a strike of a rig or robot, in its run folder
 
 

@@ -313,6 +313,6 @@ class Clearance(Limits):
         distance = 1e3 * abs(found.clearance)
         if found.clearance < 0:
             where = "below" if other == "the floor" else "inside"
-            return Excess(f"{one} is {distance:.0f} mm {where} {other}", float(t))
+            return Excess(f"{one} is {distance:.0f} mm {where} {other}", float(t), overlap=where == "inside")
         kept = f"; it has to keep {1e3 * self.least:g} mm" if found.clearance < self.least else ""
         return Excess(f"{one} is {distance:.0f} mm from {other}{kept}", float(t))

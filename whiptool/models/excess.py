@@ -12,10 +12,12 @@ class Excess:
     Args:
         words: What is beyond which limit.
         t: The instant [s]; None: there is no single one.
+        overlap: Whether two shapes are inside each other, which may be so by the model's file alone.
     """
 
     words: str
     t: float | None = None
+    overlap: bool = False
 
     def __str__(self) -> str:
         return self.words if self.t is None else f"at {self.t:.3f} s {self.words}"

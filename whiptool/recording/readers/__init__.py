@@ -32,6 +32,7 @@ from whiptool.recording.readers.deeplabcut import holds_table, read_deeplabcut
 from whiptool.recording.readers.footage import SUFFIXES, VideoSource, read_video, video_frames
 from whiptool.recording.readers.hdf5 import read_hdf5
 from whiptool.recording.readers.joint_log import Logs, holds_log, read_csv_logs
+from whiptool.recording.readers.keys import refuse_unheard
 from whiptool.recording.readers.lerobot import lerobot_video, read_lerobot, read_lerobot_logs
 from whiptool.recording.readers.lerobot_dataset import lerobot_episode
 from whiptool.recording.readers.mat import read_mat
@@ -80,6 +81,13 @@ def _log(path: Path, head: bytes) -> bool:
     return path.name.endswith(JOINT_LOG) or holds_log(names)
 
 
+def _read_npz(path: Path) -> StrikeRecording:
+    """Read a recording of whiptool's own, which states all itself."""
+    fix = "move it away; the CSV file that whiptool.recording convert writes has a sidecar that is read"
+    refuse_unheard(Path(path), "an NPZ file of whiptool", fix)
+    return StrikeRecording.load(path)
+
+
 READERS: Registry[Format] = Registry(
     "readers",
     Format,
@@ -96,7 +104,7 @@ READERS: Registry[Format] = Registry(
         "angles": Format("angles of a free arm's links, CSV or NPZ", holds_angles, read_angles),
         "log": Format("log of a robot's joints or hand, CSV", _log, logs=read_csv_logs),
         "csv": Format("CSV with columns t, tip_x, tip_y, ...", _named(".csv"), read_csv),
-        "npz": Format("NPZ of whiptool", _named(".npz"), StrikeRecording.load),
+        "npz": Format("NPZ of whiptool", _named(".npz"), _read_npz),
         "mat": Format("MAT version 5, also of Qualisys Track Manager", _named(".mat"), read_mat),
         "c3d": Format("C3D motion capture", _named(".c3d"), read_c3d, needs="ezc3d"),
         "lerobot": Format(
@@ -215,6 +223,9 @@ def log_alone(path: Path | str) -> InputError:
     fix = f'leave it out, and name it in the sidecar of the tracks: joints = "{name}"'
     if name.endswith(JOINT_LOG):
         fix = f"leave it out: it is read together with {name.removesuffix(JOINT_LOG)}.csv"
+    elif is_bag(Path(path), b""):
+        side = f"{name}/whiptool.toml" if Path(path).is_dir() else Path(name).with_suffix(".toml")
+        fix = f'say in {side} which topics are markers, as markers = {{tip = "/TOPIC"}}; or {fix}'
     return InputError(str(path), "a joint log", "a recording with tracks or images", fix)
 
 

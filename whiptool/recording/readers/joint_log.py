@@ -21,6 +21,7 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.models.pose_columns import POSE
 from whiptool.recording.logs import POSITION, Column, good_stamps, in_numbers
+from whiptool.recording.readers.keys import refuse_unheard
 from whiptool.recording.readers.table import read_columns, time_column, without_repeated_rows
 
 
@@ -54,6 +55,7 @@ LAYOUTS = (
 )
 
 
+UNHEARD = ("a log of a robot", "state it in the sidecar of the tracks whose log it is")  # of a sidecar next to a log
 PREFIX = POSITION + "_"  # of a joint's name, as in the trajectories that whiptool exports
 
 
@@ -107,8 +109,9 @@ def read_csv_logs(path: Path) -> Logs:
     """Read all logs of a CSV file.
 
     Raises:
-        InputError: See `read_joint_log`.
+        InputError: See `read_joint_log`; or there is a sidecar, of which a log alone takes nothing.
     """
+    refuse_unheard(path, *UNHEARD)
     names, table = read_columns(path)
     posed = set(POSE) <= set(names)
     jointed = any(layout.columns(names) for layout in LAYOUTS) or any(Column.of(x).kind == POSITION for x in names)

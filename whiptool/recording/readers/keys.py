@@ -4,12 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from glob import escape
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from whiptool.errors import InputError
+
+
+def refuse_unheard(path: Path, what: str, fix: str) -> None:
+    """Refuse a sidecar `NAME.toml` next to a file of which nothing is read; one of another file `NAME` is left alone.
+
+    Args:
+        path: The file.
+        what: Description of the file, for the message.
+        fix: Where its values have to be stated.
+
+    Raises:
+        InputError: There is such a sidecar; the message names it.
+    """
+    side = path.with_suffix(".toml")
+    if side.is_file() and not [x for x in path.parent.glob(f"{escape(path.stem)}.*") if x not in (path, side)]:
+        raise InputError(str(side), "a sidecar", f"none, for nothing of it is read with {what}", fix)
 
 
 class _Asked(Mapping[str, Any]):

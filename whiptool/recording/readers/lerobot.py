@@ -16,7 +16,6 @@ those of `whiptool.recording.readers.footage`.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from whiptool.errors import InputError
 from whiptool.given_files import parsing, read_toml, sha256
 from whiptool.recording.readers.footage import VideoSource, clock_of_rows, frame_clock, segment, source, video_frames
 from whiptool.recording.readers.joint_log import JointLog, Logs
+from whiptool.recording.readers.keys import refuse_unheard
 from whiptool.recording.readers.lerobot_dataset import STATE, Episode, joints_of, lerobot_episode
 from whiptool.recording.readers.sidecar import CLOCK, PIXELS, SPACE, Sidecar
 from whiptool.recording.readers.table import split_columns
@@ -107,15 +107,14 @@ def _sidecar(folder: Path, episode: int, options: dict[str, Any]) -> Sidecar:
     """The folder's sidecar, with the episode's own table over it, and the options over both."""
     if not isinstance(episode, (int, np.integer)) or isinstance(episode, bool) or episode < 0:
         raise InputError("episode", episode, "an index, 0 or more")
+    refuse_unheard(folder, "a dataset", "move it into the folder, as whiptool.toml")
     file = folder / "whiptool.toml"
     table = read_toml(file) if file.is_file() else {}
     episodes = table.pop("episode", {})
     own = episodes.get(str(episode), {}) if isinstance(episodes, dict) else None
     if not isinstance(own, dict):
         raise InputError(f"{file}: episode", str(own)[:80], f"tables, as [episode.{episode}]")
-    given = {key: value for key, value in options.items() if value is not None}
-    side = Sidecar.of(folder, {**table, **own, **given}, *KEYS, file=folder / "meta" / "none.toml")
-    return replace(side, folder=folder, place=f"{file if table or own else folder}: ")
+    return Sidecar.of(folder, options, *KEYS, file=file, table={**table, **own})
 
 
 def _feature(data: Episode, side: Sidecar, key: str, default: tuple[str, ...]) -> str | None:

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.recording.logs import order_of
-from whiptool.recording.readers.joint_log import JointLog
-from whiptool.recording.readers.keys import Keys
+from whiptool.recording.readers.joint_log import UNHEARD, JointLog
+from whiptool.recording.readers.keys import Keys, refuse_unheard
 from whiptool.recording.readers.robot_logs import read_hand, read_joints
 
 LOGS = ("joints", "hand")  # of a robot, each with a clock that may be another one
@@ -20,6 +20,7 @@ LOG_KEYS = (
     "hand_start", "hand_topic", "hand_frames", "hand_axes", "hand_offset",
 )  # fmt: skip
 ANGLES = ("rad", "deg", "normalized")
+TEXTS = (".csv", ".txt", ".log")  # endings of logs without a place for a sidecar of theirs
 SIGNS = {"": 1.0, "-": -1.0}
 TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 
@@ -55,6 +56,8 @@ class LogKeys(Keys):
             InputError: A value is not allowed, or a file cannot be read.
         """
         fields, said = {}, list[str]()
+        for what in LOGS:
+            self._refuse_its_sidecar(what)
         if (file := self.file("joints")) is not None:
             stated = "joint_units" in self.table
             log = read_joints(file, self.joint_columns, self.table.get("joints_topic"), stated=stated)
@@ -72,6 +75,12 @@ class LogKeys(Keys):
             if self.values.get(what) is False:  # a log is left out for once
                 self.asked.update(key for key in self.values if key.startswith(what.removesuffix("s")))
         return fields, said
+
+    def _refuse_its_sidecar(self, what: str) -> None:
+        """Refuse a sidecar of a log in a text file, unless it is this one."""
+        file = self.file(what)
+        if file is not None and file.suffix.lower() in TEXTS and self.place != f"{file.with_suffix('.toml')}: ":
+            refuse_unheard(file, *UNHEARD)
 
     def angles(self, log: JointLog) -> tuple[np.ndarray, list[str]]:
         """Return the joint angles of a log in rad (S, a), with jumps by full turns removed, and sentences on this and

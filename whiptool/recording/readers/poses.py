@@ -87,7 +87,8 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         raise InputError(str(path), f"{poses.what} in which no body part was seen", "at least one position")
     homography, view = side.homography(), side.filmed_by
     if (homography is None) == (view is None):
-        raise InputError("homography", "together with cameras" if view else None, WAYS, "state them in the sidecar .toml")
+        given = None if view is None else "together with cameras"
+        raise InputError("homography", given, WAYS, "state them in the sidecar .toml")
     clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
     pixels, t = pixels[clock.keep], clock.times
     readout, sigma = side.readout(), side.number("sigma_pixels", 1.0, low=1e-6, high=1e3)

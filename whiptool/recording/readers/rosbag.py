@@ -22,6 +22,7 @@ from whiptool.given_files import parsing, sha256
 from whiptool.recording.readers.bag_files import bag_messages, bag_parts, bag_topics, best_clock, stamp_of
 from whiptool.recording.readers.bag_logs import PLACES
 from whiptool.recording.readers.footage import VideoSource, frame_clock, source
+from whiptool.recording.readers.keys import refuse_unheard
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, SPACE, Sidecar
 
 IMAGE, TEXT = "sensor_msgs/msg/Image", "std_msgs/msg/String"
@@ -135,7 +136,13 @@ def read_db3(path: Path | str, **options: Any) -> VideoSource:
 
 
 def bag_sidecar(path: Path, options: dict[str, Any]) -> Sidecar:
-    """Return the sidecar of a bag: `NAME.toml` next to the file, or `whiptool.toml` in the folder."""
+    """Return the sidecar of a bag: `NAME.toml` next to the file, or `whiptool.toml` in the folder.
+
+    Raises:
+        InputError: A folder has a sidecar next to it, where nothing reads it, or see `Sidecar.of`.
+    """
+    if path.is_dir():
+        refuse_unheard(path, "a bag in a folder", "move it into the folder, as whiptool.toml")
     keys = (*CLOCK, *PIXELS, *FILM, *SPACE, "topic", "markers", "sigma")
     return Sidecar.of(path, options, *keys, file=path / "whiptool.toml" if path.is_dir() else None)
 

@@ -66,7 +66,14 @@ class Sidecar(LogKeys):
     """Checked access to the keys of a sidecar, a TOML file next to a recording, with options that override them."""
 
     @classmethod
-    def of(cls, path: Path, options: Mapping[str, Any], *keys: str, file: Path | None = None) -> Sidecar:
+    def of(
+        cls,
+        path: Path,
+        options: Mapping[str, Any],
+        *keys: str,
+        file: Path | None = None,
+        table: Mapping[str, Any] | None = None,
+    ) -> Sidecar:
         """Return the sidecar of a recording, if there is one, combined with options.
 
         Args:
@@ -74,12 +81,14 @@ class Sidecar(LogKeys):
             options: Options of the reader, which override the sidecar.
             keys: Keys of the format in addition to the common keys.
             file: File of the sidecar, if it is not `NAME.toml`.
+            table: What of this file counts; None: all.
 
         Raises:
             InputError: The sidecar is not TOML, or a key is unknown.
         """
         file = file or path.with_suffix(".toml")
-        table = read_toml(file) if file.is_file() else {}
+        if table is None:
+            table = read_toml(file) if file.is_file() else {}
         known = (*COMMON, *keys)
         for where, given in ((f"{file}: ", table), ("option ", options)):
             for key in given:
