@@ -99,9 +99,11 @@ def test_no_file_is_overwritten_nor_given_the_sidecar_of_another(tmp_path):
     full().save(tmp_path / "a.npz")
     (tmp_path / "a.toml").write_text('units = "mm"')
     assert_one_line(called("recording", "convert", "a.npz", "a.csv", cwd=tmp_path), "another name than a")
+    assert_one_line(called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path), "a.toml: got 'a sidecar'")
+    assert (tmp_path / "a.toml").read_text() == 'units = "mm"'
+    (tmp_path / "a.toml").unlink()
     assert called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path).returncode == 0
     assert_one_line(called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path), "b.csv, b.toml")
-    assert (tmp_path / "a.toml").read_text() == 'units = "mm"'
 
 
 def test_a_log_reads_back_the_same(tmp_path):
