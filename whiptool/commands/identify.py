@@ -182,7 +182,7 @@ class FitRun:
         if self.options.cameras is None:
             return None
         if not any(in_pixels(name) or may_be_filmed(name) for name in names):
-            nothing = "only with films, pixels (columns tip_u, tip_v), or body parts whose sidecar names a camera"
+            nothing = "only with films or recordings in pixels (tip_u, tip_v; or body parts of a named camera)"
             raise InputError("--cameras", self.options.cameras, nothing)
         return Path(self.options.cameras)
 
