@@ -250,7 +250,7 @@ def _beaded(
         return None
     heavy = plant.values()["profile.linear_density"] * plant.values()["profile.length"] * _HEAVY
     placed = [plant.changed({"profile.bead_place": place, "profile.bead_mass": heavy}) for place in BEADS]
-    first = dataclasses.replace(options, max_iterations=_FIRST_STEPS)
+    first = dataclasses.replace(options, max_iterations=_FIRST_STEPS, loss=None)
     tried = [f for f in (_fit(recordings, start, names, first) for start in placed) if f is not None]
     best = min(tried, key=_cost, default=None)
     return None if best is None else _fit(recordings, best.plant, names, options)
