@@ -102,22 +102,22 @@ def test_numbers_that_narrowed_most_come_first_with_their_units(prior):
     assert [x.split()[0] for x in shown[:3]] == ["profile.length", "delay", "profile.drag"]
     assert "error 13 % -> 0.26 %" in shown[0]  # relative
     assert "error 0.006 s -> 0.0006 s" in shown[1]
-    assert "error 0.0034 N s^2/m^3 -> 0.0017 N s^2/m^3" in shown[2]
+    assert "error 0.001 N s^2/m^3 -> 0.00051 N s^2/m^3" in shown[2]
     assert re.search(r"profile\.length +0?\.\d+ m|profile\.length +1\.?\d* m", shown[0])
 
 
 def test_bounds_and_contradictions_are_marked(prior):
-    """The prior's drag is two standard errors above zero."""
-    at = {"profile.drag": -2.0, "profile.length": 2.9, "delay": -3.1}
+    """The prior's mass of a bead is one standard error above zero."""
+    at = {"profile.bead_mass": -1.0, "profile.length": 2.9, "delay": -3.1}
     said = {x.split()[0]: x for x in lines(step_of(1, narrowed(prior, {}, at)), prior) if x.startswith("    ")}
-    assert "at its bound" in said["profile.drag"]
+    assert "at its bound" in said["profile.bead_mass"]
     assert "contradicts the estimate before" in said["delay"]
     assert "contradicts" not in said.get("profile.length", "")
     sharp = narrowed(prior, {"profile.length": 0.1})
     second = "\n".join(lines(step_of(2, narrowed(prior, {}, {"profile.length": 0.4})), prior, sharp))
     assert re.search(r"profile\.length .*contradicts", second)  # 4 standard errors of the belief before
     rows = parts(sections([step_of(1, narrowed(prior, {}, at))], prior, TARGET), Table)[1].rows
-    assert {row[0]: row[-1] for row in rows}["profile.drag"] == "at its bound"
+    assert {row[0]: row[-1] for row in rows}["profile.bead_mass"] == "at its bound"
 
 
 def test_a_first_look_is_no_strike(prior):

@@ -502,7 +502,7 @@ def test_a_fast_tip_can_be_asked_for(prior):
 
 
 def test_whips_that_diverge_are_counted_not_averaged(prior, monkeypatch):
-    def half(self, strikes, whips) -> Passes:
+    def half(self, strikes, whips, rollout) -> Passes:
         distance = np.tile([0.1, np.inf], (len(strikes), len(whips) // 2))
         return Passes(distance, np.zeros((*distance.shape, 2)))
 

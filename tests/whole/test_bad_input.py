@@ -228,6 +228,7 @@ simulate --space hand --strike 0.4 0 0 0.4 -1 | D: got -1.0; allowed: a finite n
 optimize --upper 0 0 0 0 0 0 0 | --upper
 optimize --stop-at-hit 3 | command line
 optimize --video yes | command line
+train --video yes | command line
 optimize stray | command line
 optimize --target 3 0 | reach of
 optimize --hit-radius 100 | --hit-radius: got 100
@@ -723,6 +724,13 @@ optimize --speed-limits hand=1 | plane
 emulator --faults flood | --faults
 emulator --faults drop:at=soon | --faults
 emulator --reboot-time -1 | --reboot-time
+studio --port 99999999 | --port
+studio --host nowhere.invalid | --host
+studio --mcap x.mcap | only with a run folder
+studio --least-speed -1 | --least-speed
+studio --arrival-angle nan | --arrival-angle
+studio --direction 0 0 | a vector that is not zero
+studio --cone 5 | only with --direction or --arrival-angle
 """
 
 # What is taken although it looks odd, and why
@@ -986,10 +994,8 @@ def test_every_accepted_line_has_its_reason() -> None:
 @pytest.mark.parametrize("command", OPTIONS)
 def test_every_option_is_in_a_table(command: str) -> None:
     """What can be wrong with none: flags without a value, and where a refused line would need a rig."""
-    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"} | {
-        "--for-strikes",
-        "--quiet",
-    }
+    alone = {"--yes", "--feedforward", "--wiggle", "--still", "--lockstep", "--friction", "--cap", "--quick"}
+    alone |= {"--for-strikes", "--quiet", "--live", "--browser"}
     without = {*alone, "--resume", "--out", "--run", "--recording", "--recordings", "--what", "--folder"}
     without |= {"--file", "--files"}
     given = " ".join(given for given, _ in [*BAD, *lines(ACCEPTED)] if given.startswith(command + " "))

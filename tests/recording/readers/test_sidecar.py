@@ -5,7 +5,9 @@ import robot_log_files
 import tomli_w
 from recordings import TABLE, full, fuzz, plain_rows, write_lerobot, write_rows
 
+from whiptool import preset
 from whiptool.errors import InputError
+from whiptool.models.files import write_model
 from whiptool.recording.readers import open_any, read_recording, write_csv
 
 
@@ -55,6 +57,9 @@ def test_a_sidecar_of_which_nothing_is_read_is_refused_by_its_name(tmp_path, nam
         write_rows(tmp_path / "a.csv", plain_rows())
         with pytest.raises(InputError, match=said):
             read_recording(tmp_path / "a.csv", joints=tmp_path / name)
+    write_model(preset("lemon2024"), tmp_path / "b.toml")  # no sidecar: a model of the same name
+    open_any(str(tmp_path / name))
+    (tmp_path / "b.toml").write_text("strat = 1.0")
     (tmp_path / "b.mp4").touch()
     open_any(str(tmp_path / name))
 

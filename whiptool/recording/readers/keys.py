@@ -11,10 +11,15 @@ from typing import Any, Self
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_toml
+
+_OF_MODELS = {"model", "whip", "arm"}  # tables of files of models, which no sidecar has
 
 
 def refuse_unheard(path: Path, what: str, fix: str) -> None:
-    """Refuse a sidecar `NAME.toml` next to a file of which nothing is read; one of another file `NAME` is left alone.
+    """Refuse a sidecar `NAME.toml` next to a file of which nothing is read.
+
+    One of another file `NAME` is left alone, and so is a file of a model.
 
     Args:
         path: The file.
@@ -22,10 +27,12 @@ def refuse_unheard(path: Path, what: str, fix: str) -> None:
         fix: Where its values have to be stated.
 
     Raises:
-        InputError: There is such a sidecar; the message names it.
+        InputError: There is such a sidecar; the message names it. Or it is not TOML.
     """
     side = path.with_suffix(".toml")
-    if side.is_file() and not [x for x in path.parent.glob(f"{escape(path.stem)}.*") if x not in (path, side)]:
+    if not side.is_file() or [x for x in path.parent.glob(f"{escape(path.stem)}.*") if x not in (path, side)]:
+        return
+    if not _OF_MODELS & read_toml(side).keys():
         raise InputError(str(side), "a sidecar", f"none, for nothing of it is read with {what}", fix)
 
 
