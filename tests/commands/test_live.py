@@ -11,12 +11,14 @@ import sys
 import time
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from processes import HANG
 
 from whiptool import extras
 from whiptool.commands import optimize
+from whiptool.commands.options.live_options import LiveOptions
 
 SEARCH = ["--target", "1.2", "0.1", "--method", "cmaes", "--no-stop-at-hit", "--no-video"]
 
@@ -29,6 +31,17 @@ def test_without_viser_one_line_says_how_it_is_installed(tmp_path: Path, monkeyp
     assert said.count("\n") == 1
     assert "pip install 'whiptool[studio]'" in said
     assert not (tmp_path / "run").exists()
+
+
+def test_the_end_says_how_the_page_is_seen_again(tmp_path: Path, monkeypatch, capsys) -> None:
+    done = []
+    connection = SimpleNamespace(close=lambda: done.append("closed"))
+    monkeypatch.setattr("whiptool.rig.child_process.start_child", lambda *_: ("process", connection))
+    monkeypatch.setattr("whiptool.rig.child_process.end_child", done.append)
+    with LiveOptions(live=True).shown(tmp_path):
+        assert capsys.readouterr().err == ""
+    assert done == ["closed", "process"]
+    assert f"python -m whiptool.studio {tmp_path} opens it again" in capsys.readouterr().err
 
 
 def is_alive(pid: int) -> bool:

@@ -7,11 +7,19 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from types import SimpleNamespace
 
 import pytest
 from command_line import called
 from processes import HANG
 from repository import ROOT
+
+import whiptool as wt
+from whiptool.commands import cli
+from whiptool.commands.following import say_address
+from whiptool.commands.studio import StudioOptions, saved_settings
+from whiptool.live_page.export import settings_toml
+from whiptool.live_page.session import Session
 
 pytest.importorskip("viser")
 
@@ -69,3 +77,46 @@ def test_a_missing_package_is_named_with_its_installation(monkeypatch, tmp_path)
     done = called("studio", cwd=tmp_path)
     assert done.returncode == 2
     assert "pip install 'whiptool[studio]'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked", "everywhere", "said"),
+    [
+        (8080, False, "it is at http://x/\nCtrl-C ends it\n"),
+        (0, False, "it is at http://x/\nCtrl-C ends it\n"),
+        (8079, False, "it is at http://x/\nport 8079 is in use\nCtrl-C ends it\n"),
+        (
+            8080,
+            True,
+            "it is at http://x/\non other machines write the name of this machine in place of localhost\n"
+            "Ctrl-C ends it\n",
+        ),
+    ],
+)
+def test_the_address_comes_with_what_is_unusual_about_it(asked, everywhere, said, capsys):
+    say_address("it is", SimpleNamespace(address="http://x/", port=8080, everywhere=everywhere), asked)
+    assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize(
+    ("words", "taken"),
+    [
+        ((), "model, controller, target, strike"),
+        (("--target", "1.1", "0.2"), "model, controller"),
+        (("--controller", "constant"), "model, target, strike"),
+    ],
+)
+def test_a_saved_file_is_taken_whole_and_options_come_first(words, taken, tmp_path, capsys):
+    session = Session(wt.preset("lemon2024"), target=wt.Target((0.9, 0.6)))
+    session.turn_law("a", 0.02)
+    path = tmp_path / "strike.toml"
+    path.write_text(settings_toml(session.shown()))
+    options = cli.parse(StudioOptions, prog="studio", description="", args=["--model", str(path), *words])
+    found = saved_settings(options, options.build_model())
+    assert capsys.readouterr().out == f"taken from {path}: {taken}\n"
+    assert found is not None
+    own = session.settings
+    assert found.controller == (own.controller if "controller" in taken else options.build_controller())
+    assert (found.target.position, found.strike) == (
+        (own.target.position, own.strike) if "target" in taken else ((1.1, 0.2), ())
+    )

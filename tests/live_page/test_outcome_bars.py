@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import whiptool as wt
-from whiptool.live_page.outcome_bars import Bar, bars_html, outcome_bars
+from whiptool.live_page.outcome_bars import Bar, bars_html, millimetres, outcome_bars
 from whiptool.live_page.session import Session
 
 BAD = "<img src=x onerror=alert(1)>&'\""
@@ -67,3 +67,8 @@ def test_names_are_shown_as_text(robot):
     page = bars_html(shown, [*outcome_bars(shown, robot.striker.limits), Bar(BAD, BAD, 1.0)])
     assert set(re.findall(r"<(\w+)", page)) == {"div", "span"}
     assert page.count("&lt;img src=x onerror") == 5
+
+
+@pytest.mark.parametrize(("length", "text"), [(2e-6, "below 0.01 mm"), (0.0123, "12.3 mm"), (3.571, "3.57 m")])
+def test_lengths_are_in_units_that_need_no_exponent(length, text):
+    assert millimetres(length) == text

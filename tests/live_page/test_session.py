@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from whiptool.errors import InputError
 from whiptool.impedance.controller import controller_from_table, controller_to_table
 from whiptool.live_page.export import exported, python_code, settings_toml
 from whiptool.live_page.knobs import law_knobs, strike_knobs, whip_knobs
+from whiptool.live_page.saved import read_saved
 from whiptool.live_page.session import Session
 from whiptool.models.files import read_model
 from whiptool.strike_map.map_files import shipped_map
@@ -168,3 +171,70 @@ def test_files_have_a_name_and_content(session, kind):
     name, content = exported(session.shown(), kind)
     assert name == {"python": "strike.py"}.get(kind, f"strike.{kind}")
     assert len(content) > 300
+
+
+def test_a_taper_set_back_gives_the_whip_as_it_was_loaded(session):
+    before = session.shown().trajectory.tip
+    session.turn_whip("taper", 0.5)
+    session.turn_whip("taper", 1.0)
+    np.testing.assert_array_equal(session.shown().trajectory.tip, before)
+
+
+@pytest.mark.parametrize("law", ["oiac", "constant"])
+def test_no_slider_ends_at_a_number_that_is_refused(session, law):
+    session.choose_law(law)
+    for knob in law_knobs(session.settings.controller.law, session.usual_law, LEMON):
+        low, high, _ = knob.shown
+        session.turn_law(knob.name, low)
+        session.turn_law(knob.name, high)
+        session.turn_law(knob.name, knob.value)
+    for knob in whip_knobs(LEMON, {}):
+        for value in (*knob.shown[:2], knob.value):
+            session.turn_whip(knob.name, value)
+
+
+def saved(session: Session, folder) -> Path:
+    path = folder / "strike.toml"
+    path.write_text(settings_toml(session.shown()))
+    return path
+
+
+def test_a_saved_file_opens_as_it_was_saved(session, tmp_path):
+    session.turn_whip("taper", 0.6)
+    session.turn_law("a", 0.02)
+    session.move_target(wt.Target((0.9, 0.6), hit_radius=0.03, direction=(1.0, 0.5), cone=0.5, speed=2.0))
+    session.turn_strike("D", 0.9)
+    path = saved(session, tmp_path)
+    model = read_model(path)
+    found = read_saved(path, model)
+    assert found is not None
+    again = Session(model, found.controller, target=found.target, strike=found.strike, t_stay=found.t_stay)
+    assert again.settings.target == session.settings.target
+    assert again.settings.controller == session.settings.controller
+    np.testing.assert_allclose(again.shown().trajectory.tip, session.shown().trajectory.tip, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("hit_radius", "radius", "target.radius"),
+        ("q_si", "q_x", "strike.q_x"),
+        ("D = ", "D = true # ", "strike.D"),
+        ("position = [", "direction = [", "target.position"),
+        ("hit_radius = ", "hit_radius = -", "hit radius"),
+        ("[controller]", "[control]", "controller"),
+    ],
+)
+def test_a_saved_file_that_was_damaged_is_refused_by_name(session, tmp_path, old, new, said):
+    path = saved(session, tmp_path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=said):
+        read_saved(path, LEMON)
+
+
+def test_a_model_alone_is_no_saved_file(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text('[model]\nname = "x"\n')
+    assert read_saved(path, LEMON) is None

@@ -69,7 +69,7 @@ def watch(folder: Path, *, host: str, port: int, browser: bool) -> int:
     """
     run = followed(folder)
     server, watcher = _serve(lambda: run, host=host, port=port)
-    print(f"{folder} is shown at {server.address}\nCtrl-C ends it", flush=True)
+    say_address(f"{folder} is shown", server, port)
     if browser:
         webbrowser.open(server.address)
     try:
@@ -80,6 +80,16 @@ def watch(folder: Path, *, host: str, port: int, browser: bool) -> int:
         watcher.close()
         server.close()
     return 0
+
+
+def say_address(what: str, server: PageServer, port: int) -> None:
+    """Print where a page is served, and what a reader of the address needs to know about it."""
+    print(f"{what} at {server.address}", flush=True)
+    if port not in (0, server.port):
+        print(f"port {port} is in use", flush=True)
+    if server.everywhere:
+        print("on other machines write the name of this machine in place of localhost", flush=True)
+    print("Ctrl-C ends it", flush=True)
 
 
 def _serve(opened: Callable[[], Followed], **where: Any) -> tuple[PageServer, Watcher]:

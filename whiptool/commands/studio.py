@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -19,6 +19,7 @@ from whiptool.errors import InputError
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
+    from whiptool.live_page.saved import Saved
     from whiptool.models.parameters import Model
 
 
@@ -71,19 +72,38 @@ _ABOUT = (
 )
 
 
-def _loader(options: StudioOptions, first: str):
-    """Return a function that returns model and controller for a name: those of the options, or a preset."""
+def _loader(model: Model, controller: Controller, first: str):
+    """Return a function that returns model and controller for a name: those given for the first, or a preset."""
 
     def load(name: str) -> tuple[Model, Controller | None]:
         from whiptool.models.files import load_model
 
-        if name != first:
-            return load_model(name), None
-        model, controller = options.build_model(), options.build_controller()
-        controller.check_fits(model.arm)
-        return model, controller
+        return (model, controller) if name == first else (load_model(name), None)
 
     return load
+
+
+def saved_settings(options: StudioOptions, model: Model) -> Saved | None:
+    """Return what the file of `--model` names in addition to a model, if the studio saved it, and say so; options that
+    are given come first.
+
+    Raises:
+        InputError: The file was saved by the studio and has been damaged.
+    """
+    from whiptool.live_page.saved import read_saved
+
+    found = read_saved(options.model, model) if options.model.endswith(".toml") else None
+    if found is None:
+        return None
+    taken = ["controller", "target", "strike"]
+    if any(options.given(f.name) for f in fields(SimulatedControllerOptions)):
+        found = replace(found, controller=options.build_controller())
+        taken.remove("controller")
+    if any(options.given(f.name) for f in fields(GoalOptions)):
+        found = replace(found, target=options.build_target(model), strike=(), t_stay=options.t_stay)
+        taken = taken[:-2]
+    print(f"taken from {options.model}: {', '.join(['model', *taken])}", flush=True)
+    return found
 
 
 def _first(options: StudioOptions) -> str:
@@ -110,20 +130,25 @@ def _work(options: StudioOptions) -> int:
 
 def _open(options: StudioOptions) -> int:
     """Serve the studio until Ctrl-C; return the exit status."""
+    from whiptool.commands.following import say_address
     from whiptool.live_page.page import Choices
+    from whiptool.live_page.saved import Saved
     from whiptool.live_page.server import Studio
     from whiptool.models.presets import presets
 
     model = options.build_model()
-    target = options.build_target(model)
-    target.check_fits(model)
-    options.build_controller().check_fits(model.arm)
+    saved = saved_settings(options, model)
+    if saved is None:
+        saved = Saved(options.build_controller(), options.build_target(model), (), options.t_stay)
+    saved.target.check_fits(model)
+    saved.controller.check_fits(model.arm)
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # browsers that go away are no errors
     first = _first(options)
     names = [first, *(name for name in presets() if name != first)]
-    choices = Choices(_loader(options, first), tuple(names), target, options.t_stay, options.find_looks())
+    load = _loader(model, saved.controller, first)
+    choices = Choices(load, tuple(names), saved.target, saved.t_stay, options.find_looks(), saved.strike)
     studio = Studio(choices, host=options.host, port=options.port)
-    print(f"the studio is at {studio.address}\nCtrl-C ends it", flush=True)
+    say_address("the studio is", studio, options.port)
     if options.browser:
         import webbrowser
 

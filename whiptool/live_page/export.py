@@ -41,7 +41,10 @@ def exported(shown: Shown, kind: str) -> tuple[str, bytes]:
 
 
 def settings_toml(shown: Shown) -> str:
-    """Return model, controller, target and strike as a TOML file, which `--model` and `--controller` read."""
+    """Return model, controller, target and strike as a TOML file, which `--model` and `--controller` read.
+
+    `read_saved` reads it as a whole.
+    """
     target = shown.settings.target
     table: dict[str, Any] = {
         "model": model_to_table(shown.model),
@@ -52,6 +55,7 @@ def settings_toml(shown: Shown) -> str:
             "cone": target.cone,
             **({} if target.direction is None else {"direction": list(target.direction)}),
             **({} if target.speed is None else {"speed": target.speed}),
+            "t_stay": shown.settings.t_stay,
         },
         "strike": named_strike(Strike(shown.settings.strike), shown.model.arm),
     }

@@ -21,6 +21,7 @@ from whiptool.models.whip import WhipParameters
 DRAG = 0.005  # [N s^2/m^2], of a node, up to which the slider goes for a whip without drag
 _SHORT = 5  # characters of a name that has room in front of what it means
 _STEPS = 2000  # of a slider, about
+_SAME = 1e-4  # relative difference of tapers that are the same, after rounding to a slider's steps
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class Knob:
         """Lowest, highest and present value with as many digits as the slider's steps have."""
         digits = max(0, -math.floor(math.log10(self.step)))
         low, high = (f(x * 10**digits) / 10**digits for f, x in ((math.floor, self.low), (math.ceil, self.high)))
+        if low <= 0 < self.low:  # a number that has to be positive
+            low = self.step
         return low, high, min(max(round(self.value, digits), low), high)
 
 
@@ -117,6 +120,8 @@ def whip_changes(base: Model, values: Mapping[str, float]) -> tuple[dict[str, An
             [N s^2/m^2] of a node.
     """
     shape: dict[str, Any] = {name: values[name] for name in ("length", "taper") if name in values}
+    if "taper" in shape and math.isclose(shape["taper"], taper_of(base.whip), rel_tol=_SAME):
+        del shape["taper"]  # as it was loaded: whips whose nodes are not those of a round profile keep them
     whip = base.with_whip(**shape).whip if shape else base.whip
     numbers = {f"whip.{name}": values[name] for name in ("k", "b", "drag") if name in values}
     if "mass" in values:
@@ -177,6 +182,7 @@ def law_knobs(law: Law, usual: Law, model: Model) -> list[Knob]:
         turning, sliding = _LAW_UNITS.get(name, ("", ""))
         its = usual.parameters().get(name, values)
         side = math.isqrt(len(values))
+        least = _least_diagonal(np.reshape(values[: side * side], (side, side)))
         for i in range(side):
             value, origin = (float(x[i * (side + 1)]) for x in (values, its if len(its) == len(values) else values))
             joint = model.arm.joints[i] if side > 1 and i < model.arm.n else ""
@@ -185,12 +191,23 @@ def law_knobs(law: Law, usual: Law, model: Model) -> list[Knob]:
                 f"{name}[{i}]" if side > 1 else name,
                 f"{name}, {joint}" if joint else name,
                 unit,
-                round(origin / 20, 6),
+                max(round(origin / 20, 6), least[i]),
                 _up_to(origin, 4.0, 0.1),
                 value,
             )
             found.append(knob.around(value))
     return found
+
+
+def _least_diagonal(matrix: np.ndarray) -> np.ndarray:
+    """Return (n,), for each number of a matrix's diagonal (n, n), the least with which the matrix acts against any error
+    while all others stay: a hundredth above the Schur complement of the others in the symmetric part.
+    """
+    symmetric = (matrix + matrix.T) / 2
+    if len(matrix) < 2 or np.linalg.eigvalsh(symmetric)[0] <= 0:
+        return np.zeros(len(matrix))
+    least = np.diag(symmetric) - 1 / np.diag(np.linalg.inv(symmetric))
+    return 1.01 * least
 
 
 def changed_law(law: Law, name: str, value: float) -> Law:

@@ -36,7 +36,9 @@ class Bar:
 
 
 def millimetres(length: float) -> str:
-    """Return a length [m] as text in mm, with three digits."""
+    """Return a length [m] as text in mm, with three digits; from a metre on in m."""
+    if length >= 1:
+        return f"{length:.3g} m"
     return f"{1e3 * length:.3g} mm" if length >= _LEAST else f"below {1e3 * _LEAST:g} mm"
 
 

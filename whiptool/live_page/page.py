@@ -44,6 +44,7 @@ class Choices:
         models: Names of the models, the first of them at first.
         target: Target at first; None: the usual one of the model.
         t_stay: Time after the movement in which the tip can still hit [s].
+        strike: Strike vector of the first model at first; empty: one is found for the target.
         looks: Visual shapes of the first model's robot, see `robot_looks`; None: the shapes of the model.
     """
 
@@ -52,6 +53,7 @@ class Choices:
     target: Target | None = None
     t_stay: float = T_STAY
     looks: Sequence[Look] | None = None
+    strike: tuple[float, ...] = ()
 
 
 class Page:
@@ -79,7 +81,7 @@ class Page:
         client.gui.configure_theme(**THEME)
         client.gui.main_panel.dock_right()
         client.gui.main_panel.set_width(WIDTH)
-        self._worker.ask("model", lambda: self._open(choices.models[0], choices.target))
+        self._worker.ask("model", lambda: self._open(choices.models[0], choices.target, choices.strike))
         threading.Thread(target=self._play, name=f"studio player {client.client_id}", daemon=True).start()
 
     @property
@@ -110,12 +112,13 @@ class Page:
             self._worker.ask(BEGIN, lambda: None)
         self._ask("drag", lambda session: session.move_target(target))
 
-    def _open(self, name: str, target: Target | None = None) -> None:
+    def _open(self, name: str, target: Target | None = None, strike: tuple[float, ...] = ()) -> None:
         """Show another model."""
         waits = self.client.add_notification("Loading", f"{name}; the first time some seconds", loading=True)
         try:
             model, controller = self._choices.load(name)
-            session = Session(model, controller, origin=name, target=target, t_stay=self._choices.t_stay)
+            stay = self._choices.t_stay
+            session = Session(model, controller, origin=name, target=target, t_stay=stay, strike=strike)
         finally:
             waits.remove()
         self._state, self._fresh, self._shown, self._ghost = None, True, None, None

@@ -66,9 +66,14 @@ class PageServer:
         return self._server.get_port()
 
     @property
+    def everywhere(self) -> bool:
+        """Whether all addresses of this machine are served on, so that `address` names it as `localhost`."""
+        return self._host in _ANYWHERE
+
+    @property
     def address(self) -> str:
         """Address to open in a browser, with the token if there is one."""
-        host = "localhost" if self._host in _ANYWHERE else self._host
+        host = "localhost" if self.everywhere else self._host
         named = f"[{host}]" if ":" in host else host
         return f"http://{named}:{self.port}/" + ("" if self.gate.token is None else f"?token={self.gate.token}")
 

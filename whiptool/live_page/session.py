@@ -93,6 +93,7 @@ class Session:
         origin: Preset or file of the model.
         target: Target; default: the usual one of the model.
         t_stay: Time after the movement in which the tip can still hit [s].
+        strike: Strike vector at first; empty: one is found for the target.
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class Session:
         origin: str = "",
         target: Target | None = None,
         t_stay: float = T_STAY,
+        strike: tuple[float, ...] = (),
     ) -> None:
         controller = default_controller(model) if controller is None else controller
         target = usual_target(model) if target is None else target
@@ -115,7 +117,10 @@ class Session:
         self.striker = _striker(settings)
         self.settings = settings
         self.of_map = map_name(model) if controller == default_controller(model) else None
-        self.aim()
+        if strike:
+            self._set_strike(np.array(strike), "from the file")
+        else:
+            self.aim()
 
     @property
     def model(self) -> Model:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from whiptool.commands.options.option_group import OptionGroup
+from whiptool.progress import note
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,3 +42,4 @@ class LiveOptions(OptionGroup):
         finally:
             connection.close()  # at which it ends, as it does if this process is killed
             end_child(process)
+            note(f"whiptool: the page of the run is closed; python -m whiptool.studio {folder} opens it again")
