@@ -200,7 +200,7 @@ def law_knobs(law: Law, usual: Law, model: Model) -> list[Knob]:
 
 
 def _least_diagonal(matrix: np.ndarray) -> np.ndarray:
-    """Return (n,), for each number of a matrix's diagonal (n, n), the least with which the matrix acts against any error
+    """Return (n,), for each number of the diagonal of a matrix (n, n), the least with which it acts against any error
     while all others stay: a hundredth above the Schur complement of the others in the symmetric part.
     """
     symmetric = (matrix + matrix.T) / 2
