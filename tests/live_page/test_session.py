@@ -238,3 +238,14 @@ def test_a_model_alone_is_no_saved_file(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text('[model]\nname = "x"\n')
     assert read_saved(path, LEMON) is None
+
+
+def test_an_arrival_angle_is_saved_with_its_line_of_sight(tmp_path):
+    target = wt.Target.arriving((1.2, 0.3, 0.5), 1.0, cone=0.3)
+    assert target.sight is not None
+    session = Session(wt.preset("ur5e"), target=target)
+    found = read_saved(saved(session, tmp_path), wt.preset("ur5e"))
+    assert found is not None
+    assert found.target == target
+    line = next(line for line in python_code(session.shown()).splitlines() if line.startswith("target ="))
+    assert eval(line.removeprefix("target ="), {"wt": wt}) == target

@@ -55,6 +55,7 @@ def settings_toml(shown: Shown) -> str:
             "cone": target.cone,
             **({} if target.direction is None else {"direction": list(target.direction)}),
             **({} if target.speed is None else {"speed": target.speed}),
+            **({} if target.sight is None else {"sight": list(target.sight)}),
             "t_stay": shown.settings.t_stay,
         },
         "strike": named_strike(Strike(shown.settings.strike), shown.model.arm),
@@ -74,6 +75,7 @@ def python_code(shown: Shown) -> str:
     target = settings.target
     asked = "" if target.direction is None else f", direction={target.direction!r}, cone={target.cone!r}"
     asked += "" if target.speed is None else f", speed={target.speed!r}"
+    asked += "" if target.sight is None else f", sight={target.sight!r}"
     return f"""\
 import whiptool as wt
 from whiptool.impedance.controller import controller_from_table

@@ -14,7 +14,7 @@ from whiptool.impedance.controller import Controller, read_controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, strike_names
 
-_TARGET = ("position", "hit_radius", "cone", "direction", "speed", "t_stay")
+_TARGET = ("position", "hit_radius", "cone", "direction", "speed", "sight", "t_stay")
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,9 @@ def read_saved(path: Path | str, model: Model) -> Saved | None:
     _check_keys(path, "target", goal, _TARGET, needed=("position",))
     names = strike_names(model.arm)
     _check_keys(path, "strike", strike, names, needed=names)
-    numbers = {key: value for key, value in goal.items() if key != "t_stay"}
-    lists = {key: tuple(numbers.pop(key)) for key in ("position", "direction") if isinstance(numbers.get(key), list)}
+    numbers: dict[str, Any] = {key: value for key, value in goal.items() if key != "t_stay"}
     try:
-        target = Target(**lists, **numbers)
+        target = Target(**numbers)
         target.check_fits(model)
     except TypeError as error:
         raise InputError(f"{path}: target", str(goal)[:80], "the numbers of a target", f"reason: {error}") from None
