@@ -35,6 +35,7 @@ DEFAULT_PIXELS = 0.5  # of a camera's view
 LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
+UNIT = 1e-14  # from 1, of a quaternion's length that is 1 to rounding
 FAR_OFF = 1.0  # [s] of a point from its frame
 A_DAY = 86400.0  # [s] of a log, of which what lies near the frames is used
 # of files whose TOML file holds what they do not
@@ -468,7 +469,7 @@ def _poses(value: object, count: int) -> np.ndarray:
     size = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
     if np.abs(size - 1).max() > 1e-2:
         raise InputError("hand_pose", float(size[np.abs(size - 1).argmax(), 0]), "quaternions (x, y, z, w) of length 1")
-    poses[:, 3:] /= size
+    poses[:, 3:] /= np.where(np.abs(size - 1) > UNIT, size, 1.0)  # what was divided once stays as it is
     return poses
 
 

@@ -68,7 +68,7 @@ class LogKeys(Keys):
             said += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
             hand = read_hand(file, self.table.get("hand_topic"), self._hand_frames)
-            poses, axes = self._held(hand.q)
+            poses, axes = self.held(hand.q)
             fields |= {"hand_t": hand.t - self.start_of("hand"), "hand_pose": poses}
             said += [*hand.notes, *axes]
         for what in LOGS:
@@ -129,8 +129,12 @@ class LogKeys(Keys):
             raise self.refuse("hand_frames", 'two names, the base\'s frame and the hand\'s, as ["base_link", "tool0"]')
         return given[0], given[1]
 
-    def _held(self, poses: np.ndarray) -> tuple[np.ndarray, list[str]]:
-        """Poses (S, 7) of the model's hand, from those of the logged frame, and a sentence on its axes."""
+    def held(self, poses: np.ndarray) -> tuple[np.ndarray, list[str]]:
+        """Return the poses (S, 7) of the model's hand, from those of the logged frame, and a sentence on its axes.
+
+        Raises:
+            InputError: `hand_axes` or `hand_offset` has a value that is not allowed.
+        """
         axes, offset = self.table.get("hand_axes"), self.array("hand_offset", 3)
         if axes is None and offset is None:
             return poses, [

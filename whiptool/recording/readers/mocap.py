@@ -5,6 +5,7 @@ does not state is assumed, and said in the recording's notes. Keys of the sideca
 the common ones: `markers` (names in the file, such as `{tip = "Whip:5"}`; default: all, under their names, and those
 that name a part of arm or whip in lower case and without the name of the subject before the colon), `units`, `axes` and
 `origin` (the shoulder in the file's axes and units), and `sigma` (standard error per coordinate [m]; default 1 mm).
+Where the file has rotations of rigid bodies, `hand` may name one, see `whiptool.recording.readers.hand_bodies`.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.recording.readers.footage import clock_of_rows
+from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
@@ -46,6 +49,8 @@ class Capture:
         axes: A sentence on the source of these axes.
         usual: Indices of the markers to read if the sidecar names none; None: all.
         notes: Further assumptions, and data that were left out.
+        turns: Rotations of rigid bodies in the file's axes as quaternions (x, y, z, w), (T, 4), by those labels that
+            are bodies; (T, 0) where the file has no quaternions.
     """
 
     what: str
@@ -60,6 +65,7 @@ class Capture:
     axes: str = ""
     usual: Sequence[int] | None = None
     notes: tuple[str, ...] = ()
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
@@ -94,15 +100,23 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         stated = "for the file does not state them; else say units" if capture.assumed else "as the file states"
         notes.append(f"units: taken as {capture.units}, {stated}")
     notes += [f"{counted(int(nowhere.sum()), 'point')} at (0, 0, 0) taken as missing"] if nowhere.any() else []
-    return side.recording(
-        path,
-        notes=[*notes, *capture.notes],
-        t=clock.times,
-        points=side.metres(points[clock.keep], capture.units, axes),
-        markers=tuple(names),
-        sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
-        up="" if flat or "axes" in side.table else "y",
-    )
+    read: dict[str, Any] = {
+        "t": clock.times,
+        "points": side.metres(points[clock.keep], capture.units, axes),
+        "markers": tuple(names),
+        "sigma": side.number("sigma", 1e-3, low=1e-9, high=1.0),
+        "up": "" if flat or "axes" in side.table else "y",
+    }
+    others = len(capture.turns)
+    if (label := body_named(side, capture.turns)) is not None:
+        body = capture.points[:, list(capture.labels).index(label)], capture.turns[label]
+        kept = body[0][clock.keep], body[1][clock.keep]
+        side, read, said = with_poses(side, read, kept, capture.units, axes)
+        notes, others = [*notes, *said], others - 1
+    if others:
+        fix = "" if label else '; if one holds the whip, name it in hand, as hand = "NAME"'
+        notes.append(f"left out the rotations of {counted(others, 'rigid body', 'rigid bodies')}{fix}")
+    return side.recording(path, notes=[*notes, *capture.notes], **read)
 
 
 def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:

@@ -3,8 +3,8 @@
 The first row states rate and unit of length; rows of types, names and quantities describe the columns. Measured markers
 and the positions of rigid bodies are read; of a rigid body's markers as Motive solved them only those that were not
 measured. Unlabeled markers are read if there are no others, or if `markers` names them; bones are left out. An empty
-cell is a missing point. Motive does not write its axes: y is up, as is Motive's own convention, unless the first row
-says otherwise, and x is taken to point forward.
+cell is a missing point. The poses of the rigid body that `hand` names are those of the hand. Motive does not write its
+axes: y is up, as is Motive's own convention, unless the first row says otherwise, and x is taken to point forward.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, whole_file
@@ -25,7 +27,10 @@ from whiptool.words import counted
 
 MEASURED, BODY = "marker", "rigid body"  # types of columns
 SOLVED = ("rigid body marker", "bone marker", "trained markerset marker")
+QUATERNION = ("x", "y", "z", "w")
 KNOWN = (1.0, 4.0)  # format versions
+
+Columns = dict[str, list[int]]  # indices of columns by the label of their marker or body
 
 
 def read_motive(path: Path | str, **options: Any) -> StrikeRecording:
@@ -49,28 +54,32 @@ def read_motive(path: Path | str, **options: Any) -> StrikeRecording:
             raise InputError("rows", "no row that begins with Frame", f"that row, as in {MOTIVE.what}")
         if said.get("Coordinate Space", "Global") != "Global":
             raise InputError("Coordinate Space", said["Coordinate Space"], "Global", "export in global coordinates")
-        columns, usual, notes = _markers(rows[1:at], rows[at])
-        read = _capture(rows, at, said, columns, side)
+        columns, turns, usual, notes = _markers(rows[1:at], rows[at])
+        read = _capture(rows, at, said, (columns, turns), side)
         notes = (*_unfamiliar(said), *mocap.announced(said, "Total Exported Frames", len(read["t"])), *notes)
         return mocap.recorded(path, side, Capture(what=MOTIVE.what, usual=usual, notes=notes, **read))
 
 
 def _capture(
-    rows: list[list[str]], at: int, said: dict[str, str], columns: dict[str, list[int]], side: Sidecar
+    rows: list[list[str]], at: int, said: dict[str, str], found: tuple[Columns, Columns], side: Sidecar
 ) -> dict[str, Any]:
-    """Times, places, units and axes, as arguments of `Capture`."""
+    """Times, places, rotations, units and axes, as arguments of `Capture`."""
+    columns, turns = found
     width = max(len(row) for row in rows[1 : at + 1])  # a mean error has no axis
-    table = numbers(rows, at + 1, [0, 1, *(i for found in columns.values() for i in found)], width)
+    order = [i for of_one in (*columns.values(), *turns.values()) for i in of_one]
+    table = numbers(rows, at + 1, [0, 1, *order], width)
     rate = mocap.rate_of(said.get("Export Frame Rate") or said.get("Capture Frame Rate"), "Export Frame Rate")
     t, clock = mocap.even_times(table[:, 1], table[:, 0], rate, "the column Time")
     stated = re.search(r"\b([xyz])[- ]?up\b|up axis,\+?([xyz])\b", ",".join(rows[0]), re.IGNORECASE)
     up = (stated[1] or stated[2]).lower() if stated else "y"
     source = "as the file says" if stated else "as is Motive's own convention, for the file does not say it"
-    units = said.get("Length Units")
+    units, last = said.get("Length Units"), 2 + 3 * len(columns)
+    ends = np.cumsum([last, *(len(of_one) for of_one in turns.values())])
     return {
         "t": t,
         "clock": clock,
-        "points": table[:, 2:].reshape(len(table), len(columns), 3),
+        "points": table[:, 2:last].reshape(len(table), len(columns), 3),
+        "turns": {name: table[:, a:b] for name, a, b in zip(turns, ends, ends[1:], strict=False)},
         "labels": list(columns),
         "units": "m" if units is None else mocap.unit_of(units, "Length Units", side),
         "assumed": units is None,
@@ -80,38 +89,46 @@ def _capture(
     }
 
 
-def _markers(above: list[list[str]], axes: list[str]) -> tuple[dict[str, list[int]], list[int], list[str]]:
-    """Columns x, y, z of each marker and body by its label, the indices of those to read, and what was left out."""
+def _markers(above: list[list[str]], axes: list[str]) -> tuple[Columns, Columns, list[int], list[str]]:
+    """Columns x, y, z of each marker and body by its label, x, y, z, w of each body's rotation (none if that is not a
+    quaternion), the indices of those to read, and what was left out.
+    """
     types, names, marks, what = _described(above)
     found: dict[tuple[str, str, str], dict[str, int]] = {}
+    turned: dict[tuple[str, str, str], dict[str, int]] = {}
     for i in range(2, len(axes)):
         kind, name, mark, quantity = (row[i] if i < len(row) else "" for row in (types, names, marks, what))
         if quantity.lower() == "position" and axes[i].lower() in AXES:
             found.setdefault((kind.lower(), name, mark), {}).setdefault(axes[i].lower(), i)
+        elif quantity.lower() == "rotation" and axes[i].lower() in QUATERNION:
+            turned.setdefault((kind.lower(), name, mark), {}).setdefault(axes[i].lower(), i)
     known = {key: list(c.values()) for key, c in found.items() if len(c) == 3 and key[0] in (MEASURED, BODY, *SOLVED)}
     order = sorted(known, key=lambda key: key[0] in SOLVED)  # those that were measured first
-    columns: dict[str, list[int]] = {}
-    solved = bodies = 0
+    columns: Columns = {}
+    turns: Columns = {}
+    solved = 0
     for kind, name, mark in order:
         if kind in SOLVED and name in columns:
             solved += 1
             continue
-        bodies += kind == BODY
-        columns[name if name not in columns else f"{name} {mark}"] = known[kind, name, mark]
+        label = name if name not in columns else f"{name} {mark}"
+        columns[label] = known[kind, name, mark]
+        if kind == BODY:
+            four = turned.get((kind, name, mark), {})
+            turns[label] = [four[axis] for axis in QUATERNION] if len(four) == len(QUATERNION) else []
     loose = [bool(re.match(r"unlabell?ed", label, re.IGNORECASE)) for label in columns]
     usual = [i for i, one in enumerate(loose) if not one] or list(range(len(loose)))
     others = {kind for kind, _, _ in found if kind not in (MEASURED, BODY, *SOLVED)}
     notes = (
         [f"left out {counted(solved, 'marker')} as Motive solved them, for they were measured, too"] if solved else []
     )
-    notes += [f"left out the rotations of {counted(bodies, 'rigid body', 'rigid bodies')}"] if bodies else []
     notes += (
         [f"left out {counted(len(loose) - len(usual), 'unlabeled marker')}; name them in markers"]
         if len(usual) < len(loose)
         else []
     )
     notes += [f"left out columns of the types {', '.join(sorted(others))}"] if others else []
-    return columns, usual, notes
+    return columns, turns, usual, notes
 
 
 def _described(above: list[list[str]]) -> tuple[list[str], list[str], list[str], list[str]]:
