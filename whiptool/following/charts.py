@@ -18,6 +18,7 @@ MOST = 800  # points of a curve that are sent to the page
 _LINES = {"grid": {"stroke": "rgba(128, 128, 128, 0.18)", "width": 1}, "ticks": {"show": False}}
 _WHOLE = tuple(m * 10**k for k in range(7) for m in (1, 2, 5))  # between numbers along x
 _AXES: Any = ({"size": 34, "incrs": _WHOLE, **_LINES}, {"size": 58, **_LINES})  # [px] of the numbers along x and y
+_PADDING = (12, 12, 0, 0)  # [px] above, right, below and left, so that the outermost numbers of the axes are whole
 _ASPECT = 1.6  # width over height
 _LEAST = 0.01  # [mm], what is nearer is drawn there on a logarithmic axis
 
@@ -78,5 +79,12 @@ class ChartPanel:
         unit = drawn_unit(chart)
         title = f"{chart.title}{f' [{unit}]' if unit else ''} by {chart.across}"
         return self._gui.add_uplot(
-            data, tuple(series), title=title, scales=scales, axes=_AXES, legend={"show": True}, aspect=_ASPECT
+            data,
+            tuple(series),
+            title=title,
+            scales=scales,
+            axes=_AXES,
+            legend={"show": True},
+            aspect=_ASPECT,
+            padding=_PADDING,
         )
