@@ -8,7 +8,7 @@ import urllib.request
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.live_page.gate import COOKIE, Gate, guarded, is_loopback
+from whiptool.live_page.gate import COOKIE, AccessGate, guarded, is_loopback
 from whiptool.models import preset
 
 OURS = {"Host": "127.0.0.1:8080"}
@@ -17,20 +17,20 @@ OURS = {"Host": "127.0.0.1:8080"}
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "[::1]", "127.3.2.1"])
 def test_this_machine_alone_needs_no_token(host):
     assert is_loopback(host)
-    assert Gate.of(host).token is None
+    assert AccessGate.of(host).token is None
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "example.org", "localhost.example.org"])
 def test_all_else_needs_one(host):
     assert not is_loopback(host)
-    token = Gate.of(host).token
+    token = AccessGate.of(host).token
     assert token is not None
     assert len(token) >= 32
-    assert token != Gate.of(host).token
+    assert token != AccessGate.of(host).token
 
 
 def test_a_gate_shows_no_token():
-    assert "secret" not in repr(Gate("secret"))
+    assert "secret" not in repr(AccessGate("secret"))
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_gate_shows_no_token():
     ],
 )
 def test_only_pages_of_this_machine_are_served(headers, served):
-    assert (Gate(None).refusal("/", OURS | headers) is None) == served
+    assert (AccessGate(None).refusal("/", OURS | headers) is None) == served
 
 
 @pytest.mark.parametrize(
@@ -65,16 +65,16 @@ def test_only_pages_of_this_machine_are_served(headers, served):
 )
 def test_the_token_is_asked_for(path, cookie, served):
     headers = {"Host": "192.168.1.5:8080", "Cookie": cookie}
-    assert (Gate("secret").refusal(path, headers) is None) == served
+    assert (AccessGate("secret").refusal(path, headers) is None) == served
 
 
 def test_a_token_does_not_let_other_sites_in():
     headers = {"Host": "192.168.1.5:8080", "Origin": "http://evil.example", "Cookie": f"{COOKIE}=secret"}
-    assert Gate("secret").refusal("/", headers) is not None
+    assert AccessGate("secret").refusal("/", headers) is not None
 
 
 def test_a_server_that_is_started_otherwise_is_refused():
-    with pytest.raises(Exception, match="access is not checked"), guarded(Gate("secret")):
+    with pytest.raises(Exception, match="access is not checked"), guarded(AccessGate("secret")):
         pass
 
 

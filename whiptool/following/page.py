@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from whiptool.following.charts import ChartPanel
 from whiptool.following.run_scene import RunScene
 from whiptool.following.run_view import Measured, ShownMotion
-from whiptool.following.watcher import Seen, Watcher
+from whiptool.following.watcher import Watched, Watcher
 from whiptool.live_page.page import WIDTH
 from whiptool.live_page.panel import SPEEDS, THEME
 
@@ -36,7 +36,7 @@ class RunPage:
         self._client, self._watcher = client, watcher
         self._ended = threading.Event()
         self._scene: RunScene | None = None
-        self._shown: Seen | None = None
+        self._shown: Watched | None = None
         self._motion: ShownMotion | None = None
         gui = client.gui
         client.gui.configure_theme(**THEME)
@@ -68,7 +68,7 @@ class RunPage:
                 if not self._ended.is_set():
                     _log.error("the page goes on after an error", exc_info=error)
 
-    def _show(self, seen: Seen) -> None:
+    def _show(self, seen: Watched) -> None:
         view, motion = seen.view, seen.motion
         state = "ended" if view.finished else "running"
         self._facts.content = _table(view.heading, {"state": state, **view.facts})

@@ -9,8 +9,8 @@ import numpy as np
 
 from whiptool.following.run_view import ShownMotion
 from whiptool.impedance.controller import default_controller
-from whiptool.live_page.scene import Scene, rgb
-from whiptool.live_page.session import Settings, Shown
+from whiptool.live_page.scene import PageScene, rgb
+from whiptool.live_page.session import Shown, StudioSettings
 from whiptool.models.kinematics import arm_poses, upright
 from whiptool.viz.style import COLORS
 
@@ -31,7 +31,7 @@ class RunScene:
 
     def __init__(self, client: ClientHandle, motion: ShownMotion) -> None:
         self._api = client.scene
-        self._scene = Scene(client.scene, motion.model, lambda target, begins: None, motion.looks)
+        self._scene = PageScene(client.scene, motion.model, lambda target, begins: None, motion.looks)
         client.camera.position, client.camera.look_at = self._scene.camera(client.camera.aspect)
         self._number = 0
         self._measured: LineSegmentsHandle | None = None
@@ -43,7 +43,7 @@ class RunScene:
         near = motion.trajectory.approach(np.array(target.position))
         hit = bool(target.goals.hit_by(near)[0])
         self._number += 1
-        settings = Settings(model.name, model, default_controller(model), target)
+        settings = StudioSettings(model.name, model, default_controller(model), target)
         self._scene.show(Shown(settings, model, motion.trajectory, near, hit, None, "", self._number), None)
 
     @property

@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Watched:
     """What a run shows, as pages take it.
 
     Args:
@@ -43,7 +43,7 @@ class Watcher:
     def __init__(self, opened: Callable[[], Followed]) -> None:
         self._opened = opened
         self._run: Followed | None = None
-        self.seen: Seen | None = None
+        self.seen: Watched | None = None
         self._chosen: Chosen | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._look_again, name="watcher", daemon=True)
@@ -70,14 +70,14 @@ class Watcher:
         if view is None:
             return
         motion = None if self.seen is None else self.seen.motion
-        self.seen = Seen(view, motion)  # charts first: a strike may take seconds, the first time
+        self.seen = Watched(view, motion)  # charts first: a strike may take seconds, the first time
         if view.chosen is not None and view.chosen.is_other(self._chosen):
-            self.seen = Seen(view, self._run.shown_motion(view.chosen))
+            self.seen = Watched(view, self._run.shown_motion(view.chosen))
             self._chosen = view.chosen
 
     def _failed(self, error: Exception) -> None:
         fault = str(error) if isinstance(error, WhiptoolError | OSError) else f"error in whiptool: {error!r}"
-        before = self.seen or Seen(RunView("", False, {}, ()), None)
+        before = self.seen or Watched(RunView("", False, {}, ()), None)
         if before.fault != fault:
             _log.warning("a look at the run failed", exc_info=error)
-            self.seen = Seen(before.view, before.motion, fault)
+            self.seen = Watched(before.view, before.motion, fault)

@@ -30,7 +30,7 @@ def is_loopback(host: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Gate:
+class AccessGate:
     """Checks requests of a page and of its connection.
 
     A page of another site cannot connect from a user's browser, as the origin that the browser states has to be the
@@ -44,7 +44,7 @@ class Gate:
     token: str | None = field(default=None, repr=False)
 
     @classmethod
-    def of(cls, host: str) -> Gate:
+    def of(cls, host: str) -> AccessGate:
         """Return the gate of a server: with a new token unless only this machine can reach it."""
         return cls(None if is_loopback(host) else secrets.token_urlsafe(24))
 
@@ -80,7 +80,7 @@ def _cookie(header: str) -> str:
 
 
 @contextmanager
-def guarded(gate: Gate) -> Iterator[None]:
+def guarded(gate: AccessGate) -> Iterator[None]:
     """Have the server that is started within the block ask a gate before it answers any request.
 
     Raises:
@@ -104,7 +104,7 @@ def guarded(gate: Gate) -> Iterator[None]:
         raise WhiptoolError("this version of viser starts its server in another way, so that access is not checked")
 
 
-def _asked_first(gate: Gate, answer: Callable[..., Any] | None) -> Callable[..., Any]:
+def _asked_first(gate: AccessGate, answer: Callable[..., Any] | None) -> Callable[..., Any]:
     """Return a function that answers requests as another does, but asks a gate first."""
 
     def process_request(connection: Any, request: Any) -> Any:

@@ -16,7 +16,7 @@ from whiptool.impedance.controller import Controller
 from whiptool.live_page.export import exported
 from whiptool.live_page.newest import Newest
 from whiptool.live_page.panel import THEME, Actions, Panel, error_text
-from whiptool.live_page.scene import Scene
+from whiptool.live_page.scene import PageScene
 from whiptool.live_page.session import Session, Shown
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY
@@ -73,7 +73,7 @@ class Page:
         self._closed = threading.Event()
         self._files = ThreadPoolExecutor(1, thread_name_prefix="studio files")
         self._worker = Newest(self._after, self._failed, name=f"studio {client.client_id}")
-        self._state: tuple[Session, Scene, Panel] | None = None
+        self._state: tuple[Session, PageScene, Panel] | None = None
         self._shown: Shown | None = None
         self._ghost: Shown | None = None
         self._changed = 0.0
@@ -123,7 +123,7 @@ class Page:
             waits.remove()
         self._state, self._fresh, self._shown, self._ghost = None, True, None, None
         looks = self._choices.looks if name == self._choices.models[0] else None
-        scene = Scene(self.client.scene, model, self._drag, looks)
+        scene = PageScene(self.client.scene, model, self._drag, looks)
         actions = Actions(
             ask=self._ask,
             choose_model=lambda name: self._worker.ask("model", lambda: self._open(name)),
@@ -135,7 +135,7 @@ class Page:
         self.client.camera.position, self.client.camera.look_at = scene.camera(self.client.camera.aspect)
         self._state = session, scene, panel
 
-    def _darken(self, scene: Scene, dark: bool) -> None:
+    def _darken(self, scene: PageScene, dark: bool) -> None:
         self.client.gui.configure_theme(dark_mode=dark, **THEME)
         scene.set_dark(dark)
 
@@ -157,7 +157,7 @@ class Page:
         self.client.flush()
         return self._longer(session, scene, panel, shown)
 
-    def _longer(self, session: Session, scene: Scene, panel: Panel, shown: Shown) -> Iterator[None]:
+    def _longer(self, session: Session, scene: PageScene, panel: Panel, shown: Shown) -> Iterator[None]:
         """Compute tolerance ellipses and heat map, once nothing has changed for a while."""
         while time.monotonic() - self._changed < QUIET:
             time.sleep(QUIET / 20)
@@ -208,7 +208,7 @@ class Page:
                     _log.debug("a frame was left out", exc_info=error)
             frame += 1
 
-    def _frame(self, state: tuple[Session, Scene, Panel], at: float, passed: float, *, slide: bool) -> float:
+    def _frame(self, state: tuple[Session, PageScene, Panel], at: float, passed: float, *, slide: bool) -> float:
         """Show one frame; return the time in the strike [s]."""
         _, scene, panel = state
         assert scene.postures is not None

@@ -17,7 +17,7 @@ from whiptool.live_page.knobs import Knob, law_knobs, law_names, strike_knobs, w
 from whiptool.live_page.outcome_bars import bars_html, outcome_bars
 from whiptool.live_page.scene import LEAST, MOST
 from whiptool.live_page.session import Session, Shown
-from whiptool.live_page.spread import INSIDE, STRIKES, Spread
+from whiptool.live_page.spread import INSIDE, STRIKES, TipSpread
 
 if TYPE_CHECKING:
     from viser import GuiApi, GuiEvent
@@ -238,7 +238,7 @@ class Panel:
             f"<span>{LEAST:.1%} or less</span><span>{MOST:.0%} or more</span></div></div>"
         )
 
-    def show_spread(self, spread: Spread | None, noise: float) -> None:
+    def show_spread(self, spread: TipSpread | None, noise: float) -> None:
         """Explain the tolerance ellipses."""
         if spread is None:
             self._spread_note.content = ""

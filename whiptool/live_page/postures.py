@@ -17,7 +17,7 @@ _THIN = 0.028  # of the arm's length, radius of links without shapes
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class ScenePostures:
     """Arm and whip at T equally spaced instants.
 
     Args:
@@ -39,14 +39,14 @@ class Postures:
         return int(np.clip(np.round((time - self.t[0]) * RATE), 0, len(self.t) - 1))
 
 
-def postures(model: Model, trajectory: Trajectory) -> Postures:
+def postures(model: Model, trajectory: Trajectory) -> ScenePostures:
     """Return arm and whip over a strike."""
     t = np.arange(trajectory.t[0], trajectory.t[-1] + 0.5 / RATE, 1 / RATE)
     q, a = at_times(t, trajectory.t, trajectory.q), model.arm.n
     origins, rotations = arm_poses(model.arm.in_space(), q[:, :a])
     x, y, z, w = np.moveaxis(quaternion_of(rotations), -1, 0)
     whip = upright(chain_motion(model, q)[0][:, a:])
-    return Postures(t, origins, np.stack([w, x, y, z], axis=-1), whip, _along(np.diff(whip, axis=1)))
+    return ScenePostures(t, origins, np.stack([w, x, y, z], axis=-1), whip, _along(np.diff(whip, axis=1)))
 
 
 def _along(pieces: np.ndarray) -> np.ndarray:

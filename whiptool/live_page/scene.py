@@ -13,9 +13,9 @@ import numpy as np
 from whiptool.goals.target import Target
 from whiptool.live_page.heat_map import HeatMap
 from whiptool.live_page.meshes import Mesh, cone_mesh, ellipse_points, ellipsoid_mesh, joined, rod_mesh, shape_mesh
-from whiptool.live_page.postures import Postures, postures, shapes
+from whiptool.live_page.postures import ScenePostures, postures, shapes
 from whiptool.live_page.session import Shown
-from whiptool.live_page.spread import INSIDE, Spread
+from whiptool.live_page.spread import INSIDE, TipSpread
 from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import upright
 from whiptool.models.mount import default_floor
@@ -41,7 +41,7 @@ def rgb(color: str) -> tuple[int, int, int]:
     return r, g, b
 
 
-class Scene:
+class PageScene:
     """The scene of one user.
 
     Args:
@@ -62,7 +62,7 @@ class Scene:
         self.api, self.model, self._dragged = api, model, dragged
         self.reach = model.reach
         self.target = Target((0.0,) * model.dimension)
-        self.postures: Postures | None = None
+        self.postures: ScenePostures | None = None
         self._grabbed = np.zeros(3)  # of the target's ball, from its centre [m]
         self._ghost: Shown | None = None
         self._whip: list[Any] = []
@@ -245,7 +245,7 @@ class Scene:
                            cast_shadow=False, receive_shadow=False, visible=self._visible["heat"])  # fmt: skip
         self._nodes["/heat"] = self.api.get_handle_by_name("/heat")
 
-    def show_spread(self, spread: Spread | None) -> None:
+    def show_spread(self, spread: TipSpread | None) -> None:
         """Show the ellipses, or ellipsoids, that contain half and 95 % of the tip's errors."""
         for i, inside in enumerate(INSIDE):
             name = f"/spread/{i}"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.live_page.gate import LOOPBACK, Gate, guarded
+from whiptool.live_page.gate import LOOPBACK, AccessGate, guarded
 from whiptool.live_page.page import Choices, Page
 from whiptool.live_page.panel import THEME
 
@@ -50,7 +50,7 @@ class PageServer:
         self._open, self._host = opened, host
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a page that has just gone
         self._pages: dict[int, OpenPage] = {}
-        self.gate = Gate.of(host)
+        self.gate = AccessGate.of(host)
         with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
             self._server = viser.ViserServer(host=host, port=port, label="whiptool studio", verbose=False)
         # of frames for a browser that has just gone away

@@ -14,7 +14,7 @@ from whiptool.impedance.controller import Controller, default_controller
 from whiptool.live_page.aim import aimed, map_name
 from whiptool.live_page.heat_map import HeatMap, Sampled, drawn_strikes, heat_map, sampled
 from whiptool.live_page.knobs import changed_law, changed_model, law_named, with_law
-from whiptool.live_page.spread import Spread, spread
+from whiptool.live_page.spread import TipSpread, spread
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, strike_names
 from whiptool.models.trajectory import Approach, Trajectory
@@ -26,7 +26,7 @@ FREE = ("whip.drag", "whip.hinge_mass")  # terms that the engine has from the be
 
 
 @dataclass(frozen=True)
-class Settings:
+class StudioSettings:
     """What the user of a page has chosen.
 
     Args:
@@ -72,7 +72,7 @@ class Shown:
         number: Number of this result, from 1.
     """
 
-    settings: Settings
+    settings: StudioSettings
     model: Model
     trajectory: Trajectory
     near: Approach
@@ -113,7 +113,7 @@ class Session:
         self._drawn: np.ndarray | None = None
         self._sampled: Sampled | None = None
         self.usual_law = controller.law
-        settings = Settings(origin or model.name, model, controller, target, t_stay=t_stay)
+        settings = StudioSettings(origin or model.name, model, controller, target, t_stay=t_stay)
         self.striker = _striker(settings)
         self.settings = settings
         self.of_map = map_name(model) if controller == default_controller(model) else None
@@ -195,7 +195,7 @@ class Session:
         self._count += 1
         return Shown(settings, self.model, trajectory, near, hit, beyond, self._source, self._count)
 
-    def spread(self) -> Spread:
+    def spread(self) -> TipSpread:
         """Return the errors of the tip if the strike is executed with errors."""
         settings = self.settings
         return spread(self.striker, np.array(settings.strike), settings.target.goals, settings.noise)
@@ -225,7 +225,7 @@ class Session:
         """Return where random strikes of the present model hit, in the vertical plane through the target."""
         return heat_map(self.striker, self.random_strikes(), np.array(self.settings.target.position))
 
-    def _take(self, settings: Settings) -> None:
+    def _take(self, settings: StudioSettings) -> None:
         striker = _striker(settings)
         self.striker, self.settings, self._sampled = striker, settings, None
         if settings.follows:
@@ -236,7 +236,7 @@ class Session:
         self.settings, self._source = replace(self.settings, strike=tuple(vector.tolist())), source
 
 
-def _striker(settings: Settings) -> Striker:
+def _striker(settings: StudioSettings) -> Striker:
     """Return the simulator of strikes of the settings' model and controller."""
     model = settings.model
     rollout = CompiledRollout(model, settings.controller, free=FREE)

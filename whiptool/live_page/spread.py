@@ -14,7 +14,7 @@ INSIDE = (0.5, 0.95)  # shares of the errors that the two ellipses contain
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class TipSpread:
     """Errors of the tip at its closest approach to the target under normal errors of a strike's numbers.
 
     Args:
@@ -40,7 +40,7 @@ class Spread:
         return float(np.sqrt(chi2.ppf(inside, len(self.centre))))
 
 
-def spread(striker: Striker, strike: np.ndarray, goal: Goals, noise: float, *, seed: int = 0) -> Spread:
+def spread(striker: Striker, strike: np.ndarray, goal: Goals, noise: float, *, seed: int = 0) -> TipSpread:
     """Return the errors of the tip under errors of a strike's numbers.
 
     Args:
@@ -55,4 +55,4 @@ def spread(striker: Striker, strike: np.ndarray, goal: Goals, noise: float, *, s
     tried = strike + errors
     tried[:, -1] = np.maximum(tried[:, -1], strike[-1] / 2)  # a duration stays positive
     landed = striker.rollout.approach(tried, goal.positions[0], t_stay=striker.t_stay)
-    return Spread(near.tip[0], noise**2 * slopes[0] @ slopes[0].T, float(goal.hit_by(landed).mean()))
+    return TipSpread(near.tip[0], noise**2 * slopes[0] @ slopes[0].T, float(goal.hit_by(landed).mean()))
