@@ -397,7 +397,14 @@ class FitRun:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
-        from whiptool.identification.summary import bound_lines, error_words, lag_lines, misfit_line, parameter_lines
+        from whiptool.identification.summary import (
+            assumed_errors,
+            bound_lines,
+            error_words,
+            lag_lines,
+            misfit_line,
+            parameter_lines,
+        )
 
         lines = [
             f"{self.found.status.value}; {summary['fit_time']:.1f} s; 95 % intervals",
@@ -410,6 +417,7 @@ class FitRun:
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
         lines.append(f"  misfit      {misfit_line(self.found)}")
+        lines += [f"  errors      {line}" for line in assumed_errors(self.found, self.recordings)]
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
         lines += [f"  lag         {line}" for line in lag_lines(self.found)]
         if self.assumed:

@@ -16,9 +16,10 @@ from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
 from whiptool.identification.variables import Variable, with_unit
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import ASSUMED_ERRORS, DEFAULT_SIGMA, StrikeRecording
 from whiptool.words import rounded
 
+ABOVE = 1.5  # RMS residual in standard errors from which assumed errors are said to be too small
 _ALIKE = "frames that were lost or stamped twice have a similar effect"
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
@@ -69,6 +70,18 @@ def misfit_line(fit: Fit) -> str:
     if fit.clock_fault is not None:
         return f"{said}; the times of {_source(fit, fit.clock_fault.recording)} are off"
     return f"{said}: above {MISFIT:g}, the model does not explain the recordings"
+
+
+def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]:
+    """Return as text which standard error would explain the residuals, if that of all recordings was assumed and is
+    far below them.
+    """
+    if not fit.explains or fit.misfit < ABOVE or not all(ASSUMED_ERRORS in one.notes for one in recordings):
+        return []
+    found = f"{fit.misfit * DEFAULT_SIGMA:.2g}"
+    return [
+        f"{1e3 * DEFAULT_SIGMA:g} mm was assumed; if the markers are as far off as the residuals, say sigma = {found}"
+    ]
 
 
 def lag_lines(fit: Fit) -> list[str]:

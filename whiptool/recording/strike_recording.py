@@ -31,6 +31,10 @@ from whiptool.recording.logs import (
 from whiptool.whole_files import write_npz
 
 DEFAULT_SIGMA = 1e-3  # [m]
+ASSUMED_ERRORS = (  # of a reader
+    f"errors: {1e3 * DEFAULT_SIGMA:g} mm taken as the standard error of each coordinate, for nothing states it; else "
+    "say sigma"
+)
 DEFAULT_PIXELS = 0.5  # of a camera's view
 LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do

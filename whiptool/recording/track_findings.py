@@ -34,8 +34,10 @@ def of_tracks(recording: StrikeRecording, form: str, said: dict[str, Any]) -> It
     sigma = recording.sigma[recording.seen]
     unit = "pixels" if recording.view is not None else "rad" if recording.angular else "m"
     measured = f"{np.median(sigma):.2g} {unit} a coordinate"
-    own = "sigma" in said or bool(np.ptp(sigma) > 0)
-    yield Finding("errors", measured, STATED if own else ASSUMED, "standard error of a point in the median")
+    guess = taken(notes, "errors:").removeprefix("errors: ")
+    own = not guess and ("sigma" in said or bool(np.ptp(sigma) > 0))
+    reason = guess or "standard error of a point in the median"
+    yield Finding("errors", measured, STATED if own else ASSUMED, reason)
     if recording.camera:
         yield Finding("camera", recording.camera)
     if recording.exposure:

@@ -11,6 +11,7 @@ from recordings import fuzz
 from whiptool.errors import InputError
 from whiptool.identification.fit import FitOptions, fit
 from whiptool.identification.plant import Plant
+from whiptool.identification.summary import assumed_errors
 from whiptool.impedance import Controller
 from whiptool.models import preset
 from whiptool.models.strike import Strike, default_bounds
@@ -125,6 +126,23 @@ def test_a_known_format_without_tracks_is_refused_by_its_name(name, text, said, 
     assert name in str(caught.value)
     assert "cut off" not in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_errors_that_are_assumed_are_said_and_after_a_fit_those_that_its_residuals_suggest(motion, tmp_path):
+    """Of a film of 2 mm, which no file says; some of the misfit is what the fit holds fixed."""
+    FORMATS["Motive"][1](tmp_path / "a.csv", motion)
+    said = "errors: 1 mm taken as the standard error of each coordinate, for nothing states it; else say sigma"
+    misfits = []
+    for stated in (None, 2e-3):
+        read = read_recording(tmp_path / "a.csv", strike=STRIKE, markers=list(motion.markers), sigma=stated)
+        assert (said in read.remarks) == (stated is None)
+        found = fit(read, PLANT, ["b"], options=FitOptions(starts=1, check=False, timestep=1e-3))
+        misfits.append(found.misfit)
+        lines = assumed_errors(found, [read])
+        assert bool(lines) == (stated is None)
+        if lines:
+            assert float(lines[0].rpartition("sigma = ")[2]) == pytest.approx(1e-3 * found.misfit, rel=0.05)
+    assert misfits[0] == pytest.approx(2 * misfits[1], rel=0.02)
 
 
 @pytest.mark.parametrize("name", ["Motive", "Nexus", "Qualisys TSV", "TRC", "Tracker", "Anipose", "SLEAP CSV"])

@@ -75,7 +75,7 @@ def read_bag(path: Path | str, **options: Any) -> StrikeRecording:
             t=clock.times,
             points=side.metres(points[clock.keep]),
             markers=tuple(places),
-            sigma=side.number("sigma", 1e-3, low=1e-9, high=1.0),
+            sigma=side.sigma(),
             files=bag_parts(path),
             up="" if "axes" in side.table else "z",
             others=(*CLOCK, *PIXELS, *FILM, "topic") if any(x.kind == IMAGE for x in topics.values()) else (),

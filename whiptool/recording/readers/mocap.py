@@ -104,7 +104,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         "t": clock.times,
         "points": side.metres(points[clock.keep], capture.units, axes),
         "markers": tuple(names),
-        "sigma": side.number("sigma", 1e-3, low=1e-9, high=1.0),
+        "sigma": side.sigma(),
         "up": "" if flat or "axes" in side.table else "y",
     }
     others = len(capture.turns)

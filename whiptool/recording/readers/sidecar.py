@@ -50,7 +50,7 @@ from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.keys import Keys
 from whiptool.recording.readers.log_keys import LOG_KEYS, LOGS, LogKeys
 from whiptool.recording.readers.table import AXES, stacked
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import ASSUMED_ERRORS, DEFAULT_SIGMA, StrikeRecording
 
 COMMON = ("camera", "exposure", "target", "t_stay", *LOG_KEYS, "strike", "controller")
 SPACE = ("units", "axes", "origin", "up")  # of readers whose files hold places in space
@@ -157,6 +157,8 @@ class Sidecar(LogKeys):
         Raises:
             InputError: A value is not allowed, or a key has no effect on this file.
         """
+        if read.get("sigma") is None and read.get("view") is None:
+            notes = (*notes, ASSUMED_ERRORS)
         source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path), "start": self.start}
         fields = self.fields(notes, log)
         if "up" in self.table and read["points"].shape[2] == 2 and read.get("view") is None:
@@ -212,21 +214,27 @@ class Sidecar(LogKeys):
             points = points[..., columns] * [-1.0 if name[0] == "-" else 1.0 for name in chosen]
         return points * factor
 
+    def sigma(self) -> float | None:
+        """Return the standard error per coordinate of all points [m]; None if the key is missing."""
+        return self.number("sigma", 0.0, low=1e-9, high=1.0) if "sigma" in self.table else None
+
     def places(self, columns: dict[str, dict[str, int]], table: np.ndarray) -> dict[str, Any]:
         """Return a table's M markers as arguments of `StrikeRecording`: `markers`, `points` (T, M, d) [m] in whiptool's
-        axes, and `sigma` (T, M) [m].
+        axes, and `sigma` (T, M) [m], None where neither columns nor sidecar state it.
 
         Args:
             columns: Indices of the columns of each marker's coordinates and, if it has one, of its `sigma`, by name.
             table: All columns, (T, columns), in the file's units and axes.
         """
         axes = [axis for axis in AXES if axis in next(iter(columns.values()))]
-        unit, stated = UNITS[self.word("units", UNITS, "m")], all("sigma" in found for found in columns.values())
-        default = np.nan if stated else self.number("sigma", 1e-3, low=1e-9, high=1.0)
+        unit, stated = UNITS[self.word("units", UNITS, "m")], ["sigma" in found for found in columns.values()]
+        default = None if all(stated) else self.sigma()
         return {
             "markers": tuple(columns),
             "points": self.metres(np.stack([stacked(table, columns, axis) for axis in axes], axis=2)),
-            "sigma": stacked(table, columns, "sigma", default, unit=unit),
+            "sigma": stacked(table, columns, "sigma", default or DEFAULT_SIGMA, unit=unit)
+            if default or any(stated)
+            else None,
         }
 
     def homography(self) -> np.ndarray | None:
