@@ -71,10 +71,12 @@ def _markers(recording: StrikeRecording) -> Finding:
     count = len(recording.t)
     listed = ", ".join(f"{name} ({'all' if n == count else f'{n} of {count}'} frames)" for name, n in seen.items())
     other = [] if recording.angular else [x for x in seen if not PARTS.fullmatch(x)]
-    fix = f"a fit does not predict {', '.join(other)}: name the tip tip, and the hand handle (key markers)"
-    if recording.joints_alone:
+    named = "tip" in seen and ("handle" in seen or recording.hand_t is not None)
+    reason = f"a fit does not predict {', '.join(other)}" * bool(other)
+    fix = f"{reason}: name the tip tip, and the hand handle (key markers)" * (bool(other) and not named)
+    if other and recording.joints_alone:
         fix = "these are the arm's joints, computed from its encoders: a fit needs what cameras saw of the whip, too"
-    return Finding("markers", listed, STATED, fix=fix * bool(other), numbers={"seen": seen})
+    return Finding("markers", listed, STATED, "" if fix else reason, fix, {"seen": seen})
 
 
 def _missing(recording: StrikeRecording) -> Iterator[Finding]:
@@ -117,7 +119,9 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
         yield Finding("axes", f"the file's {', '.join(map(str, said['axes']))}", STATED, "key axes")
     elif recording.up or form in IN_METRES:
         how = ASSUMED if NOT_STATED in reason else STATED
-        yield Finding("axes", f"{up} is up", how, reason, numbers={"up": up})
+        in_file, _, why = reason.partition(" is up, ")
+        value = f"{up} is up" + f", in the file {in_file}" * bool(why and in_file != up)
+        yield Finding("axes", value, how, why or reason, numbers={"up": up})
     else:
         rest = "x forward, y up" if d == 2 else "x forward, y to the left, z up (for a model in the plane y up)"
         yield Finding("axes", rest, ASSUMED, reason or "neither file nor sidecar says it", numbers={"up": up})

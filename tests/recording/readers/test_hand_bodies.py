@@ -19,6 +19,7 @@ from whiptool.models.kinematics import arm_frames, chain_motion
 from whiptool.models.strike import Strike
 from whiptool.models.whip import WhipParameters
 from whiptool.recording.readers import read_recording, write_csv
+from whiptool.recording.understood import understand
 from whiptool.rollout import CompiledRollout
 
 ROBOT = replace(preset("ur5e"), whip=WhipParameters(N=3, l=0.2, m=0.02, k=0.05, b=0.004, joints="rod"))
@@ -104,6 +105,10 @@ def test_it_is_written_as_our_own_csv_and_reads_back_bit_by_bit(seen, tmp_path):
     np.testing.assert_array_equal(again.hand_pose, read.hand_pose)
     np.testing.assert_array_equal(again.points, read.points)
     assert again.up == read.up == "z"
+    topics = {one.topic: one for one in understand(str(tmp_path / "a.csv"), hand="Grip").findings}
+    assert topics["markers"].fix == ""  # the body need not be renamed, for it is the hand
+    assert topics["axes"].value == "z is up, in the file y"
+    assert "is up" not in topics["axes"].reason
 
 
 def test_the_hand_may_be_elsewhere_in_the_body_and_frames_without_it_are_left_out(seen, tmp_path):

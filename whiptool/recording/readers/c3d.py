@@ -54,7 +54,9 @@ def read_c3d(path: Path | str, **options: Any) -> StrikeRecording:
             units=mocap.unit_of(str(data["units"]), "POINT:UNITS", side),
             forward=forward,
             up=up,
-            axes=f"{up} is up (POINT:Y_SCREEN), {forward} (X_SCREEN) taken as forward" if up else "no POINT:Y_SCREEN",
+            axes=f"{up} is up, as POINT:Y_SCREEN says, {forward} (X_SCREEN) taken as forward"
+            if up
+            else "no POINT:Y_SCREEN",
         )
         return mocap.recorded(path, side, capture)
 
