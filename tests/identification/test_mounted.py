@@ -94,7 +94,8 @@ def test_a_mounted_arm_fits_the_same_numbers_as_a_hand_whose_poses_were_turned(m
     by_joints, by_hand = fitted(recording, on(mount), "joints"), fitted(recording, FLOOR, "hand")
     for a, b, true in zip(by_joints.parameters, by_hand.parameters, (WHIP.k, WHIP.b), strict=True):
         assert a.error is not None
-        assert a.value == pytest.approx(b.value, abs=0.1 * a.error)  # splines differ
+        left_out = 0.1 * a.error  # each fit leaves out what moves its values by less
+        assert a.value == pytest.approx(b.value, abs=2 * left_out)
         assert a.value == pytest.approx(true, rel=0.1)
 
 

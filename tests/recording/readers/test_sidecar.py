@@ -49,7 +49,7 @@ def test_a_sidecar_of_which_nothing_is_read_is_refused_by_its_name(tmp_path, nam
         (tmp_path / "b.npz").unlink()
         (tmp_path / name).write_text(log)
     open_any(str(tmp_path / name))
-    (tmp_path / "b.toml").write_text("strat = 1.0")
+    (tmp_path / "b.toml").write_text("start = 1.0")
     said = r"b\.toml: got 'a sidecar'; allowed: none, for nothing of it is read with "
     with pytest.raises(InputError, match=said):
         open_any(str(tmp_path / name))
@@ -59,7 +59,7 @@ def test_a_sidecar_of_which_nothing_is_read_is_refused_by_its_name(tmp_path, nam
             read_recording(tmp_path / "a.csv", joints=tmp_path / name)
     write_model(preset("lemon2024"), tmp_path / "b.toml")  # no sidecar: a model of the same name
     open_any(str(tmp_path / name))
-    (tmp_path / "b.toml").write_text("strat = 1.0")
+    (tmp_path / "b.toml").write_text("start = 1.0")
     (tmp_path / "b.mp4").touch()
     open_any(str(tmp_path / name))
 
@@ -73,7 +73,7 @@ def test_a_sidecar_next_to_a_folder_is_refused_where_that_in_the_folder_is_read(
     else:
         pytest.importorskip("rosbags")
         robot_log_files.write_states(folder)
-    (tmp_path / "set.toml").write_text("strat = 1.0")
+    (tmp_path / "set.toml").write_text("start = 1.0\nstrat = 1.0")
     with pytest.raises(InputError, match=r"set\.toml: got 'a sidecar'; .*; move it into the folder, as whiptool\.toml"):
         open_any(str(folder))
     (tmp_path / "set.toml").rename(folder / "whiptool.toml")

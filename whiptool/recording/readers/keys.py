@@ -13,13 +13,18 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 
-_OF_MODELS = {"model", "whip", "arm"}  # tables of files of models, which no sidecar has
+# keys of sidecars that no file of a model, a prior, a camera or a tracker has
+_OF_SIDECARS = {
+    "units", "axes", "up", "fps", "timestamps", "markers", "start", "strike", "target", "joints", "joint_columns",
+    "joint_units", "joint_ranges", "joints_start", "joints_topic", "hand", "hand_start", "hand_topic", "hand_frames",
+    "hand_axes", "hand_offset",
+}  # fmt: skip
 
 
 def refuse_unheard(path: Path, what: str, fix: str) -> None:
     """Refuse a sidecar `NAME.toml` next to a file of which nothing is read.
 
-    One of another file `NAME` is left alone, and so is a file of a model.
+    One of another file `NAME` is left alone, and so is a TOML file that has no key of a sidecar, such as a model's.
 
     Args:
         path: The file.
@@ -32,7 +37,7 @@ def refuse_unheard(path: Path, what: str, fix: str) -> None:
     side = path.with_suffix(".toml")
     if not side.is_file() or [x for x in path.parent.glob(f"{escape(path.stem)}.*") if x not in (path, side)]:
         return
-    if not _OF_MODELS & read_toml(side).keys():
+    if _OF_SIDECARS & read_toml(side).keys():
         raise InputError(str(side), "a sidecar", f"none, for nothing of it is read with {what}", fix)
 
 
