@@ -13,8 +13,8 @@ precedence. Common to all formats:
     joint_units = "rad"              # or "deg", or "normalized", from -100 to 100 as LeRobot's, with
     joint_ranges = {shoulder = [-1.9, 1.9], elbow = [-1.7, 1.7]}     # angles at -100 and at 100 [rad]
     joints_start = 1.25              # when the command started by that file's clock [s]; default: start
-    hand = "NAME.hand.csv"           # the hand's measured poses: t [s], hand_x, ... hand_z [m], hand_qx, ... hand_qw
-                                     # or a rigid body's name in the same file, where that is Motive's
+    hand = "NAME.hand.csv"           # the hand's measured poses: t [s], hand_x, ... hand_z [m], hand_qx, ... hand_qw;
+    # hand = "Grip"                  # or a rigid body of the same file, where that is Motive's
     hand_start = 1.25                # likewise; default: start
     joints_topic = "/joint_states"   # where joints is a ROS bag with several topics of joints
     hand_topic = "/tool/pose"        # likewise of poses; or, for poses from tf, the base's and the hand's frame:
