@@ -48,7 +48,6 @@ class PageServer:
         viser = optional("viser", "whiptool studio")
         _check_host(host)
         self._open, self._host = opened, host
-        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # of a page that has just gone
         self._pages: dict[int, OpenPage] = {}
         self.gate = AccessGate.of(host)
         with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
