@@ -69,17 +69,32 @@ def watch(folder: Path, *, host: str, port: int, browser: bool) -> int:
     """
     run = followed(folder)
     server, watcher = _serve(lambda: run, host=host, port=port)
-    say_address(f"{folder} is shown", server, port)
-    if browser:
-        webbrowser.open(server.address)
     try:
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        print("the page is closed", flush=True)
+        serve_until_stopped(server, f"{folder} is shown", "the page", port=port, browser=browser)
     finally:
         watcher.close()
-        server.close()
     return 0
+
+
+def serve_until_stopped(server: PageServer, shown: str, name: str, *, port: int, browser: bool) -> None:
+    """Print where a page is served, and serve it until Ctrl-C.
+
+    Args:
+        server: The server, which is closed at the end.
+        shown: What is served, before its address.
+        name: Name of what is closed.
+        port: Port that was asked for.
+        browser: Whether the page is opened in a browser.
+    """
+    try:
+        say_address(shown, server, port)
+        if browser:
+            webbrowser.open(server.address)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        print(f"{name} is closed", flush=True)
+    finally:
+        server.close()
 
 
 def say_address(what: str, server: PageServer, port: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -130,7 +129,7 @@ def _work(options: StudioOptions) -> int:
 
 def _open(options: StudioOptions) -> int:
     """Serve the studio until Ctrl-C; return the exit status."""
-    from whiptool.commands.following import say_address
+    from whiptool.commands.following import serve_until_stopped
     from whiptool.live_page.page import Choices
     from whiptool.live_page.saved import Saved
     from whiptool.live_page.server import Studio
@@ -148,17 +147,7 @@ def _open(options: StudioOptions) -> int:
     load = _loader(model, saved.controller, first)
     choices = Choices(load, tuple(names), saved.target, saved.t_stay, options.find_looks(), saved.strike)
     studio = Studio(choices, host=options.host, port=options.port)
-    say_address("the studio is", studio, options.port)
-    if options.browser:
-        import webbrowser
-
-        webbrowser.open(studio.address)
-    try:
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        print("the studio is closed", flush=True)
-    finally:
-        studio.close()
+    serve_until_stopped(studio, "the studio is", "the studio", port=options.port, browser=options.browser)
     return 0
 
 
