@@ -177,7 +177,7 @@ def sections(context: Context) -> list[Section]:
             [
                 Text(_CALIBRATION),
                 Table(
-                    _scores(found),
+                    scores_table(found),
                     "Scores of what was stated of first and of later strikes, and of the best constant forecast.",
                 ),
             ],
@@ -263,16 +263,25 @@ _CALIBRATION = (
 )
 
 
-def _scores(found: ByWay) -> list[list[str]]:
+def scores_table(found: ByWay) -> list[list[str]]:
+    """Return the scores of what was stated of first and of later strikes, by way, of each family and of all."""
     head = ["way", "family", "which", "strikes", "stated", "hit", "calibration error", "Brier", "constant", "log"]
     rows = [[*head, "constant", "CRPS [mm]", "constant", "miss within 50 %", "within 90 %", "beyond all samples"]]
-    for (way, family), trials in found.items():
+    for (way, family), trials in {**found, **_pooled(found)}.items():
         for which, some in (("first", slice(1)), ("later", slice(1, None))):
             strikes = [x for struck in trials for x in struck[some]]
             known = [Forecast(x["probability"] or 0.0, x["misses"], x["miss"], x["hit"]) for x in strikes]
             if known:
                 rows.append([way, family, which, *_scored(known)])
     return rows
+
+
+def _pooled(found: ByWay) -> ByWay:
+    """Trials of all families together, by way: what is stated is the same for all where a look cannot tell them."""
+    ways = dict.fromkeys(way for way, _ in found)
+    return {
+        (way, "all"): [struck for (of, _), trials in found.items() if of == way for struck in trials] for way in ways
+    }
 
 
 def _scored(known: Sequence[Forecast]) -> list[str]:

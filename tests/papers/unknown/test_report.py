@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch.nn import functional
 
-from papers.unknown.report import Forecast, Scores, brier_score, crps, log_score, spread
+from papers.unknown.report import Forecast, Scores, brier_score, crps, log_score, scores_table, spread
 
 
 def _simulated(rng: np.random.Generator, count: int, *, narrow: float = 1.0) -> list[Forecast]:
@@ -69,3 +69,14 @@ def test_strikes_that_diverge_and_samples_that_do() -> None:
     assert nothing.within == (1.0, 1.0)  # half of the sample diverges, too: the miss is not beyond it
     assert nothing.beyond == 0
     assert Scores.of([Forecast(0.5, [0.01, 0.02], None, False)]).beyond == 1
+
+
+def test_families_are_scored_alone_and_together() -> None:
+    strike = {"probability": 0.9, "misses": [0.01, 0.03], "miss": 0.02, "hit": True}
+    lost = {"probability": 0.9, "misses": [0.01, 0.03], "miss": 0.2, "hit": False}
+    head, *rows = scores_table({("still", "kin"): [[strike]], ("still", "stranger"): [[lost, strike], [strike]]})
+    shares = {(row[1], row[2]): (row[3], row[head.index("hit")]) for row in rows}
+    assert shares["kin", "first"] == ("1", "100 %")
+    assert shares["stranger", "first"] == ("2", "50 %")
+    assert shares["all", "first"] == ("3", "67 %")
+    assert shares["all", "later"] == shares["stranger", "later"] == ("1", "100 %")
