@@ -21,21 +21,26 @@ its errors at the horizons (readings within 0.1 s of them), and which shares of 
 predictive intervals hold; of swings also if they are predicted from their middle, by which nothing was chosen. Next to
 a pendulum stands the plain fit: the textbook's equations with viscous friction, least squares by SciPy, the same
 readings, and the spread of its residuals as interval. `--ropes` adds `benchmarks/ropes.py`.
+
+With `--folder KEPT` every fit is kept there, and the same command goes on where it was left.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
 import json
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import kept
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
@@ -131,36 +136,63 @@ def classes(found: Fit) -> dict[str, str]:
     return {p.name: p.kind for p in found.parameters}
 
 
-def study(given: Given) -> dict[str, Any]:
-    """Fit each fold, predict what it left out."""
-    parts, later, seconds, kinds, fits = [], [], [], [], []
-    swings = isinstance(given.plant.model, BareArm)
-    for held in given.folds:
-        began = time.perf_counter()
-        inside = [r for i, r in enumerate(given.recordings) if i not in held]
-        outside = [given.recordings[i] for i in held]
-        also = [from_middle(r) for r in outside] if swings and min(len(r.t) for r in outside) >= LEAST else []
-        found = fit(inside, given.plant, given.free, held_out=[*outside, *also], options=given.options)
-        seconds.append(time.perf_counter() - began)
-        kinds.append(classes(found))
-        fits.append(found)
-        each = [of_recording(r, f) for r, f in zip([*outside, *also], found.held_out, strict=True)]
-        parts, later = [*parts, *each[: len(outside)]], [*later, *each[len(outside) :]]
+def fold(given: Given, held: Sequence[int]) -> dict[str, Any]:
+    """Fit all recordings but those that are held out, and predict these, as plain data."""
+    began = time.perf_counter()
+    inside = [r for i, r in enumerate(given.recordings) if i not in held]
+    outside = [given.recordings[i] for i in held]
+    swings = isinstance(given.plant.model, BareArm) and min(len(r.t) for r in outside) >= LEAST
+    also = [from_middle(r) for r in outside] if swings else []
+    found = fit(inside, given.plant, given.free, held_out=[*outside, *also], options=given.options)
+    parts = [of_recording(r, f) for r, f in zip([*outside, *also], found.held_out, strict=True)]
+    each = [{name: x.tolist() for name, x in asdict(part).items()} for part in parts]
+    return {
+        "seconds": time.perf_counter() - began,
+        "classes": classes(found),
+        "misfit_rms": float(np.sqrt(np.mean([r.rmse**2 for r in found.recordings]))),
+        "values": {p.name: p.value for p in found.parameters},
+        "predicted": each[: len(outside)],
+        "from the middle": each[len(outside) :],
+    }
+
+
+def identity(given: Given) -> tuple[Any, ...]:
+    """All on which fits of some recordings depend."""
+    arrays = [x for r in given.recordings for x in (r.t, r.points, r.sigma, r.joints_t, r.joints_q, r.hand_pose)]
+    digest = hashlib.sha256(b"".join(np.asarray(x, float).tobytes() for x in arrays if x is not None)).hexdigest()
+    return digest, sorted(given.plant.values().items()), given.free, given.options
+
+
+def study(given: Given, folder: Path | None = None) -> dict[str, Any]:
+    """Fit each fold, predict what it left out; a folder keeps each fit."""
+    of = identity(given)
+    fits = [
+        kept(folder, f"{given.name} fold {k}", (of, held), lambda held=held: fold(given, held))
+        for k, held in enumerate(given.folds)
+    ]
+    parts, later = (
+        [Predicted(**{key: np.array(x) for key, x in part.items()}) for one in fits for part in one[name]]
+        for name in ("predicted", "from the middle")
+    )
     first = [r for i, r in enumerate(given.recordings) if i not in given.folds[0]]
-    starts = [kinds[0], *(classes(fit(first, other, given.free, options=given.options)) for other in given.others)]
+    starts = [fits[0]["classes"]]
+    for k, other in enumerate(given.others):
+        name, values = f"{given.name} start {k}", sorted(other.values().items())
+        fitted = lambda other=other: classes(fit(first, other, given.free, options=given.options))  # noqa: E731
+        starts.append(kept(folder, name, (of, given.folds[0], values), fitted))
     return {
         "recordings": len(given.recordings),
         "held_out": sum(map(len, given.folds)),
-        "angular": swings,
+        "angular": isinstance(given.plant.model, BareArm),
         "predicted": joined(parts).table(given.horizons),
         "from the middle": joined(later).table(given.horizons) if later else {},
         "median of recordings": float(np.median([p.row(p.after <= WITHIN)["rms"] for p in parts])),
-        "classes": kinds[0],
-        "misfit_rms": float(np.sqrt(np.mean([r.rmse**2 for r in fits[0].recordings]))),
-        "values": {p.name: p.value for p in fits[0].parameters},
+        "classes": starts[0],
+        "misfit_rms": fits[0]["misfit_rms"],
+        "values": fits[0]["values"],
         "starts": len(starts),
-        "starts_that_agree": sum(x == kinds[0] for x in starts),
-        "seconds": float(np.median(seconds)),
+        "starts_that_agree": sum(x == starts[0] for x in starts),
+        "seconds": float(np.median([one["seconds"] for one in fits])),
     }
 
 
@@ -274,8 +306,8 @@ def people(folder: Path, *, quick: bool) -> dict[str, Any]:
     return found
 
 
-def studies(folder: Path, *, quick: bool) -> dict[str, Any]:
-    """All studies of a folder by name.
+def studies(folder: Path, *, quick: bool, kept_in: Path | None = None) -> dict[str, Any]:
+    """All studies of a folder by name, whose fits are kept in another one.
 
     Raises:
         InputError: The folder holds none of the files that are read.
@@ -283,18 +315,25 @@ def studies(folder: Path, *, quick: bool) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if (folder / "real.toml").is_file():
         given = user_recordings(folder)
-        return {given.name: study(given)}
+        return {given.name: study(given, kept_in)}
     for name in ("single", "double"):
         if (folder / f"{name}.npz").is_file():
             from peers.plain_pendulum import plain_study
 
             for whole in (False, True)[: 1 + (name == "single" and not quick)]:
                 given = pendulum(folder, name, quick=quick, whole=whole)
-                found[given.name] = study(given)
-                parts = plain_study(given.recordings, given.folds)
-                found[given.name]["plain"] = joined([Predicted(*x) for x in parts]).table(given.horizons)
+                found[given.name] = study(given, kept_in)
+
+                def plain(given: Given = given) -> list[Any]:
+                    return [[x.tolist() for x in part] for part in plain_study(given.recordings, given.folds)]
+
+                parts = kept(kept_in, f"{given.name} plain", (identity(given), given.folds), plain)
+                joint = joined([Predicted(*map(np.array, part)) for part in parts])
+                found[given.name]["plain"] = joint.table(given.horizons)
     if any((folder / name).is_file() for name in ("trial_stats.csv", "WhipTask_TrialStats.csv")):
-        found["people's throws"] = people(folder, quick=quick)
+        seen = [file.stat().st_size for file in sorted(folder.iterdir())]
+        thrown = partial(people, folder, quick=quick)
+        found["people's throws"] = kept(kept_in, "people's throws", (seen, quick), thrown)
     if not found:
         rule = "a folder with real.toml, single.npz, double.npz or trial_stats.csv"
         raise InputError("FOLDER", folder, rule, "write a real.toml; --help shows one")
@@ -327,13 +366,13 @@ def main() -> None:
     parser.add_argument("--ropes", action="store_true", help="also the simulated ropes of benchmarks/ropes.py")
     parser.add_argument("--quick", action="store_true", help="one fit each, one rope, no dismech-newton")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")
-    parser.add_argument("--folder", type=Path, help="with --ropes: keep each fit there, and go on where it was left")
+    parser.add_argument("--folder", type=Path, help="keep each fit there, and go on where it was left")
     arguments = parser.parse_args()
     found: dict[str, Any] = {}
     with contextlib.redirect_stdout(sys.stderr):
         try:
             for folder in arguments.folders:
-                new = studies(folder, quick=arguments.quick)
+                new = studies(folder, quick=arguments.quick, kept_in=arguments.folder)
                 if both := found.keys() & new.keys():
                     raise InputError(
                         "FOLDER", str(folder), f"other names of studies than {', '.join(both)}, given before"

@@ -38,6 +38,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import kept
 from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.identification.fit import FitOptions, fit
@@ -45,7 +46,6 @@ from whiptool.identification.plant import Plant
 from whiptool.models import WhipProfile, preset
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.cosserat import CosseratWhip
-from whiptool.whole_files import write_whole
 
 LINKS, ELEMENTS = 20, 40
 WAVE_SPEED = 300.0  # [m/s] of stretching
@@ -54,6 +54,7 @@ SIGMA, RATE, END, HELD_OUT = 2e-3, 100, 1.2, 2
 FRAMES = np.arange(10, int(1000 * END) + 1, 1000 // RATE)  # [ms]
 GUESS = (0.4, 3.0)  # first guess over the truth
 DISMECH = ("dismech-newton==0.1.0.post2", "warp-lang==1.19.0")  # post3 and post4 are not imported by Python 3.11
+SET_UP = (LINKS, ELEMENTS, WAVE_SPEED, MARKERS.tolist(), SIGMA, RATE, END, HELD_OUT)  # of the simulated ropes
 Found = dict[str, Any]
 
 
@@ -99,15 +100,14 @@ def rope(number: int) -> Rope:
 
 def kept_rope(number: int, folder: Path | None) -> Rope:
     """One of the ropes, whose places are read from a folder, or simulated and kept there."""
-    file = folder / f"rope{number}.json" if folder else None
-    if file is None or not file.exists():
+
+    def simulated() -> dict[str, Any]:
         made = rope(number)
-        if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, json.dumps({"places": made.places.tolist(), "seen": made.seen.tolist()}))
-        return made
+        return {"places": made.places.tolist(), "seen": made.seen.tolist()}
+
+    numbers = kept(folder, f"rope{number}", (number, *SET_UP), simulated)
     rng = np.random.default_rng(number)
-    profile, numbers = drawn_profile(rng), json.loads(file.read_text())
+    profile = drawn_profile(rng)
     hands = [hand_path(rng) for _ in range(HELD_OUT + 1)]
     return Rope(profile, FRAMES / 1000, hands, np.array(numbers["places"]), np.array(numbers["seen"]))
 
@@ -231,17 +231,6 @@ PEERS: dict[str, Callable[[Rope], Found | None]] = {
 }  # fmt: skip
 
 
-def kept(file: Path | None, make: Callable[[], Any]) -> Any:
-    """What a file holds, or what is made and then written there; a fit that failed is tried again the next time."""
-    if file is not None and file.exists():
-        return json.loads(file.read_text())
-    made = make()
-    if file is not None and made and "error" in made:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(file, json.dumps(made))
-    return made
-
-
 def study(count: int, folder: Path | None, peers: tuple[str, ...] = tuple(PEERS)) -> dict[str, Any]:
     """All fits of all ropes, and how they compare."""
     rows = []
@@ -249,8 +238,10 @@ def study(count: int, folder: Path | None, peers: tuple[str, ...] = tuple(PEERS)
         simulated = cache(lambda number=number: kept_rope(number, folder))
         row: dict[str, Any] = {"rope": number}
         for name in peers:
-            file = folder / f"rope{number}-{name}.json" if folder else None
-            row[name] = kept(file, lambda name=name, simulated=simulated: PEERS[name](simulated()))
+            of = (number, *SET_UP, GUESS, DISMECH)
+            row[name] = kept(
+                folder, f"rope{number} {name}", of, lambda name=name, simulated=simulated: PEERS[name](simulated())
+            )
         rows.append(row)
     truth = [
         [r.bending_stiffness, r.bending_damping]

@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from recordings import T, full, fuzz, places, same, times
+from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller
@@ -171,3 +172,20 @@ def test_fuzz_npz(tmp_path):
     fuzz(tmp_path / "a.npz", 150, lambda: read_recording(tmp_path / "a.npz"))
     np.savez(tmp_path / "b.npz", t=times(), points=places(), markers=["tip", "handle"])  # not compressed
     fuzz(tmp_path / "b.npz", 150, lambda: read_recording(tmp_path / "b.npz"))
+
+
+def test_what_is_turned_upright_is_one_rigid_motion_of_points_and_poses():
+    """A marker fixed to the hand stays where it is in the hand; all of it turns as by Euler's angle about x."""
+    rng = np.random.default_rng(0)
+    turns, places_of = Rotation.random(T, random_state=1), rng.normal(size=(T, 3))
+    marker = places_of + turns.apply([0.1, -0.2, 0.3])
+    pose = np.hstack([places_of, turns.as_quat()])
+    seen = StrikeRecording(times(), marker[:, None], ("m",), hand_t=times(), hand_pose=pose, up="y")
+    turned, by = seen.upright("z"), Rotation.from_euler("x", 90, degrees=True)
+    found = Rotation.from_quat(turned.hand_pose[:, 3:])
+    np.testing.assert_allclose(turned.hand_pose[:, :3], by.apply(places_of), atol=1e-14)
+    assert ((by * turns) * found.inv()).magnitude().max() < 1e-14
+    np.testing.assert_allclose(turned.hand_pose[:, :3] + found.apply([0.1, -0.2, 0.3]), turned.marker("m"), atol=1e-14)
+    back = turned.upright("y")
+    np.testing.assert_allclose(back.hand_pose[:, :3], places_of, atol=1e-14)
+    assert (turns * Rotation.from_quat(back.hand_pose[:, 3:]).inv()).magnitude().max() < 1e-14

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,3 +89,14 @@ def test_the_plain_fit_finds_what_it_simulates(swings):
     kinetic = (alpha * v[:, 0] ** 2 + v[:, 1] ** 2) / 2 + beta * np.cos(q[:, 0] - q[:, 1]) * v[:, 0] * v[:, 1]
     energy = kinetic - first * np.cos(q[:, 0]) - second * np.cos(q[:, 1])
     assert np.ptp(energy) < 1e-3 * np.ptp(kinetic)
+
+
+def test_what_was_fitted_is_kept_and_made_anew_of_other_recordings(tmp_path, swings, monkeypatch):
+    """The same command in the same folder fits nothing again; with another guess it does."""
+    given = real.user_recordings(written(tmp_path, swings))
+    first = real.study(given, tmp_path / "kept")
+    monkeypatch.setattr(real, "fit", lambda *_, **__: pytest.fail("it was fitted again"))
+    assert json.dumps(real.study(given, tmp_path / "kept")) == json.dumps(first)
+    other = replace(given, plant=given.plant.changed({"link.com[0]": 0.16}))
+    with pytest.raises(pytest.fail.Exception, match="fitted again"):
+        real.study(other, tmp_path / "kept")

@@ -139,7 +139,7 @@ def write_recorded_mcap(path: Path | str, recording: StrikeRecording) -> None:
     if recording.view is not None or recording.angular:
         given = "angles" if recording.angular else "pixels"
         raise InputError(recording.called, given, "positions of markers [m]", "triangulate the recording first")
-    found: list[Message] = []
+    recording, found = recording.upright("z"), list[Message]()
     if recording.joints_t is not None and recording.joints_q is not None:
         names = recording.joint_names or [f"joint{i + 1}" for i in range(recording.joints_q.shape[1])]
         found += _states(names, recording.joints_t, recording.joints_q)

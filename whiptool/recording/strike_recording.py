@@ -310,8 +310,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def for_model(self, model: Model) -> StrikeRecording:
         """Return the recording converted for a model.
 
-        The joint log is reduced to the arm's joints, in their order; positions in space are rotated to the model's
-        upward axis (y in the plane, z in space), if the file states an upward axis.
+        The joint log is reduced to the arm's joints, in their order; positions in space and the hand's
+        poses are rotated to the model's upward axis (y in the plane, z in space), if the file states an upward axis.
 
         Raises:
             InputError: The log lacks a joint of the arm, the positions are in a plane and the model is in space, or the
@@ -337,10 +337,12 @@ class StrikeRecording(NoArray, instead="its t and points"):
             raise InputError(f"{self.called}: points", "2 coordinates, in a plane", rule, fix)
 
     def upright(self, up: str) -> StrikeRecording:
-        """The same recording, turned about the axis that points forward so that another one points up."""
+        """The same recording, its points and the hand's poses turned about the axis that points forward so that another
+        one points up."""
         if not self.up or self.up == up or self.points.shape[2] != 3:
             return self
-        return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, up=up)
+        poses = None if self.hand_pose is None else turned_poses(self.hand_pose, up)
+        return dataclasses.replace(self, points=self.points @ np.array(TURNED[up], float).T, hand_pose=poses, up=up)
 
     def ordered(self, joints: Sequence[str]) -> StrikeRecording:
         """Return the recording with its joint log reduced to these joints, in this order, and to samples near the
@@ -461,6 +463,17 @@ class StrikeRecording(NoArray, instead="its t and points"):
             if not values.get("sha256"):
                 values |= {"source": values.get("source") or str(path), "sha256": sha256(path)}
             return cls(**values)
+
+
+def turned_poses(poses: np.ndarray, up: str) -> np.ndarray:
+    """Return poses (S, 7), whose other axis is up, turned about the axis that points forward so that `up` points up.
+
+    The places are turned, and the orientations: R x, and the rotation R after that of the hand.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn = np.array(TURNED[up], float)
+    return np.hstack([poses[:, :3] @ turn.T, (Rotation.from_matrix(turn) * Rotation.from_quat(poses[:, 3:])).as_quat()])
 
 
 def _poses(value: object, count: int) -> np.ndarray:

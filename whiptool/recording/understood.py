@@ -82,7 +82,8 @@ def understand(path: str, **options: Any) -> Understood:
         findings += of_logs(found)
     logs, starts = apart, {}
     if apart is None and isinstance(found, StrikeRecording):
-        logs, starts = logs_in(vars(found)), {what: said.get(f"{what}_start", found.start) for what in LOGS}
+        logs = logs_in(vars(found.upright("z")))
+        starts = {what: said.get(f"{what}_start", found.start) for what in LOGS}
     return Understood(path, form, found, tuple(findings), said, logs, starts)
 
 

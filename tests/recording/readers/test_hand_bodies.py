@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lab_files import cell, rows_to
+from robot_log_files import write_table
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
@@ -16,6 +17,7 @@ from whiptool.identification.plant import Plant
 from whiptool.impedance import Controller, PositionControl
 from whiptool.models import preset
 from whiptool.models.kinematics import arm_frames, chain_motion
+from whiptool.models.pose_columns import POSE
 from whiptool.models.strike import Strike
 from whiptool.models.whip import WhipParameters
 from whiptool.recording.readers import read_recording, write_csv
@@ -154,3 +156,26 @@ def test_the_body_drives_a_whip_whose_stiffness_is_found(seen, tmp_path):
     found = fit(read, begun, ["whip.k", "whip.b"], options=FitOptions(drive="hand", starts=1, check=False))
     assert found["k"].value == pytest.approx(0.05, rel=0.01)
     assert found["b"].value == pytest.approx(0.004, rel=0.01)
+
+
+@pytest.mark.parametrize(("file", "said"), [("y", {"hand_up": "y"}), ("z", {}), ("z", {"hand_up": "z"})])
+def test_a_log_of_the_hand_has_axes_of_its_own(file, said, seen, tmp_path):
+    """Places of Motive, whose y is up, and poses in a file, whose y or z is up: for a model all are in its axes."""
+    motive(tmp_path / "a.csv", seen, LABS["y"])
+    turn = Rotation.from_matrix(LABS[file])
+    poses = np.column_stack([seen.t, turn.apply(seen.place), (turn * seen.rotation).as_quat()])
+    write_table(tmp_path / "hand.csv", ["t", *POSE], poses)
+    read = read_recording(tmp_path / "a.csv", hand="hand.csv", start=2.0, hand_start=0.0, **said)
+    assert read.up == "y"
+    assert any("z is up in its log" in note for note in read.remarks) == (not said)
+    model = read.for_model(ROBOT)
+    np.testing.assert_allclose(model.marker("tip"), seen.tip, atol=1e-9)
+    np.testing.assert_allclose(model.hand_pose[:, :3], seen.place, atol=1e-14)
+    assert (Rotation.from_quat(model.hand_pose[:, 3:]) * seen.rotation.inv()).magnitude().max() < 1e-14
+    write_csv(read, tmp_path / "b.csv")
+    again = read_recording(tmp_path / "b.csv")
+    np.testing.assert_array_equal(again.hand_pose, read.hand_pose)
+    shown = understand(str(tmp_path / "a.csv"), hand="hand.csv", start=2.0, hand_start=0.0, **said)
+    np.testing.assert_allclose(shown.logs.hand.q[:, :3], seen.place, atol=1e-14)
+    elsewhen = understand(str(tmp_path / "a.csv"), hand="hand.csv", start=2.0, hand_start=900.0, **said)
+    np.testing.assert_allclose(elsewhen.logs.hand.q[:, :3], seen.place, atol=1e-14)

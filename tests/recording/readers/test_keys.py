@@ -27,7 +27,7 @@ VALUES: dict[str, list[Any]] = {
     "joints": ["log.csv"], "joint_columns": [["q_2", "q_1"]], "joint_units": ["deg"],
     "joint_ranges": [{"q_1": [-1.0, 1.0], "q_2": [-1.0, 1.0]}], "joints_start": [0.03], "joints_topic": ["/other"],
     "hand": ["hand.csv"], "hand_start": [0.03], "hand_topic": ["/other"], "hand_frames": [["base", "tool"]],
-    "hand_axes": [["x", "-y", "-z"]], "hand_offset": [[0.0, 0.0, 0.3]], "strike": [TABLE],
+    "hand_axes": [["x", "-y", "-z"]], "hand_offset": [[0.0, 0.0, 0.3]], "hand_up": ["y"], "strike": [TABLE],
     "controller": [{"law": "oiac"}], "units": ["in"], "axes": [["y", "x"], ["y", "z", "x"]],
     "origin": [[0.1, 0.2], [0.1, 0.2, 0.3]], "up": ["y", "z"], "cameras": ["others.toml"], "sigma": [0.02],
     "depth_units": ["cm"], "baseline": [0.07], "subpixel": [0.3], "homography": [(1.1 * H).tolist()],

@@ -67,9 +67,9 @@ def with_poses(
         raise side.refuse("hand", "a rigid body that was seen in at least two frames")
     turn = side.metres(np.vstack([np.eye(3), np.zeros(3)]), units, axes)
     turn = (turn[:3] - turn[3]).T
-    turn = turn / np.linalg.norm(turn, axis=0)
     if turn.shape != (3, 3) or not np.linalg.det(turn) > 0:
         raise side.refuse("axes", "three axes, right-handed, with a rigid body as the hand")
+    turn = turn / np.linalg.norm(turn, axis=0)
     points, placed = read["points"], side.metres(places[seen], units, axes)
     up = side.table.get("up", read["up"])
     if up == "y":

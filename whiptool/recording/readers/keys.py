@@ -17,7 +17,7 @@ from whiptool.given_files import read_toml
 _OF_SIDECARS = {
     "units", "axes", "up", "fps", "timestamps", "markers", "start", "strike", "target", "joints", "joint_columns",
     "joint_units", "joint_ranges", "joints_start", "joints_topic", "hand", "hand_start", "hand_topic", "hand_frames",
-    "hand_axes", "hand_offset",
+    "hand_axes", "hand_offset", "hand_up",
 }  # fmt: skip
 
 

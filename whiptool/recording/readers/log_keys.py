@@ -13,11 +13,12 @@ from whiptool.recording.logs import order_of
 from whiptool.recording.readers.joint_log import UNHEARD, JointLog
 from whiptool.recording.readers.keys import Keys, refuse_unheard
 from whiptool.recording.readers.robot_logs import read_hand, read_joints
+from whiptool.recording.strike_recording import TURNED, turned_poses
 
 LOGS = ("joints", "hand")  # of a robot, each with a clock that may be another one
 LOG_KEYS = (
     "start", "joints", "joint_columns", "joint_units", "joint_ranges", "joints_start", "joints_topic", "hand",
-    "hand_start", "hand_topic", "hand_frames", "hand_axes", "hand_offset",
+    "hand_start", "hand_topic", "hand_frames", "hand_axes", "hand_offset", "hand_up",
 )  # fmt: skip
 ANGLES = ("rad", "deg", "normalized")
 TEXTS = (".csv", ".txt", ".log")  # endings of logs without a place for a sidecar of theirs
@@ -46,11 +47,12 @@ class LogKeys(Keys):
         """Return the sidecar with the command's start at a time by the file's clock [s], unless it states `start`."""
         return self if "start" in self.table else self.changed(start=float(t))
 
-    def logged(self, log: JointLog | None) -> tuple[dict[str, Any], list[str]]:
+    def logged(self, log: JointLog | None, up: str = "z") -> tuple[dict[str, Any], list[str]]:
         """Return the logs as arguments of `StrikeRecording`, by the recording's clock, and sentences on them.
 
         Args:
             log: Joint log in the recording itself, used if the sidecar names no file.
+            up: Which axis of the recording's places points up, `y` or `z`; the hand's poses are turned to these axes.
 
         Raises:
             InputError: A value is not allowed, or a file cannot be read.
@@ -69,6 +71,10 @@ class LogKeys(Keys):
         if (file := self.file("hand")) is not None:
             hand = read_hand(file, self.table.get("hand_topic"), self._hand_frames)
             poses, axes = self.held(hand.q)
+            if self.word("hand_up", tuple(TURNED), "z") != up:
+                poses = turned_poses(poses, up)
+            if up != "z" and "hand_up" not in self.table:
+                axes.append("hand: z is up in its log, as in a robot's base, y in the places; else say hand_up")
             fields |= {"hand_t": hand.t - self.start_of("hand"), "hand_pose": poses}
             said += [*hand.notes, *axes]
         for what in LOGS:

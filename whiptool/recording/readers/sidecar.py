@@ -21,6 +21,7 @@ precedence. Common to all formats:
     hand_frames = ["base_link", "tool0"]
     hand_axes = ["x", "-y", "-z"]    # axes of the logged frame that are the hand's x, y, z; the whip is along its -z
     hand_offset = [0, 0, 0.3]        # where the whip is held, in the logged frame [m], as at the end of a stick
+    hand_up = "y"                    # which axis of that file points up; default: z, as in the axes of a robot's base
 
     [strike]                         # what was commanded
     q_i = [-1.36, 0.47]              # [rad]
@@ -98,13 +99,14 @@ class Sidecar(LogKeys):
         given = {key: value for key, value in options.items() if value is not None}
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
 
-    def fields(self, notes: Sequence[str] = (), log: JointLog | None = None) -> dict[str, Any]:
+    def fields(self, notes: Sequence[str] = (), log: JointLog | None = None, up: str = "z") -> dict[str, Any]:
         """Return the values of the keys common to all formats as arguments of `StrikeRecording`; `start` is subtracted
         from the times of joints and hand only.
 
         Args:
             notes: Further remarks of the reader.
             log: Joint log in the recording itself, used if the sidecar names no file.
+            up: See `logged`.
 
         Raises:
             InputError: A value is not allowed.
@@ -132,7 +134,7 @@ class Sidecar(LogKeys):
             if not isinstance(controller, Mapping):
                 raise self.refuse("controller", "a table")
             fields["controller"] = dict(controller)
-        logs, said = self.logged(log)
+        logs, said = self.logged(log, up)
         return fields | logs | {"notes": (*notes, *said)}
 
     def recording(
@@ -160,7 +162,9 @@ class Sidecar(LogKeys):
         if read.get("sigma") is None and read.get("view") is None:
             notes = (*notes, ASSUMED_ERRORS)
         source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path), "start": self.start}
-        fields = self.fields(notes, log)
+        in_space = read["points"].shape[2] == 3 and read.get("view") is None
+        up = self.table.get("up", read.get("up")) if in_space else None
+        fields = self.fields(notes, log, "y" if up == "y" else "z")
         if "up" in self.table and read["points"].shape[2] == 2 and read.get("view") is None:
             raise self.refuse("up", "none, for places in a plane, whose y is up")
         self.check_used(others)
@@ -168,7 +172,7 @@ class Sidecar(LogKeys):
             return StrikeRecording(**{**source, **read, **fields})
         except ClocksApart as error:
             of_logs = {f"{what}_t": fields[f"{what}_t"] + self.start_of(what) for what in LOGS if f"{what}_t" in fields}
-            error.logs = fields | of_logs
+            error.logs = fields | self.logged(log)[0] | of_logs
             raise
 
     def view(self) -> Camera:

@@ -165,6 +165,7 @@ def _said(recording: StrikeRecording) -> dict[str, Any]:
         return {"sigma": float(recording.sigma.flat[0])}
     table: dict[str, Any] = {"units": "m"} if recording.view is None else {}
     table |= {"up": recording.up} if recording.up else {}
+    table |= {"hand_up": "y"} if recording.up == "y" and recording.hand_pose is not None else {}
     if recording.joints_q is not None:
         table["joint_units"] = "rad"
         if (names := recording.joint_names) and recording.joints_listed:
