@@ -20,7 +20,7 @@ def kept(folder: Path | None, name: str, of: Any, make: Callable[[], Any]) -> An
         folder: Where it is kept, created if needed; None: nothing is kept.
         name: Name of the result, from which that of its file is made.
         of: All on which the result depends; whiptool's version counts in addition. What was kept of another input
-            is made anew.
+            is made again.
         make: Function without arguments that returns plain data; nothing, or a table with the key `failed`, is not
             kept, and is tried again the next time.
     """
