@@ -1,4 +1,7 @@
-"""Sphinx configuration: `python -m sphinx -W --keep-going -b html docs docs/_build/html`."""
+"""Sphinx configuration: `python -m sphinx -W --keep-going -b html docs docs/_build/html`.
+
+With the tag `quick` (`-t quick`), as in the tests, no script of the gallery is run, and the sources are not shown.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +22,17 @@ project = "whiptool"
 author = "The whiptool developers"
 project_copyright = "The whiptool developers, MIT licence"
 release = version = whiptool.__version__
+quick = tags.has("quick")  # noqa: F821  # Sphinx gives the tags
 
 extensions = [
     "mathml",
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
     "sphinx_gallery.gen_gallery",
+    *(() if quick else ("sphinx.ext.viewcode",)),
 ]
+plot_gallery = not quick
 exclude_patterns = ["_build", "_made", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json"]
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3

@@ -23,6 +23,7 @@ import pytest
 from page_commands import DOCS, FENCE, PAGES, SPAN, Command, lines_of, name_of, needs_of, parts_of
 from processes import HANG
 from repository import ROOT
+from undrawn import leave_out_pictures
 
 import whiptool
 from whiptool.commands import cli
@@ -278,6 +279,14 @@ def tutorial(tmp_path_factory) -> Tutorial:
             pytest.skip(f"the tutorial needs {module}")
     folder, names = tmp_path_factory.mktemp("tutorial"), {"__name__": "tutorial"}
     shown: list[tuple[str, str]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        leave_out_pictures(patch)
+        do_tutorial(folder, names, shown)
+    return Tutorial(folder, shown)
+
+
+def do_tutorial(folder: Path, names: dict[str, object], shown: list[tuple[str, str]]) -> None:
+    """Run the tutorial's parts in their order, and append what it shows of what was printed."""
     said = ""
     for language, body in parts_of(TUTORIAL):
         if language == "python":
@@ -292,7 +301,6 @@ def tutorial(tmp_path_factory) -> Tutorial:
                 done = command.run(folder)
                 assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr[-2000:]}"
                 said = done.stdout
-    return Tutorial(folder, shown)
 
 
 def documented_keys(command: str) -> set[str]:
@@ -364,10 +372,11 @@ FROM_A_NETWORK = re.compile(r'<(?:script|img|iframe|video|source|link)\b[^>]*\s(
 
 @pytest.mark.slow
 def test_the_documentation_builds_without_a_warning(tmp_path):
+    """Its pictures are drawn by `test_gallery`, and by `make docs`."""
     for module in ("sphinx", "myst_nb", "pydata_sphinx_theme"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: pip install whiptool[docs]")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", "-t", "quick"]
     done = subprocess.run(
         [*command, "-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "html")],
         env=environment(),
