@@ -3,8 +3,10 @@
 `python benchmarks/studio.py [--drags 20] [--minutes 0] [--quick] [--json] [--window 1400x900] [--detail 0.25]`.
 Headless Chromium opens the page of `lemon2024` and of `ur5e`. The target is dragged to random places of the map's
 region that are in the window. Printed: the median and the largest time from the last movement of the mouse to the new
-outcome on the page, and how much of it is computation; the share of targets that are hit where the map's strike hits;
-and, of every slider, the largest difference of the shown path from that of a fresh simulation.
+outcome on the page, and the medians of its parts: until the server hears of the movement, until it has sent the
+outcome, and until the browser shows it; the time between two frames that the browser draws; the share of targets that
+are hit where the map's strike hits; and, of every slider, the largest difference of the shown path from that of a
+fresh simulation.
 
 With `--minutes`, the page is then used at random: drags, sliders, tabs, check boxes, other models, wrong numbers and
 exports. Printed: errors of page and server, and the growth of the memory of both between the first fifth and the end.
@@ -22,6 +24,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +33,7 @@ from playwright.sync_api import Error, sync_playwright
 
 import whiptool as wt
 from whiptool.live_page.page import Choices, Page
-from whiptool.live_page.server import Studio
-from whiptool.live_page.session import Session
+from whiptool.live_page.server import PageServer
 from whiptool.models.kinematics import upright
 from whiptool.strike_map.map_files import shipped_map
 
@@ -41,17 +43,59 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 LONGEST = 300.0  # [s] that anything may take, also on a busy machine
 GRASPED = 15.0  # [s] after which the ball was not grasped
 MARGIN, PANEL = 60, 400  # [pixels] of the window in which nothing is dragged: at its sides, and at its panel
+CLOCK = 2e-3  # [s] by which the browser's clock may be ahead of the server's
 NOTICE = (320, 160)  # [pixels] at the top left, where the page tells of software rendering
 # when the mouse moved last, and every outcome with the time at which it was on the page [ms]
 WATCH = """
-window.moved = 0; window.outcomes = [];
-window.addEventListener("pointermove", e => { window.moved = e.timeStamp; }, true);
+window.moved = 0; window.outcomes = []; window.frames_drawn = 0;
+(function drawn() { window.frames_drawn += 1; requestAnimationFrame(drawn); })();
+let at = "";  // a browser repeats the last movement when the page changes under the mouse
+window.addEventListener("pointermove", e => {
+  if (at !== (at = `${e.clientX} ${e.clientY}`)) window.moved = e.timeStamp;
+}, true);
 new MutationObserver(() => {
   const shown = document.querySelector(".outcome"), last = window.outcomes.at(-1);
   if (shown && (!last || last[1] !== +shown.dataset.number))
     window.outcomes.push([performance.now(), +shown.dataset.number, shown.dataset.hit === "true"]);
 }).observe(document, {subtree: true, childList: true});
 """
+Used = tuple[PageServer, Any, list[str]]
+
+
+class WatchedPage(Page):
+    """A page that notes when it hears of a movement, and when it has sent an outcome, by targets [s since 1970]."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.heard = list[tuple[float, tuple[float, ...]]]()
+        self.sent = list[tuple[float, tuple[float, ...], int]]()
+        super().__init__(*arguments)
+
+    def _drag(self, target: wt.Target, begins: bool) -> None:
+        self.heard.append((time.time(), target.position))
+        super()._drag(target, begins)
+
+    def _after(self, kinds: set[str]) -> Iterator[None] | None:
+        longer = super()._after(kinds)
+        if self.shown is not None:
+            self.sent.append((time.time(), self.shown.settings.target.position, self.shown.number))
+        return longer
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How the page followed the last movement of a drag.
+
+    Args:
+        total: Time from the movement to the outcome on the page [s].
+        heard: Until the server hears of the movement [s].
+        computed: From then until the outcome is sent [s].
+        shown: From then until it is on the page [s].
+    """
+
+    total: float
+    heard: float
+    computed: float
+    shown: float
 
 
 class User:
@@ -103,9 +147,8 @@ class User:
                 last, since = now, time.monotonic()
         return last
 
-    def drag(self, to: np.ndarray) -> float | None:
-        """Drag the target to a pixel; return the time from the last movement to the outcome [s], or None if the ball
-        could not be grasped."""
+    def drag(self, to: np.ndarray) -> Followed | None:
+        """Drag the target to a pixel; return how the page followed, or None if the ball could not be grasped."""
         at, mouse = self.pixel(self.target), self.tab.mouse
         before = self.number
         mouse.move(*at)
@@ -116,12 +159,29 @@ class User:
         last = self.settle()
         mouse.move(*to)
         found = grasped and self.wait(lambda: self.number > last, LONGEST)
+        self.settle()
         mouse.up()
         self.settle()
-        if not found:
-            return None
-        moved, outcomes = self.tab.evaluate("[window.moved, window.outcomes]")
-        return (next(t for t, number, _ in outcomes if number > last) - moved) / 1e3
+        return self._followed() if found else None
+
+    def _followed(self) -> Followed:
+        """Return how the page followed the last movement, whose outcome is the first at the target of the end."""
+        began, moved, outcomes = self.tab.evaluate("[performance.timeOrigin, window.moved, window.outcomes]")
+        _, place = self.page.heard[-1]
+        moved = (began + moved) / 1e3
+        heard = next(t for t, position in self.page.heard if t > moved - CLOCK and position == place)
+        sent, number = next((t, n) for t, position, n in self.page.sent if t > heard and position == place)
+        shown = next((began + t) / 1e3 for t, n, _ in outcomes if n >= number)
+        return Followed(shown - moved, heard - moved, sent - heard, shown - sent)
+
+    def frame(self, seconds: float = 2.0) -> float:
+        """Return the mean time between two frames that the browser draws, seen for so long [s]."""
+        states = []
+        for wait in (0.0, seconds):
+            time.sleep(wait)
+            states.append(self.tab.evaluate("[performance.now(), window.frames_drawn]"))
+        (begin, before), (end, after) = states
+        return (end - begin) / max(after - before, 1) / 1e3
 
     @staticmethod
     def wait(done: Callable[[], bool], longest: float = LONGEST) -> bool:
@@ -135,9 +195,10 @@ class User:
 
 
 @contextmanager
-def used(models: tuple[str, ...], window: tuple[int, int], detail: float) -> Iterator[tuple[Studio, Any, list[str]]]:
+def used(models: tuple[str, ...], window: tuple[int, int], detail: float) -> Iterator[Used]:
     """A studio, a tab of a browser at its address, and the errors of the page, which grow."""
-    studio, errors = Studio(Choices(lambda name: (wt.preset(name), None), models), port=0), list[str]()
+    choices, errors = Choices(lambda name: (wt.preset(name), None), models), list[str]()
+    studio = PageServer(lambda client: WatchedPage(client, choices), port=0)
     chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     try:
         with sync_playwright() as playwright:
@@ -157,44 +218,30 @@ def drags(user: User, name: str, count: int, seed: int) -> dict[str, Any]:
     """Drag the target to random places; return the times, and which were hit."""
     plan, rng = shipped_map(name), np.random.default_rng(seed)
     places = [x for x in plan.region.draw(50 * count, rng).positions if user.free(user.pixel(x))][:count]
-    times, hits, said, missed = [], [], [], 0
-    alone = computed(user, places)
+    took, hits, said, missed = list[Followed](), [], [], 0
     for place in places:
-        taken = user.drag(user.pixel(place))
-        if taken is None:
+        followed = user.drag(user.pixel(place))
+        if followed is None:
             missed += 1
             continue
-        times.append(taken)
+        took.append(followed)
         shown = user.page.shown
         assert shown is not None
         hits.append(shown.hit and bool(user.tab.evaluate("window.outcomes.at(-1)[2]")))
         said.append(bool(plan.refined(shown.settings.target.goals).struck.hit[0]))
     return {
-        "drags": len(times),
+        "drags": len(took),
         "not_grasped": missed,
-        "median": float(np.median(times)),
-        "computed": alone,
-        "largest": float(np.max(times)),
+        **{f.name: float(np.median([getattr(x, f.name) for x in took])) for f in fields(Followed)},
+        "largest": max(x.total for x in took),
+        "frame": user.frame(),
         "hits": int(np.sum(hits)),
         "hits_of_the_map": int(np.sum(said)),
         "as_the_map": int(np.sum(np.array(hits) == np.array(said))),
     }
 
 
-def computed(user: User, places: list[np.ndarray]) -> float:
-    """Return the median time of aiming at places and simulating the strikes, without a page [s]."""
-    shown, times = user.page.shown, []
-    assert shown is not None
-    session = Session(shown.settings.base)
-    for place in places:
-        begin = time.monotonic()
-        session.move_target(wt.Target(tuple(place)))
-        session.shown()
-        times.append(time.monotonic() - begin)
-    return float(np.median(times))
-
-
-def sliders(user: User) -> dict[str, Any]:
+def sliders(user: User, steps: int) -> dict[str, Any]:
     """Move every slider of whip, arm and strike by its keys; return the largest difference from fresh simulations."""
     worst, moved, unmoved = 0.0, 0, []
     for tab in ("Whip", "Arm", "Strike"):
@@ -204,12 +251,12 @@ def sliders(user: User) -> dict[str, Any]:
         for i in range(1, thumbs.count()):  # the first is the time
             before = user.number
             thumbs.nth(i).focus()
-            for _ in range(5):
+            for _ in range(steps):
                 user.tab.keyboard.press("ArrowRight")
             if not user.wait(lambda before=before: user.number > before, LONGEST / 5):
                 unmoved.append(f"{tab} {i}")
                 continue
-            user.settle()
+            user.settle(0.15)
             shown = user.page.shown
             assert shown is not None
             settings = shown.settings
@@ -237,7 +284,7 @@ class Errors(logging.Handler):
         self.said.append(record.getMessage() + (f": {record.exc_info[1]!r}" if record.exc_info else ""))
 
 
-def random_use(studio: Studio, tab: Any, window: tuple[int, int], minutes: float, seed: int) -> dict[str, Any]:
+def random_use(studio: PageServer, tab: Any, window: tuple[int, int], minutes: float, seed: int) -> dict[str, Any]:
     """Use a page at random; return what went wrong and how memory grew."""
     rng, logged, actions = np.random.default_rng(seed), Errors(), 0
     logging.getLogger("whiptool").addHandler(logged)
@@ -318,7 +365,8 @@ def measured(arguments: argparse.Namespace) -> dict[str, Any]:
         with used((name,), window, arguments.detail) as (studio, tab, errors):
             user = User(tab, studio.pages[0], window)
             user.settle(2.0)
-            found[name] = drags(user, name, arguments.drags, arguments.seed) | sliders(user) | {"errors": errors}
+            found[name] = drags(user, name, arguments.drags, arguments.seed) | {"errors": errors}
+            found[name] |= sliders(user, 2 if arguments.quick else 5)
     if arguments.minutes:
         with used((*MODELS, "panda", "nah2023"), window, arguments.detail) as (studio, tab, errors):
             used_at_random = random_use(studio, tab, window, arguments.minutes, arguments.seed)
@@ -331,8 +379,10 @@ def text_of(found: dict[str, Any]) -> str:
     lines = []
     for name, x in ((name, found[name]) for name in MODELS if name in found):
         lines += [
-            f"{name}: the strike follows the mouse in {x['median']:.3f} s (median), {x['largest']:.3f} s at most, "
-            f"in {x['drags']} drags; {x['computed']:.3f} s of it are computation",
+            f"{name}: the strike follows the mouse in {x['total']:.3f} s (median), {x['largest']:.3f} s at most, "
+            f"in {x['drags']} drags",
+            f"  of it          {x['heard']:.3f} s to the server, {x['computed']:.3f} s computation, {x['shown']:.3f} s "
+            f"to the page, which draws a frame in {x['frame']:.3f} s",
             f"  hit            {x['hits']} of {x['drags']}; as the map in {x['as_the_map']}",
             f"  sliders        {x['sliders']}, largest difference from a fresh simulation "
             f"{x['largest_difference']:.1e} m",
