@@ -60,7 +60,9 @@ def test_the_progress_of_a_run_is_written_as_mcap(run: Path, tmp_path: Path, cap
     assert found["/tip_path"][0][:2] == ("nav_msgs/msg/Path", len(misses) + 1)
     assert {"/joint_states", "/whip", "/tip", "/target", "/points/closest_points_of_the_last_trials"} < set(found)
     capsys.readouterr()
-    for words, said in ((["--mcap", str(path)], "--mcap"), ([str(tmp_path), "--mcap", str(path)], "run folder")):
+    other = [str(run), "--mcap", "progress.txt"]
+    refused = [(["--mcap", str(path)], "--mcap"), ([str(tmp_path), "--mcap", str(path)], "run folder")]
+    for words, said in (*refused, (other, "--mcap: got 'progress.txt'; allowed: a file whose name ends in .mcap")):
         assert studio.main(words) == 2
         assert said in capsys.readouterr().err
     assert studio.main([str(run), "--model", "ur5e"]) == 2

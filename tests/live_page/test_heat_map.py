@@ -45,8 +45,11 @@ def test_a_longer_whip_reaches_farther(session):
 def test_a_robot_that_turns_has_one_map_all_around():
     session = Session(wt.preset("ur5e"))
     heat = session.heat_map()
-    session.move_target(wt.Target((-0.3, 1.2, 0.5)))
-    turned = session.heat_map()
+    place = (-0.3, 1.2, 0.5)
+    session.move_target(wt.Target(place))
+    turned, kept = heat_map(session.striker, session.random_strikes(), np.array(place)), session.heat_map()
+    assert kept.shares is heat.shares  # which the page shows already
+    assert kept.azimuth == turned.azimuth
     np.testing.assert_array_equal(turned.shares, heat.shares)
     assert turned.azimuth == pytest.approx(np.arctan2(1.2, -0.3))
     low = heat.low[1] + heat.cell * (heat.shares.shape[0] - 1 - np.flatnonzero(heat.shares.any(axis=1)).max())

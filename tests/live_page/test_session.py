@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,16 @@ import pytest
 import whiptool as wt
 from whiptool.errors import InputError
 from whiptool.impedance.controller import controller_from_table, controller_to_table
+from whiptool.live_page import aim
 from whiptool.live_page.export import exported, python_code, settings_toml
+from whiptool.live_page.heat_map import Sampled
 from whiptool.live_page.knobs import law_knobs, strike_knobs, whip_knobs
 from whiptool.live_page.saved import read_saved
 from whiptool.live_page.session import Session
 from whiptool.models.files import read_model
+from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.map_files import shipped_map
+from whiptool.strike_map.strike_map import REFINED, StrikeMap
 
 LEMON = wt.preset("lemon2024")
 
@@ -73,6 +78,42 @@ def test_a_number_that_is_not_allowed_leaves_everything_as_it_was(session):
             change()
         assert session.settings == kept
     assert session.shown().settings == kept
+
+
+def test_a_trajectory_that_limits_asked_for_is_not_computed_again(monkeypatch):
+    session, computed = Session(wt.preset("ur5e")), []
+    plain = CompiledRollout.trajectories
+
+    def counted(self, strikes, **options):
+        for path in plain(self, strikes, **options):
+            computed.append(path)
+            yield path
+
+    monkeypatch.setattr(CompiledRollout, "trajectories", counted)
+    session.move_target(wt.Target((1.0, 0.4, 0.6)))
+    shown = session.shown()
+    assert shown.hit
+    assert [path is shown.trajectory for path in computed] == [True]
+    np.testing.assert_allclose(fresh(session).tip, shown.trajectory.tip, rtol=0, atol=1e-9)
+
+
+def test_the_whole_map_is_tried_before_a_target_is_given_up(monkeypatch):
+    """Of a target in the map's region that neither its best entries nor random strikes hit; of others it is not."""
+    asked, plain = list[int](), StrikeMap.refined
+
+    def refined(self, goals, *, tried):
+        asked.append(tried)
+        found = plain(self, goals, tried=1)
+        return replace(found, struck=replace(found.struck, hit=np.array([tried > aim.TRIED])))
+
+    monkeypatch.setattr(StrikeMap, "refined", refined)
+    monkeypatch.setattr(aim, "refine", lambda *_, **__: pytest.fail("no random strikes are needed"))
+    nothing = Sampled(np.empty((0, 5)), np.empty((0, 2, 2)))
+    session = Session(LEMON, strike=(-1.36, 0.47, 1.73, 1.41, 0.95))
+    for place, hit, asks in (((1.2, 0.1), True, [aim.TRIED, REFINED]), ((5.0, 5.0), False, [aim.TRIED])):
+        asked.clear()
+        found = aim.aimed(session.striker, wt.Target(place), of_map="lemon2024", others=lambda: nothing, present=None)
+        assert (found.hit, asked) == (hit, asks)
 
 
 def test_targets_are_hit_where_the_map_says_so(session):

@@ -19,7 +19,7 @@ def test_quick_form_of_everything(tmp_path):
 
     Without processes of its own, each of which would import for seconds, part by part: `test_compare.py` has them.
     """
-    smaller = ["--workers", "1", "--targets", "4", "--max-trials", "12", "--trials", "10"]
+    smaller = ["--workers", "1", "--targets", "2", "--max-trials", "8", "--trials", "6"]
     smaller += ["--episodes", "3", "--random-episodes", "2", "--timestep", "0.001"]
     done = whiptool("reproduce", "all", "--quick", *smaller, "--out", "run", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -249,7 +249,7 @@ optimize --export-trajectory strike.csv --posture 1 | 2 numbers
 optimize --export-trajectory strike.csv --posture nan 0 | --posture
 optimize --model lemon2025 | lemon2024, nah2020-n10
 optimize --model "" | model
-optimize --model absent.toml | readable TOML
+optimize --model absent.toml | --model: got 'absent.toml'; allowed: a readable TOML
 optimize --model päitsche.toml | päitsche.toml
 optimize --model folder.toml | folder.toml
 optimize --model empty.toml | whip

@@ -6,10 +6,10 @@ import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
@@ -99,7 +99,7 @@ class MapStrikeOptions(OutputOptions, TrajectoryOptions, GoalOptions):
         "video",
     )
 
-    run: Positional[Path]
+    run: Positional[Annotated[Path, arg(metavar="MAP")]]
     """Run folder of map build, or a model: lemon2024, panda or ur5e. The maps of these models come with the package."""
     refine: bool = True
     """Refine the strike of the map by rollouts. Without refinement the first strike that the map returns is taken."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from whiptool.commands import cli
 from whiptool.commands.options.controller_options import SimulatedControllerOptions
@@ -45,7 +45,7 @@ class StudioOptions(PageOptions, SimulatedControllerOptions, ModelOptions, GoalO
 
     in_space: ClassVar[bool] = True
 
-    run: Positional[Path | None] = None
+    run: Positional[Annotated[Path | None, arg(metavar="[RUN]")]] = None
     """Run folder of optimize, train, adapt, map build or rig strike, which is shown, also while the run goes on."""
     mcap: Path | None = None
     """With a run folder, write what the page would show to this MCAP file for Foxglove, Rerun and ROS 2, and open no
@@ -59,7 +59,7 @@ class StudioOptions(PageOptions, SimulatedControllerOptions, ModelOptions, GoalO
         elif self.mcap is not None:
             raise InputError("--mcap", str(self.mcap), "only with a run folder", "such as whiptool studio RUN")
         if self.mcap is not None:
-            check_place("--mcap", self.mcap)
+            check_place("--mcap", self.mcap, ending=".mcap")
 
     def needs(self) -> tuple[str, ...]:
         return ("viser",) if self.mcap is None else ("mcap", "rosbags")

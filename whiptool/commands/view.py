@@ -47,7 +47,7 @@ class ViewOptions(JsonOptions):
     def check(self) -> None:
         super().check()
         if self.mcap is not None:
-            check_place("--mcap", self.mcap)
+            check_place("--mcap", self.mcap, ending=".mcap")
 
     def needs(self) -> tuple[str, ...]:
         from whiptool.recording.readers import needed_for

@@ -12,10 +12,10 @@ from whiptool.live_page.heat_map import Sampled
 from whiptool.models.parameters import Model
 from whiptool.models.presets import PRESETS
 from whiptool.strike_map.map_files import shipped_map, shipped_names
-from whiptool.strike_map.strike_map import StrikeMap
+from whiptool.strike_map.strike_map import REFINED, StrikeMap
 from whiptool.strike_map.striker import Striker, refine
 
-TRIED = 4  # entries of the map that are refined at most, one after the other
+TRIED = 4  # entries of the map that are refined at first at most, one after the other
 _NEAREST = 3  # random strikes that are refined
 _STEPS = 10  # of a refinement
 
@@ -52,24 +52,33 @@ def aimed(
         others: Function that returns random strikes, which are used without a map, or where its strikes miss.
         present: Strike vector (m,) that is kept if nothing better is found.
     """
-    goal = target.goals
-    found: Aimed | None = None
-    if of_map is not None:
-        shipped = shipped_map(of_map)
-        refined = StrikeMap(striker, shipped.region, shipped.answers, shipped.gate).refined(goal, tried=TRIED)
-        found = Aimed(refined.strikes[0], bool(refined.struck.hit[0]), f"the map of {of_map}, refined")
-        if found.hit:
-            return found
-    if striker.rollout.model.reach + target.hit_radius < np.linalg.norm(target.position):
-        starts = np.empty((0, len(striker.lower)))  # nothing hits there
-    else:
-        starts = others().nearest(goal, _NEAREST)
+    found = None if of_map is None else _from_map(striker, target, of_map, tried=TRIED)
+    if found is not None and found.hit:
+        return found
+    starts = np.empty((0, len(striker.lower)))
+    if np.linalg.norm(target.position) <= striker.rollout.model.reach + target.hit_radius:  # nothing hits elsewhere
+        starts = others().nearest(target.goals, _NEAREST)
     if present is not None:
         starts = np.concatenate([starts, present[None]])
+    mine = _from_starts(striker, target, starts)
+    if of_map is None or found is None or mine.hit:
+        return mine
+    if shipped_map(of_map).region.zone.contains(np.array([target.position]))[0]:  # all entries, which takes long
+        return _from_map(striker, target, of_map, tried=REFINED)
+    return found
+
+
+def _from_starts(striker: Striker, target: Target, starts: np.ndarray) -> Aimed:
+    """Return the best strike that is refined from some (B, m)."""
     if not len(starts):
-        return found or Aimed(striker.admissible((striker.lower + striker.upper)[None] / 2)[0], False, "no strike")
-    refined = refine(striker, goal.rows(np.zeros(len(starts), int)), starts, steps=_STEPS)
-    order = np.lexsort([refined.struck.cost, ~refined.struck.hit])
-    best = int(order[0])
-    mine = Aimed(refined.strikes[best], bool(refined.struck.hit[best]), "random strikes, refined")
-    return mine if found is None or mine.hit else found
+        return Aimed(striker.admissible((striker.lower + striker.upper)[None] / 2)[0], False, "no strike")
+    refined = refine(striker, target.goals.rows(np.zeros(len(starts), int)), starts, steps=_STEPS)
+    best = int(np.lexsort([refined.struck.cost, ~refined.struck.hit])[0])
+    return Aimed(refined.strikes[best], bool(refined.struck.hit[best]), "random strikes, refined")
+
+
+def _from_map(striker: Striker, target: Target, name: str, *, tried: int) -> Aimed:
+    """Return the strike that is refined from the entries of a map, of which so many are tried."""
+    shipped = shipped_map(name)
+    refined = StrikeMap(striker, shipped.region, shipped.answers, shipped.gate).refined(target.goals, tried=tried)
+    return Aimed(refined.strikes[0], bool(refined.struck.hit[0]), f"the map of {name}, refined")

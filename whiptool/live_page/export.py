@@ -9,6 +9,7 @@ from typing import Any
 
 import tomli_w
 
+from whiptool.goals.target_table import target_to_table
 from whiptool.impedance.controller import controller_to_table
 from whiptool.live_page.knobs import whip_changes
 from whiptool.live_page.session import Shown
@@ -45,19 +46,10 @@ def settings_toml(shown: Shown) -> str:
 
     `read_saved` reads it as a whole.
     """
-    target = shown.settings.target
     table: dict[str, Any] = {
         "model": model_to_table(shown.model),
         "controller": controller_to_table(shown.settings.controller),
-        "target": {
-            "position": list(target.position),
-            "hit_radius": target.hit_radius,
-            "cone": target.cone,
-            **({} if target.direction is None else {"direction": list(target.direction)}),
-            **({} if target.speed is None else {"speed": target.speed}),
-            **({} if target.sight is None else {"sight": list(target.sight)}),
-            "t_stay": shown.settings.t_stay,
-        },
+        "target": {**target_to_table(shown.settings.target), "t_stay": shown.settings.t_stay},
         "strike": named_strike(Strike(shown.settings.strike), shown.model.arm),
     }
     return tomli_w.dumps(table)

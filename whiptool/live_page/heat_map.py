@@ -9,6 +9,7 @@ import numpy as np
 
 from whiptool.goals.goals import Goals
 from whiptool.models.mount import turns_as_a_whole
+from whiptool.models.parameters import Model
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.striker import Striker
 
@@ -107,6 +108,16 @@ class HeatMap:
     cell: float
 
 
+def azimuth_of(place: np.ndarray) -> float:
+    """Return the direction from forward of the vertical plane through a position (d,) [rad]; 0 in the plane."""
+    return 0.0 if len(place) == 2 else float(np.arctan2(place[1], place[0]))
+
+
+def same_everywhere(model: Model) -> bool:
+    """Return whether the heat map of a model's strikes is the same for all targets, but for its direction."""
+    return model.dimension == 2 or turns_as_a_whole(model.arm)
+
+
 def heat_map(striker: Striker, found: Sampled, place: np.ndarray) -> HeatMap:
     """Return the heat map of random strikes in the plane of a planar model, or through the vertical and a position.
 
@@ -121,7 +132,7 @@ def heat_map(striker: Striker, found: Sampled, place: np.ndarray) -> HeatMap:
     model = striker.rollout.model
     reach = model.reach
     cell = reach / CELLS
-    azimuth = 0.0 if model.dimension == 2 else float(np.arctan2(place[1], place[0]))
+    azimuth = azimuth_of(place)
     flat = _in_plane(found.paths, azimuth, turned=turns_as_a_whole(model.arm), thick=_THICK * reach)
     weights = np.arange(_BETWEEN) / _BETWEEN
     between = flat[:, :-1, None] + weights[:, None] * (flat[:, 1:] - flat[:, :-1])[:, :, None]

@@ -145,6 +145,8 @@ def changed_model(base: Model, values: Mapping[str, float]) -> Model:
 
 _LAW_UNITS = {"beta": ("s", "s"), "K": ("N m/rad", "N/m"), "B": ("N m s/rad", "N s/m")}
 
+_LAW_WORDS = {"a": "small is stiff", "beta": "weight of the speed", "C": "growth with the error"}
+
 
 def law_names(model: Model) -> list[str]:
     """Return the names of the laws that can control a model's arm."""
@@ -189,7 +191,7 @@ def law_knobs(law: Law, usual: Law, model: Model) -> list[Knob]:
             unit = sliding if joint in model.arm.slides else turning
             knob = Knob(
                 f"{name}[{i}]" if side > 1 else name,
-                f"{name}, {joint}" if joint else name,
+                ", ".join(filter(None, (name, joint or _LAW_WORDS.get(name, "")))),
                 unit,
                 max(round(origin / 20, 6), least[i]),
                 _up_to(origin, 4.0, 0.1),

@@ -7,8 +7,11 @@ import math
 import numpy as np
 
 from whiptool.models.capsules import Capsule
+from whiptool.models.visuals import GREY, Surface
 
 _AROUND, _ALONG = 20, 6  # points around an axis, and along a half sphere
+MOST = 20_000  # triangles of a mesh, which a page sends to its browser
+_CELLS, _COARSER = 512, 1.4  # along the longest side of a mesh that is simplified; how much fewer in the next try
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -71,6 +74,29 @@ def joined(meshes: list[Mesh]) -> Mesh:
     firsts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     faces = [triangles + first for (_, triangles), first in zip(meshes, firsts, strict=False)]
     return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+
+
+def simplified(mesh: Mesh, most: int = MOST) -> Mesh:
+    """Return a mesh of at most `most` triangles: one itself, or its vertices in each cell of a grid made one.
+
+    Source: Rossignac and Borrel 1993, Multi-resolution 3D approximations for rendering complex scenes.
+    """
+    vertices, faces = mesh
+    size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
+    found, cell = mesh, size / _CELLS
+    while len(found[1]) > most:
+        _, first, which = np.unique(np.floor(vertices / cell), axis=0, return_index=True, return_inverse=True)
+        corners = which.reshape(-1)[faces]
+        flat = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
+        found, cell = (vertices[first], np.unique(corners[~flat], axis=0)), _COARSER * cell
+    return found
+
+
+def drawn_mesh(shape: Surface | Capsule) -> tuple[Mesh, tuple[float, float, float]]:
+    """Return the mesh of a robot's visual shape as a page draws it, and its colour, 0 to 1."""
+    if isinstance(shape, Capsule):
+        return shape_mesh(shape), GREY
+    return simplified(shape.mesh), shape.color
 
 
 def cone_mesh(apex: np.ndarray, direction: np.ndarray, half_angle: float, length: float) -> Mesh:

@@ -52,19 +52,20 @@ def outcome_bars(shown: Shown, limits: AllLimits) -> list[Bar]:
 def _arrival(shown: Shown) -> list[Bar]:
     target, near = shown.settings.target, shown.near
     goals, distance = target.goals, float(near.distance[0])
+    met = {part: bool(by[0] <= 0) for part, by in goals.excess(near.farthest, near.velocity).items()}
     within = f"{millimetres(distance)} of {millimetres(target.hit_radius)} allowed"
-    bars = [Bar("miss distance", within, distance / target.hit_radius, bool(distance <= target.hit_radius))]
+    bars = [Bar("miss distance", within, distance / target.hit_radius, met["point"])]
     if target.direction is not None:
         angle = float(goals.angle(near.velocity)[0])
         text = f"{math.degrees(angle):.1f}° of {math.degrees(target.cone):.3g}° allowed"
-        bars.append(Bar("direction", text, angle / target.cone, angle <= target.cone))
+        bars.append(Bar("direction", text, angle / target.cone, met["direction"]))
     speed, fastest = float(goals.arrival_speed(near.velocity)[0]), float(shown.trajectory.tip_speed.max())
     along = " along the direction" if target.direction is not None else ""
     if target.speed is None:
         bars.append(Bar("tip speed", f"{speed:.1f} m/s{along}; fastest {fastest:.1f} m/s", max(speed, 0) / fastest))
     else:
         text = f"{speed:.1f} m/s{along}, at least {target.speed:.3g} m/s"
-        bars.append(Bar("tip speed", text, max(speed, 0) / target.speed, speed >= target.speed))
+        bars.append(Bar("tip speed", text, max(speed, 0) / target.speed, met["speed"]))
     return bars
 
 

@@ -27,10 +27,11 @@ if TYPE_CHECKING:
 
 WIDTH = 380  # of the panel [pixels]
 FRAMES = 30.0  # a second
+SLOWER = 5  # frames, of which one is drawn while the user changes something: browsers answer late while they draw
 _SLIDER = 5  # frames between two movements of the slider of time
 _AT_END = 0.6  # [s] that a played strike rests at its end
 GESTURE = 1.5  # [s] between changes that are not one: the ghost is the strike before all changes of one gesture
-QUIET = 0.3  # [s] without a change before longer work begins, which would delay what is dragged
+QUIET = 0.5  # [s] without a change before longer work begins, which would delay what is dragged
 BEGIN = "begin"  # kind of the request with which a drag begins
 _log = logging.getLogger(__name__)
 
@@ -76,7 +77,8 @@ class Page:
         self._state: tuple[Session, PageScene, Panel] | None = None
         self._shown: Shown | None = None
         self._ghost: Shown | None = None
-        self._changed = 0.0
+        self._asked = self._changed = 0.0  # when the user asked for a change last, and when one was shown
+        self._dragged: Target | None = None  # where the user has dragged the target
         self._fresh = True  # whether nothing of the present model was shown
         client.gui.configure_theme(**THEME)
         client.gui.main_panel.dock_right()
@@ -94,6 +96,11 @@ class Page:
         """What is shown; None: nothing yet."""
         return self._shown
 
+    @property
+    def _changing(self) -> bool:
+        """Whether the user changes something, or did a moment ago."""
+        return time.monotonic() - max(self._asked, self._changed) < QUIET
+
     def close(self) -> None:
         """End the page's threads; the user has gone."""
         self._closed.set()
@@ -105,11 +112,15 @@ class Page:
             if self._state is not None:
                 change(self._state[0])
 
+        self._asked = time.monotonic()
         self._worker.ask(kind, action)
 
     def _drag(self, target: Target, begins: bool) -> None:
         if begins:
             self._worker.ask(BEGIN, lambda: None)
+        elif target == self._dragged:  # as at the end of a drag
+            return
+        self._dragged = target
         self._ask("drag", lambda session: session.move_target(target))
 
     def _open(self, name: str, target: Target | None = None, strike: tuple[float, ...] = ()) -> None:
@@ -121,6 +132,7 @@ class Page:
             session = Session(model, controller, origin=name, target=target, t_stay=stay, strike=strike)
         finally:
             waits.remove()
+        first = self._state is None
         self._state, self._fresh, self._shown, self._ghost = None, True, None, None
         looks = self._choices.looks if name == self._choices.models[0] else None
         scene = PageScene(self.client.scene, model, self._drag, looks)
@@ -132,7 +144,10 @@ class Page:
             darken=lambda dark: self._darken(scene, dark),
         )
         panel = Panel(self.client.gui, session, self._choices.models, actions)
-        self.client.camera.position, self.client.camera.look_at = scene.camera(self.client.camera.aspect)
+        aspect = self.client.camera.aspect
+        self.client.camera.position, self.client.camera.look_at = scene.camera(aspect)
+        if first and aspect < 1:  # on a telephone it would cover half of the scene
+            self.client.gui.main_panel.minimize()
         self._state = session, scene, panel
 
     def _darken(self, scene: PageScene, dark: bool) -> None:
@@ -196,7 +211,7 @@ class Page:
     def _play(self) -> None:
         """Move arm and whip over the strike, until the page is closed."""
         at, before, frame = 0.0, time.monotonic(), 0
-        while not self._closed.wait(1 / FRAMES):
+        while not self._closed.wait((SLOWER if self._changing else 1) / FRAMES):
             now, state = time.monotonic(), self._state
             passed, before = now - before, now
             if state is None or state[1].postures is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,10 @@ from typing import Any
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.goals.target import Target
+from whiptool.goals.target_table import target_from_table
 from whiptool.impedance.controller import Controller, read_controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, strike_names
-
-_TARGET = ("position", "hit_radius", "cone", "direction", "speed", "sight", "t_stay")
 
 
 @dataclass(frozen=True)
@@ -44,15 +43,11 @@ def read_saved(path: Path | str, model: Model) -> Saved | None:
     if "strike" not in content:
         return None
     goal, strike = (_table(path, content, name) for name in ("target", "strike"))
-    _check_keys(path, "target", goal, _TARGET, needed=("position",))
     names = strike_names(model.arm)
-    _check_keys(path, "strike", strike, names, needed=names)
-    numbers: dict[str, Any] = {key: value for key, value in goal.items() if key != "t_stay"}
+    _check_strike(path, strike, names)
     try:
-        target = Target(**numbers)
+        target = target_from_table({key: value for key, value in goal.items() if key != "t_stay"})
         target.check_fits(model)
-    except TypeError as error:
-        raise InputError(f"{path}: target", str(goal)[:80], "the numbers of a target", f"reason: {error}") from None
     except InputError as error:
         raise error.within(f"{path}: ") from None
     vector = tuple(_number(path, f"strike.{name}", strike[name]) for name in names)
@@ -66,13 +61,13 @@ def _table(path: Path | str, content: Mapping[str, Any], name: str) -> Mapping[s
     return table
 
 
-def _check_keys(path: Path | str, name: str, table: Mapping[str, Any], known: Any, *, needed: Any) -> None:
+def _check_strike(path: Path | str, table: Mapping[str, Any], names: Sequence[str]) -> None:
     for key in table:
-        if key not in known:
-            raise InputError(f"{path}: {name}.{key}", table[key], f"only {', '.join(known)}")
-    for key in needed:
+        if key not in names:
+            raise InputError(f"{path}: strike.{key}", table[key], f"only {', '.join(names)}")
+    for key in names:
         if key not in table:
-            raise InputError(f"{path}: {name}.{key}", None, "a number" if key != "position" else "coordinates [m]")
+            raise InputError(f"{path}: strike.{key}", None, "a number")
 
 
 def _number(path: Path | str, name: str, value: object) -> float:

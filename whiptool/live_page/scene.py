@@ -12,15 +12,23 @@ import numpy as np
 
 from whiptool.goals.target import Target
 from whiptool.live_page.heat_map import HeatMap
-from whiptool.live_page.meshes import Mesh, cone_mesh, ellipse_points, ellipsoid_mesh, joined, rod_mesh, shape_mesh
+from whiptool.live_page.meshes import (
+    Mesh,
+    cone_mesh,
+    drawn_mesh,
+    ellipse_points,
+    ellipsoid_mesh,
+    joined,
+    rod_mesh,
+    shape_mesh,
+)
 from whiptool.live_page.postures import ScenePostures, postures, shapes
 from whiptool.live_page.session import Shown
 from whiptool.live_page.spread import INSIDE, TipSpread
-from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import upright
 from whiptool.models.mount import default_floor
 from whiptool.models.parameters import Model
-from whiptool.models.visuals import GREY, Look
+from whiptool.models.visuals import Look
 from whiptool.viz.style import COLORS, SPEED
 
 if TYPE_CHECKING:
@@ -65,6 +73,7 @@ class PageScene:
         self.postures: ScenePostures | None = None
         self._grabbed = np.zeros(3)  # of the target's ball, from its centre [m]
         self._ghost: Shown | None = None
+        self._heat: np.ndarray | None = None  # shares of the heat map that is shown
         self._whip: list[Any] = []
         self._lengths = np.zeros(0)
         self._nodes: dict[str, Any] = {}
@@ -114,7 +123,7 @@ class PageScene:
         """Add the visual shapes of the base, number 0, or of a link, below a frame that moves."""
         frame = self.api.add_frame(f"/arm/{number}", show_axes=False)
         for i, shape in enumerate(look):
-            mesh, color = (shape_mesh(shape), GREY) if isinstance(shape, Capsule) else (shape.mesh, shape.color)
+            mesh, color = drawn_mesh(shape)
             r, g, b = (round(255 * x) for x in color)
             self.api.add_mesh_simple(f"/arm/{number}/{i}", *mesh, color=(r, g, b), side="double")
         return frame
@@ -241,9 +250,15 @@ class PageScene:
             place[1] = 0.045 * self.reach
         half = heat.azimuth / 2
         turn = _product(np.array([math.cos(half), 0.0, 0.0, math.sin(half)]), _UPRIGHT)
-        self.api.add_image("/heat", heat_image(heat), width, height, format="png", position=place, wxyz=turn,
-                           cast_shadow=False, receive_shadow=False, visible=self._visible["heat"])  # fmt: skip
-        self._nodes["/heat"] = self.api.get_handle_by_name("/heat")
+        if "/heat" in self._nodes and self._heat is heat.shares:
+            node = self._nodes["/heat"]
+            node.position, node.wxyz = place, turn
+            return
+        self._heat = heat.shares
+        self._nodes["/heat"] = self.api.add_image(
+            "/heat", heat_image(heat), width, height, format="png", position=place, wxyz=turn,
+            cast_shadow=False, receive_shadow=False, visible=self._visible["heat"],
+        )  # fmt: skip
 
     def show_spread(self, spread: TipSpread | None) -> None:
         """Show the ellipses, or ellipsoids, that contain half and 95 % of the tip's errors."""

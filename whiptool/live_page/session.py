@@ -12,13 +12,13 @@ from whiptool.goals.criteria import NOISE
 from whiptool.goals.target import Target, usual_target
 from whiptool.impedance.controller import Controller, default_controller
 from whiptool.live_page.aim import aimed, map_name
-from whiptool.live_page.heat_map import HeatMap, Sampled, drawn_strikes, heat_map, sampled
+from whiptool.live_page.heat_map import HeatMap, Sampled, azimuth_of, drawn_strikes, heat_map, same_everywhere, sampled
 from whiptool.live_page.knobs import changed_law, changed_model, law_named, with_law
+from whiptool.live_page.remembered import RememberingRollout
 from whiptool.live_page.spread import TipSpread, spread
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, strike_names
 from whiptool.models.trajectory import Approach, Trajectory
-from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.answers import bounds_all_around
 from whiptool.strike_map.striker import Striker
 
@@ -112,6 +112,7 @@ class Session:
         self._count, self._source = 0, ""
         self._drawn: np.ndarray | None = None
         self._sampled: Sampled | None = None
+        self._heat: tuple[Sampled, HeatMap] | None = None
         self.usual_law = controller.law
         settings = StudioSettings(origin or model.name, model, controller, target, t_stay=t_stay)
         self.striker = _striker(settings)
@@ -223,7 +224,11 @@ class Session:
 
     def heat_map(self) -> HeatMap:
         """Return where random strikes of the present model hit, in the vertical plane through the target."""
-        return heat_map(self.striker, self.random_strikes(), np.array(self.settings.target.position))
+        found, place = self.random_strikes(), np.array(self.settings.target.position)
+        if self._heat is not None and self._heat[0] is found and same_everywhere(self.model):
+            return replace(self._heat[1], azimuth=azimuth_of(place))
+        self._heat = found, heat_map(self.striker, found, place)
+        return self._heat[1]
 
     def _take(self, settings: StudioSettings) -> None:
         striker = _striker(settings)
@@ -239,5 +244,5 @@ class Session:
 def _striker(settings: StudioSettings) -> Striker:
     """Return the simulator of strikes of the settings' model and controller."""
     model = settings.model
-    rollout = CompiledRollout(model, settings.controller, free=FREE)
+    rollout = RememberingRollout(model, settings.controller, free=FREE)
     return Striker(rollout, bounds=bounds_all_around(model.arm), t_stay=settings.t_stay)

@@ -131,15 +131,10 @@ class ModelOptions(WhipOptions):
 
     @cached_property
     def _model_found(self) -> Model:
-        from whiptool.models.files import load_model
-
         of_model, of_arm = (self.arm_tip or "", "") if self.arm is None else ("", self.arm_tip or "")
-        model = load_model(self.model, tip=of_model)
+        model = _loaded("--model", self.model, of_model)
         if self.arm is not None:
-            try:
-                other = load_model(self.arm, tip=of_arm)
-            except InputError as error:
-                raise error.renamed("--arm") if error.name == "model" else error from None
+            other = _loaded("--arm", self.arm, of_arm)
             model = replace(other, whip=model.whip) if other.dimension == model.dimension else other
         if model.dimension == 3 and not self.in_space:
             option, given = ("--model", self.model) if self.arm is None else ("--arm", self.arm)
@@ -164,3 +159,13 @@ class ModelOptions(WhipOptions):
             raise error.renamed("--mount") from None
         except ValueError:
             raise InputError("--mount", " ".join(self.mount), MOUNT_RULE) from None
+
+
+def _loaded(option: str, name: str, tip: str) -> Model:
+    """Return the model that an option names; an error of it that names no option names this one."""
+    from whiptool.models.files import load_model
+
+    try:
+        return load_model(name, tip=tip)
+    except InputError as error:
+        raise error.renamed(option) if error.name in ("model", "file") else error from None

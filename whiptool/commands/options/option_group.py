@@ -310,13 +310,16 @@ def whole(name: str, value: int, *, low: int = 1, high: int = MANY) -> int:
     return value
 
 
-def check_place(name: str, path: Path) -> None:
-    """Refuse a file that could not be written, before anything is computed for it.
+def check_place(name: str, path: Path, *, ending: str = "") -> None:
+    """Refuse a file that could not be written, or whose name ends otherwise, before anything is computed for it.
 
     Raises:
-        InputError: The path is a folder, or its parent folder does not exist or is not writable.
+        InputError: The path is a folder, its name has another ending, or its parent folder does not exist or is not
+            writable.
     """
     folder = path.parent
+    if not path.name.endswith(ending):
+        raise InputError(name, str(path), f"a file whose name ends in {ending}")
     try:
         is_folder = path.is_dir()
     except OSError as error:  # its name is too long
