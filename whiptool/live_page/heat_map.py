@@ -114,7 +114,7 @@ def azimuth_of(place: np.ndarray) -> float:
 
 
 def same_everywhere(model: Model) -> bool:
-    """Return whether the heat map of a model's strikes is the same for all targets, but for its direction."""
+    """Return whether the heat map of a model's strikes is the same for all targets, except for its direction."""
     return model.dimension == 2 or turns_as_a_whole(model.arm)
 
 
