@@ -14,6 +14,7 @@ import tomli_w
 
 from whiptool.commands import identify, optimize
 from whiptool.errors import InputError
+from whiptool.given_files import sha256
 from whiptool.identification.inputs import common_controller, full_name, profile_of, read_prior
 from whiptool.identification.plant import Plant
 from whiptool.impedance import ConstantImpedance, Controller
@@ -254,6 +255,19 @@ def test_the_films_errors_have_the_size_of_the_measurement_model(films, filmed):
              {"all": speed >= 0, "slow": speed < 2, "fast": speed >= 4}.items()}  # fmt: skip
     print("error over measurement_sigma", sizes)
     assert all(0.3 < size < 1.5 for size in sizes.values())
+
+
+def test_parts_of_one_take_are_named_by_their_files(tracks, capsys, tmp_path):
+    """Two NPZ files that say one source: report, configuration and messages tell them apart."""
+    for i, track in enumerate(tracks[:2]):
+        dataclasses.replace(track, source="take1.c3d").save(tmp_path / f"part{i}.npz")
+    names = [str(tmp_path / f"part{i}.npz") for i in range(2)]
+    words = [*names, "--free", "k", "--starts", "1", "--out", str(tmp_path / "run")]
+    assert identify.main([*words, "--json"]) == 0
+    assert [r["source"] for r in json.loads(capsys.readouterr().out)["recordings"]] == names
+    kept = StrikeRecording.load(tmp_path / "run" / "recordings" / "part0.npz")
+    assert "source: take1.c3d" in kept.notes
+    assert kept.sha256 == sha256(tmp_path / "part0.npz")
 
 
 def test_csv_gives_the_whip_back_and_text_for_people(files, capsys, tmp_path):

@@ -84,6 +84,7 @@ def test_a_log_alone_and_a_film_are_shown_too(tmp_path):
         {"joint_names": ("b", "a"), "joints_listed": True},
         {"joint_names": ("q2", "q1")},
         {"hand_t": times(), "hand_pose": np.tile([0.1, 0.2, 0.3, 0, 0, 0, 1], (T, 1))},
+        {"points": places(d=3), "up": "y", "hand_t": times(), "hand_pose": np.tile([1, 2, 3, 0, 0.6, 0, 0.8], (T, 1))},
     ],
 )
 def test_what_is_converted_reads_back_the_same(tmp_path, changes):

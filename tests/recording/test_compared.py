@@ -10,6 +10,8 @@ import pytest
 from robot_log_files import EPOCH, BagWriter, write_table
 from scipy.spatial.transform import Rotation
 
+from whiptool.errors import InputError
+from whiptool.identification.inputs import opened
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
 from whiptool.models import preset
@@ -106,21 +108,41 @@ def write_moving_bag(path, late: float) -> None:
             bag.write("/hand", stamp, hand)
 
 
-@pytest.mark.parametrize("late", [0.25, 40.0 - EPOCH])
-def test_the_advice_on_a_bags_own_logs_is_by_their_clock(tmp_path, late):
+@pytest.mark.parametrize(
+    ("name", "sidecar", "late"),
+    [("a.bag", "a.toml", 0.25), ("a.bag", "a.toml", 40.0 - EPOCH), ("a_mcap", "a_mcap/whiptool.toml", 0.25)],
+)
+def test_the_advice_on_a_bags_own_logs_is_by_their_clock(tmp_path, name, sidecar, late):
     """Without `start` frames begin at 0; the second hand's clock counts since its computer was started."""
     pytest.importorskip("rosbags")
-    write_moving_bag(tmp_path / "a.bag", late)
+    write_moving_bag(tmp_path / name, late)
+    bag, sidecar = str(tmp_path / name), tmp_path / sidecar
     side = 'hand_topic = "/hand"\nmarkers = {handle = "/vrpn/handle/pose"}\n'
-    (tmp_path / "a.toml").write_text(side)
-    first = of(list(compared([understand(str(tmp_path / "a.bag"))])[0].findings), "offset")
+    sidecar.write_text(side)
+    first = of(list(compared([understand(bag)])[0].findings), "offset")
     assert first.certainty == "doubtful"
     assert first.numbers["start"] == pytest.approx(EPOCH + late, abs=2e-3, rel=0)
     advised = re.search(r"hand_start = [-\d.]+", first.fix)
-    (tmp_path / "a.toml").write_text(side + (advised[0] if advised else ""))
-    again = of(list(compared([understand(str(tmp_path / "a.bag"))])[0].findings), "offset")
+    sidecar.write_text(side + (advised[0] if advised else ""))
+    again = of(list(compared([understand(bag)])[0].findings), "offset")
     assert again.certainty == "measured"
     assert abs(again.numbers["offset"]) < 1e-3
+
+
+def test_a_bag_whose_only_poses_may_be_a_markers_asks_for_the_markers(tmp_path):
+    """They are not stated to be the hand's, and what to write is what `identify` says, too."""
+    pytest.importorskip("rosbags")
+    with BagWriter(tmp_path / "a.bag") as bag:
+        for t in np.arange(5) / 100:
+            message = bag.make("geometry_msgs/msg/PoseStamped", bag.header(EPOCH + t), bag.pose([t, 0, 0, 0, 0, 0, 1]))
+            bag.write("/vrpn/whip/pose", EPOCH + t, message)
+    findings = understand(str(tmp_path / "a.bag")).findings
+    assert of(findings, "hand").certainty == "assumed"
+    assert "of a marker say markers" in of(findings, "hand").reason
+    fix = 'say in a.toml which topics are markers, as markers = {tip = "/TOPIC"}'
+    assert fix in of(findings, "tracks").fix
+    with pytest.raises(InputError, match=re.escape(fix)):
+        opened(str(tmp_path / "a.bag"))
 
 
 def test_a_clock_that_runs_fast_is_seen(tmp_path):

@@ -137,6 +137,7 @@ class FitRun:
         self._check_films(every)  # before hours of film are tracked
         found = [tracked(x, name=name, tip=tip) for name, x in every.items()]
         recordings = [r for r, _ in found]
+        recordings = [_named_apart(r, name, recordings) for name, r in zip(every, recordings, strict=True)]
         self._check_joints(recordings)
         if not self.bare:
             pairs = zip(every, recordings, strict=True)
@@ -435,6 +436,18 @@ _DRIVEN = {
     "passive": "nothing",
     "free": "nothing",
 }
+
+
+def _named_apart(recording: StrikeRecording, file: str, others: Sequence[StrikeRecording]) -> StrikeRecording:
+    """The recording under the name of its file, where another one has the same source, as parts of one take have."""
+    from whiptool.given_files import sha256
+
+    if recording.source == file or sum(r.source == recording.source for r in others) == 1:
+        return recording
+    notes = (*recording.notes, f"source: {recording.source}") if recording.source else recording.notes
+    path = Path(file)
+    digest = sha256(path) if path.is_file() else recording.sha256
+    return dataclasses.replace(recording, source=file, sha256=digest, notes=notes)
 
 
 def _check_cameras(recordings: Sequence[StrikeRecording]) -> None:

@@ -179,7 +179,7 @@ def _same(a: StrikeRecording, b: StrikeRecording, name: str) -> bool:
     """Whether a field is the same, or is not of the recording itself."""
     from whiptool.recording.camera import Camera
 
-    if name in ("source", "sha256", "start", "notes"):
+    if name in ("source", "sha256", "start", "notes", "sigma_assumed"):
         return True
     one, other = getattr(a, name), getattr(b, name)
     if isinstance(one, Camera) and isinstance(other, Camera):

@@ -16,7 +16,7 @@ from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
 from whiptool.identification.uncertainty import MISFIT, Parameter, Uncertainty
 from whiptool.identification.variables import Variable, with_unit
-from whiptool.recording.strike_recording import ASSUMED_ERRORS, DEFAULT_SIGMA, StrikeRecording
+from whiptool.recording.strike_recording import StrikeRecording, assumed_size
 from whiptool.words import rounded
 
 ABOVE = 1.5  # RMS residual in standard errors from which assumed errors are said to be too small
@@ -76,12 +76,11 @@ def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]
     """Return as text which standard error would explain the residuals, if that of all recordings was assumed and is
     far below them.
     """
-    if not fit.explains or fit.misfit < ABOVE or not all(ASSUMED_ERRORS in one.notes for one in recordings):
+    ((size, error, key), *others) = {(assumed_size(one), one.assumed_error, one.sigma_assumed) for one in recordings}
+    if not fit.explains or fit.misfit < ABOVE or not error or others:
         return []
-    found = f"{fit.misfit * DEFAULT_SIGMA:.2g}"
-    return [
-        f"{1e3 * DEFAULT_SIGMA:g} mm was assumed; if the markers are as far off as the residuals, say sigma = {found}"
-    ]
+    found = f"{fit.misfit * error:.2g}"
+    return [f"{size} was assumed; if the markers are as far off as the residuals, say {key} = {found}"]
 
 
 def lag_lines(fit: Fit) -> list[str]:

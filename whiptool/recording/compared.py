@@ -19,6 +19,7 @@ from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, Finding
 from whiptool.recording.logs import order_of
 from whiptool.recording.readers import split_episode
 from whiptool.recording.readers.joint_log import JointLog, Logs
+from whiptool.recording.readers.log_keys import LOGS
 from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.recording.track_findings import TABLES
@@ -64,7 +65,8 @@ def _named(one: Understood, file: str) -> bool:
     """Whether the sidecar of tracks names a file, with which they are compared anyway."""
     place = pathlib.Path(split_episode(one.path)[0])
     folder = place if place.is_dir() else place.parent
-    return any(folder / str(one.said.get(key, "")) == pathlib.Path(file) for key in ("joints", "hand"))
+    named = [one.said[key] for key in LOGS if key in one.said]
+    return any(folder / str(name) == pathlib.Path(file) for name in named)
 
 
 def marker_path(recording: StrikeRecording, name: str) -> Path:

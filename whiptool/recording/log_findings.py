@@ -84,17 +84,17 @@ def _hand(log: JointLog) -> Iterator[Finding]:
     low, high = log.q[:, :3].min(axis=0), log.q[:, :3].max(axis=0)
     extent = ", ".join(f"{x} from {a:.3f} to {b:.3f} m" for x, a, b in zip("xyz", low, high, strict=True))
     reasons = "; ".join(note.removeprefix("hand: ") for note in log.notes)
-    yield Finding("hand", extent, STATED, reasons, numbers={"from": log.t[0], "to": log.t[-1]})
+    certainty = ASSUMED if "taken as" in reasons else STATED
+    yield Finding("hand", extent, certainty, reasons, numbers={"from": log.t[0], "to": log.t[-1]})
     yield rate_of("hand rate", log.t, "poses of the hand")
 
 
-def of_logs(logs: Logs) -> Iterator[Finding]:
-    """Yield what was understood of a file of logs."""
+def of_logs(logs: Logs, fix: str) -> Iterator[Finding]:
+    """Yield what was understood of a file of logs; `fix` says how it becomes one with tracks."""
     if logs.joints is not None:
         yield from _joints(logs.joints)
     if logs.hand is not None:
         yield from _hand(logs.hand)
     if logs.aside:
         yield Finding("note", f"left aside: {', '.join(logs.aside)}")
-    fix = 'name the file in the sidecar of the tracks: joints = "FILE" or hand = "FILE"'
     yield Finding("tracks", "none", STATED, "a log of the robot alone", fix)

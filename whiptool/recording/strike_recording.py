@@ -31,11 +31,8 @@ from whiptool.recording.logs import (
 from whiptool.whole_files import write_npz
 
 DEFAULT_SIGMA = 1e-3  # [m]
-ASSUMED_ERRORS = (  # of a reader
-    f"errors: {1e3 * DEFAULT_SIGMA:g} mm taken as the standard error of each coordinate, for nothing states it; else "
-    "say sigma"
-)
 DEFAULT_PIXELS = 0.5  # of a camera's view
+POSE_PIXELS = 1.0  # of body parts that a network found
 LARGEST_SIGMA = 1.0  # [m] of a coordinate; no camera is so far off, millimetres are
 FARTHEST = 20.0  # [m] from the shoulder; no whip reaches it, pixels and millimetres do
 FAR = 'are these millimetres or pixels? Say units = "mm", or the way to metres'
@@ -51,11 +48,11 @@ NOTICED = 3e-3  # [rad] of a joint from where it should stand: an encoder's coun
 LAYOUT = 1  # raised when a key changes its meaning
 REQUIRED = ("t", "points", "markers")
 NAMES = ("markers", "joint_names", "notes")
-UNWRITTEN = ("joint_names", "notes", "joints_listed", "up", "start")  # in a file, where they are empty
+UNWRITTEN = ("joint_names", "notes", "joints_listed", "up", "start", "sigma_assumed")  # in a file, where they are empty
 _WRITTEN = {"strike": lambda strike: strike.vector, "controller": json.dumps, "view": lambda x: json.dumps(x.table())}
 _READ = {
     **dict.fromkeys(("exposure", "t_stay", "start"), float),
-    **dict.fromkeys(("camera", "source", "sha256", "up"), str),
+    **dict.fromkeys(("camera", "source", "sha256", "up", "sigma_assumed"), str),
     **dict.fromkeys(NAMES, lambda value: tuple(str(name) for name in np.atleast_1d(value).ravel())),
     "strike": Strike.from_vector,
     "controller": lambda value: json.loads(str(value)),
@@ -113,6 +110,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
             those of its joints do not matter.
         up: Upward axis of points in space, `y` or `z`, if their file names it; empty: that of the model.
         notes: Assumptions of the reader and data that it left out, in sentences.
+        sigma_assumed: Key of the sidecar that would state `sigma`, which was assumed: `sigma` or `sigma_pixels`; empty:
+            it was given.
         first_state: For an arm without a whip, its measured angles and their rates at t[0], (2, M) [rad, rad/s].
 
     Raises:
@@ -145,6 +144,7 @@ class StrikeRecording(NoArray, instead="its t and points"):
     joints_listed: bool = False
     up: str = ""
     notes: tuple[str, ...] = ()
+    sigma_assumed: str = ""
     first_state: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -202,6 +202,8 @@ class StrikeRecording(NoArray, instead="its t and points"):
             sigma, unit = DEFAULT_PIXELS, "pixels"
             t_points = t + np.where(seen, view.row_delay(self.points[..., 1]), 0.0)
             self._put(camera=self.camera or view.name, exposure=self.exposure or view.exposure)
+        if self.sigma is None and not self.angular:
+            self._put(sigma_assumed="sigma")
         sigma = _spread("sigma", sigma if self.sigma is None else self.sigma, seen.shape)
         t_points = _spread("t_points", t_points if self.t_points is None else self.t_points, seen.shape)
         if not ((sigma[seen] > 0) & np.isfinite(sigma[seen])).all():
@@ -265,6 +267,16 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def angular(self) -> bool:
         """Whether the points are angles of an arm's links."""
         return self.points.shape[2] == 1
+
+    @property
+    def assumed_error(self) -> float:
+        """The standard error of a coordinate that was assumed [m], with `sigma_assumed` of pixels and with a view
+        [pixels]; 0: it was given.
+        """
+        if self.sigma_assumed == "sigma_pixels":
+            return POSE_PIXELS
+        usual = DEFAULT_SIGMA if self.view is None else DEFAULT_PIXELS
+        return usual if self.sigma_assumed and (self.sigma[self.seen] == usual).all() else 0.0
 
     @property
     def logs(self) -> dict[str, np.ndarray]:
@@ -463,6 +475,14 @@ class StrikeRecording(NoArray, instead="its t and points"):
             if not values.get("sha256"):
                 values |= {"source": values.get("source") or str(path), "sha256": sha256(path)}
             return cls(**values)
+
+
+def assumed_size(recording: StrikeRecording) -> str:
+    """Return the standard error that was assumed of a recording as text, such as `1 mm`; empty: it was given."""
+    error = recording.assumed_error
+    if error and recording.view is None and recording.sigma_assumed == "sigma":
+        return f"{1e3 * error:g} mm"
+    return f"{error:g} pixel{'' if error == 1 else 's'}" if error else ""
 
 
 def turned_poses(poses: np.ndarray, up: str) -> np.ndarray:

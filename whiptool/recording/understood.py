@@ -11,7 +11,7 @@ from whiptool.given_files import read_toml
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
 from whiptool.recording.log_findings import logs_in, of_logged, of_logs, rate_of
 from whiptool.recording.logs import ClocksApart, gaps
-from whiptool.recording.readers import READERS, VideoSource, find_format, open_any, split_episode
+from whiptool.recording.readers import READERS, VideoSource, find_format, log_alone, open_any, split_episode
 from whiptool.recording.readers.joint_log import Logs
 from whiptool.recording.readers.log_keys import LOGS
 from whiptool.recording.strike_recording import StrikeRecording
@@ -79,7 +79,7 @@ def understand(path: str, **options: Any) -> Understood:
     elif isinstance(found, VideoSource):
         findings += _of_images(found)
     else:
-        findings += of_logs(found)
+        findings += of_logs(found, log_alone(file).fix)
     logs, starts = apart, {}
     if apart is None and isinstance(found, StrikeRecording):
         logs = logs_in(vars(found.upright("z")))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from films import film
@@ -143,6 +146,20 @@ def test_errors_that_are_assumed_are_said_and_after_a_fit_those_that_its_residua
         if lines:
             assert float(lines[0].rpartition("sigma = ")[2]) == pytest.approx(1e-3 * found.misfit, rel=0.05)
     assert misfits[0] == pytest.approx(2 * misfits[1], rel=0.02)
+
+
+def test_what_residuals_suggest_is_in_the_unit_and_under_the_key_of_what_was_assumed():
+    """Of pixels, of places, and of recordings that do not agree; an error put in later counts."""
+    t, fitted = np.arange(9) / 60, SimpleNamespace(explains=True, misfit=2.0)
+    pixels = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",), 0.002, sigma_assumed="sigma_pixels")
+    places = StrikeRecording(t, np.zeros((9, 1, 2)), ("tip",))
+    ((said,), (other,)) = (assumed_errors(fitted, [one, one]) for one in (pixels, places))
+    assert said.startswith("1 pixel was assumed")
+    assert said.endswith("say sigma_pixels = 2")
+    assert other.startswith("1 mm was assumed")
+    assert other.endswith("say sigma = 0.002")
+    assert assumed_errors(fitted, [pixels, places]) == []
+    assert assumed_errors(fitted, [replace(places, sigma=3e-3)]) == []
 
 
 @pytest.mark.parametrize("name", ["Motive", "Nexus", "Qualisys TSV", "TRC", "Tracker", "Anipose", "SLEAP CSV"])

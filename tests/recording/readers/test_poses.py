@@ -125,6 +125,11 @@ def test_pixels_of_two_cameras_in_space_meet_where_the_markers_were(name, tmp_pa
                 read_recording(path, **side, **key)
         with pytest.raises(InputError, match=r"homography: got None; .* or camera and cameras of one in space"):
             read_recording(path, fps=100)
+    assert [one.sigma_assumed for one in read] == ["sigma_pixels"] * 2
+    assert any("errors: 1 pixel taken as" in note and note.endswith("say sigma_pixels") for note in read[0].notes)
+    stated = read_recording(tmp_path / "left" / file, **(side | {"camera": "left"}), sigma_pixels=1.0)
+    assert stated.assumed_error == 0
+    assert not any("errors:" in note for note in stated.notes)
     found = strike_in_space(read)
     np.testing.assert_allclose(found.points[:, [found.markers.index(x) for x in ("tip", "node1")]], truth, atol=2e-5)
 

@@ -220,7 +220,7 @@ def open_video(path: Path | str, *, format: str | None = None, **options: Any) -
 def log_alone(path: Path | str) -> InputError:
     """Return the error for a log of a robot that was given as a recording."""
     name = Path(path).name
-    fix = f'leave it out, and name it in the sidecar of the tracks: joints = "{name}"'
+    fix = f'leave it out, and name it in the sidecar of the tracks: joints = "{name}", or hand = "{name}"'
     if name.endswith(JOINT_LOG):
         fix = f"leave it out: it is read together with {name.removesuffix(JOINT_LOG)}.csv"
     elif is_bag(Path(path), b""):

@@ -28,6 +28,7 @@ POSE, ARRAY, MOVED, POINT = (
 )
 PLACES = (POINT, POSE, MOVED, ARRAY)  # kinds of messages in which a marker is
 STATIC = "/tf_static"
+HAND = "hand"  # in the name of a topic of its poses
 HEADER, WRITTEN = "the messages' header stamps", "the times at which the bag was written"
 
 
@@ -48,6 +49,9 @@ def read_bag_logs(path: Path | str) -> Logs:
         raise InputError(f"{path}: topics", given[:400], "one topic of joints, of poses, or of points", fix)
     log = bag_joints(path) if len(joints) == 1 else None
     hand = bag_hand(path) if len(poses) == 1 else None
+    if hand is not None and HAND not in poses[0]:
+        guess = "hand: taken as the hand's, for no other topic has poses; of a marker say markers"
+        hand = replace(hand, notes=(*hand.notes, guess))
     return Logs(log, hand, aside)
 
 
@@ -116,7 +120,7 @@ def bag_hand(path: Path | str, topic: str | None = None, frames: Sequence[str] |
     if frames is not None:
         times, poses, said = _along_frames(path, *frames)
     else:
-        topic = _topic(path, topic, [POSE, ARRAY, MOVED], "hand_topic", "hand")
+        topic = _topic(path, topic, [POSE, ARRAY, MOVED], "hand_topic", HAND)
         found = published(path, {topic: [0]}, [POSE, ARRAY, MOVED])[topic]
         times, whose = best_clock({HEADER: found.stamps, WRITTEN: found.written}, f"{path}: {topic}")
         poses, said = found.poses[0], f"from {topic}, times from {whose}"

@@ -24,7 +24,7 @@ from whiptool.recording.camera import to_plane
 from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.readers.footage import frame_clock
 from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.strike_recording import POSE_PIXELS, StrikeRecording
 from whiptool.words import counted
 
 KEYS = (*CLOCK, *PIXELS, *FILM, "markers", "individual", "likelihood", "sigma_pixels", "rows")  # of the sidecar
@@ -91,11 +91,12 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         raise InputError("homography", given, WAYS, "state them in the sidecar .toml")
     clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
     pixels, t = pixels[clock.keep], clock.times
-    readout, sigma = side.readout(), side.number("sigma_pixels", 1.0, low=1e-6, high=1e3)
+    readout, sigma = side.readout(), side.number("sigma_pixels", POSE_PIXELS, low=1e-6, high=1e3)
+    assumed = "" if "sigma_pixels" in side.table else "sigma_pixels"
     if view is not None:
         timed = readout * view.height / max(view.height - 1, 1)  # to the row after the last
         view = replace(view, exposure=side.exposure(), readout=timed)
-        seen = {"points": pixels, "markers": tuple(names), "sigma": sigma, "view": view}
+        seen = {"points": pixels, "markers": tuple(names), "sigma": sigma, "sigma_assumed": assumed, "view": view}
         return side.recording(path, notes=[*clock.notes, *notes], t=t, **seen)
     assert homography is not None
     notes.append("units: pixels, taken to metres in the strike plane as the sidecar says")
@@ -112,6 +113,7 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
         points=to_plane(homography, pixels),
         markers=tuple(names),
         sigma=sigma * metres_per_pixel(homography, pixels),
+        sigma_assumed=assumed,
         t_points=t[:, None] + late,
     )
 

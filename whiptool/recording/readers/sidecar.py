@@ -35,6 +35,7 @@ precedence. Common to all formats:
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,7 @@ from whiptool.recording.readers.joint_log import JointLog
 from whiptool.recording.readers.keys import Keys
 from whiptool.recording.readers.log_keys import LOG_KEYS, LOGS, LogKeys
 from whiptool.recording.readers.table import AXES, stacked
-from whiptool.recording.strike_recording import ASSUMED_ERRORS, DEFAULT_SIGMA, StrikeRecording
+from whiptool.recording.strike_recording import DEFAULT_SIGMA, StrikeRecording, assumed_size
 
 COMMON = ("camera", "exposure", "target", "t_stay", *LOG_KEYS, "strike", "controller")
 SPACE = ("units", "axes", "origin", "up")  # of readers whose files hold places in space
@@ -159,8 +160,6 @@ class Sidecar(LogKeys):
         Raises:
             InputError: A value is not allowed, or a key has no effect on this file.
         """
-        if read.get("sigma") is None and read.get("view") is None:
-            notes = (*notes, ASSUMED_ERRORS)
         source: dict[str, Any] = {"source": str(path), "sha256": sha256(files or path), "start": self.start}
         in_space = read["points"].shape[2] == 3 and read.get("view") is None
         up = self.table.get("up", read.get("up")) if in_space else None
@@ -169,7 +168,11 @@ class Sidecar(LogKeys):
             raise self.refuse("up", "none, for places in a plane, whose y is up")
         self.check_used(others)
         try:
-            return StrikeRecording(**{**source, **read, **fields})
+            found = StrikeRecording(**{**source, **read, **fields})
+            if size := assumed_size(found):
+                said = f"errors: {size} taken as the standard error of each coordinate, for nothing states it; else say"
+                return replace(found, notes=(*found.notes, f"{said} {found.sigma_assumed}"))
+            return found
         except ClocksApart as error:
             of_logs = {f"{what}_t": fields[f"{what}_t"] + self.start_of(what) for what in LOGS if f"{what}_t" in fields}
             error.logs = fields | self.logged(log)[0] | of_logs

@@ -102,6 +102,7 @@ def _pixels(names: list[str], table: np.ndarray, side: Sidecar, view: Camera) ->
         "markers": tuple(columns),
         "points": np.stack([stacked(table, columns, axis) for axis in UV], axis=2),
         "sigma": stacked(table, columns, "sigma", sigma),
+        "sigma_assumed": "" if stated or "sigma" in side.table else "sigma",
         **(_depths(columns, table, side, view) if any("depth" in found for found in columns.values()) else {}),
     }
 
