@@ -11,13 +11,14 @@ import pytest
 from scipy.stats import norm
 
 from papers.aim.published import CONTROLLER, MODEL
-from whiptool.adaptation import planner
+from whiptool.adaptation import aimed_search
 from whiptool.adaptation.adapter import Adapter, Options
+from whiptool.adaptation.aimed_search import AimedSearch
 from whiptool.adaptation.first_look import FASTEST, choose_wiggle, hanging
 from whiptool.adaptation.materials import stock_of_material
 from whiptool.adaptation.model_error import ModelError
 from whiptool.adaptation.plan_search import Demands, Passes, PlanningEffort
-from whiptool.adaptation.planner import AimedSearch, plan
+from whiptool.adaptation.planner import plan
 from whiptool.adaptation.ports import TipPort
 from whiptool.adaptation.posterior import update
 from whiptool.adaptation.prior import Belief, default_prior
@@ -26,8 +27,11 @@ from whiptool.errors import InputError
 from whiptool.goals.goals import PACE
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
+from whiptool.limits.all_limits import limits_given
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
+from whiptool.models import preset
+from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import Strike
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout import CompiledRollout
@@ -92,10 +96,26 @@ def test_known_strikes_of_the_arm_are_candidates(prior, monkeypatch):
     known = Answers(strike, tip[None], velocity[None], slopes, slopes)
     search = AimedSearch(prior, target, Demands(limits=()))
     ahead = search.front.answers(known, -search.front.angles(tip[None]))
-    monkeypatch.setattr(planner, "answers_of", lambda arm: ahead if arm == MODEL.arm else None)
+    known_map = types.SimpleNamespace(answers=ahead)
+    monkeypatch.setattr(aimed_search, "map_of_arm", lambda arm: known_map if arm == MODEL.arm else None)
     found = search.starts(rng, FEW)[0]
     np.testing.assert_allclose(np.delete(found, [0, 6]), np.delete(strike[0], [0, 6]), atol=1e-12)
     np.testing.assert_allclose(found[[0, 6]], strike[0, [0, 6]], atol=0.02)
+
+
+@pytest.mark.slow
+def test_where_no_candidate_hits_a_strike_of_the_map_is_followed_to_the_whip():
+    """A goal that none of 8,192 random strikes hit with this rope within the limits."""
+    model = preset("ur5e")
+    nylon = WhipProfile(1.0926, 0.045382, 0.0012339, 1.6392e-5, drag=0.005831)
+    belief = default_prior(dataclasses.replace(model, whip=nylon.lump(model.whip.N, joints="rod")), CONTROLLER)
+    goal = (1.833173, 1.256759, 0.330290), (0.09489506, -0.38020974, 0.92001928)
+    target = Target(goal[0], 0.05, direction=goal[1], cone=math.radians(10), speed=1.0)
+    search = AimedSearch(belief, target, Demands(limits=limits_given("default", model, prescribed=True)))
+    (found, *_), _ = search.candidates(np.random.default_rng(0), (), PlanningEffort(pool=8, polished=2, steps=2))
+    near = CompiledRollout(search.rollout.model, CONTROLLER, timestep=1e-4).approach(found[None], goal[0])
+    assert target.goals.hit_by(near)[0]
+    assert search.judge.keep(found[None])[0]
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -19,9 +19,9 @@ from whiptool.optimizers.gradient_search import REFINED
 from whiptool.strike_map.answers import Answers
 from whiptool.strike_map.map_files import (
     FOLDER,
-    answers_of,
     load_packed,
     map_of,
+    map_of_arm,
     save_packed,
     shipped_map,
     shipped_names,
@@ -92,8 +92,8 @@ def test_a_search_may_begin_from_it():
     with pytest.raises(InputError, match="lemon2024, panda, ur5e"):
         map_of(replace(preset("lemon2024"), gravity=1.6))
     assert map_of(preset("lemon2024")) is shipped_map("lemon2024")
-    assert answers_of(preset("lemon2024").arm) is shipped_map("lemon2024").answers
-    assert answers_of(preset("nah2023").arm) is None
+    assert map_of_arm(preset("lemon2024").arm) is shipped_map("lemon2024")
+    assert map_of_arm(preset("nah2023").arm) is None
 
 
 def test_a_search_without_a_map_is_refused_before_anything_is_written(tmp_path):

@@ -141,11 +141,10 @@ def map_of(model: Model) -> StrikeMap:
     raise InputError("model", model.name, f"an unchanged preset that has a map: {', '.join(shipped_names())}")
 
 
-def answers_of(arm: AnyArm) -> Answers | None:
-    """Return the entries of the map that comes with the package for an arm, whatever hangs on it; None for another
-    arm."""
+def map_of_arm(arm: AnyArm) -> StrikeMap | None:
+    """Return the map that comes with the package for an arm, whatever hangs on it; None for another arm."""
     names = [name for name in shipped_names() if PRESETS[name].arm == arm]
-    return shipped_map(names[0]).answers if names else None
+    return shipped_map(names[0]) if names else None
 
 
 def _gate_arrays(gate: Gate) -> dict[str, np.ndarray]:
