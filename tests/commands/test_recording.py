@@ -10,8 +10,10 @@ import pytest
 from command_line import assert_one_line, called
 from recordings import T, full, images, places, plain_rows, same, times, write_rows, write_video
 
+from whiptool.recording import picture
 from whiptool.recording.readers import open_any, read_recording
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.understood import understand
 
 
 def shown(*files, cwd) -> list[dict[str, dict]]:
@@ -73,6 +75,31 @@ def test_a_log_alone_and_a_film_are_shown_too(tmp_path):
     assert log["joint rate"]["numbers"]["rate"] == pytest.approx(500)
     assert film["images"]["numbers"] == {"width": 64, "height": 48}
     assert film["units"]["certainty"] == "doubtful"
+
+
+@pytest.mark.parametrize(
+    ("changes", "titles"),
+    [
+        ({}, ["paths (o: first)", "coordinates"]),
+        (
+            {"points": places(d=3), "up": "y"},
+            ["paths from the side (o: first)", "paths from above (o: first)", "coordinates"],
+        ),
+        ({"hand_t": times(), "hand_pose": np.tile([0, 0, 0, 0, 0, 0, 1.0], (T, 1))}, [*"ab", "measured hand"]),
+    ],
+)
+def test_a_picture_has_a_panel_for_what_there_is_and_none_that_is_empty(tmp_path, monkeypatch, changes, titles):
+    without = {"joints_t": None, "joints_q": None, "joint_names": (), "target": None}
+    dataclasses.replace(full(), **(without | changes)).save(tmp_path / "a.npz")
+    drawn = []
+    monkeypatch.setattr(picture, "save_figure", lambda figure, path: drawn.extend(figure.axes))
+    picture.draw([understand(str(tmp_path / "a.npz"))], tmp_path / "a.png")
+    assert len(drawn) == len(titles)
+    assert drawn[-1].get_title(loc="left") == titles[-1]
+    assert all(ax.lines for ax in drawn)
+    if "up" in changes:
+        assert [ax.get_ylabel() for ax in drawn[:2]] == ["y [m]", "z [m]"]
+        assert drawn[1].yaxis_inverted()
 
 
 @pytest.mark.parametrize(
