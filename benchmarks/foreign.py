@@ -1,9 +1,10 @@
 """A whip that no simulator of ours made is learned from how it hangs and from two strikes at each of 12 targets.
 
-`python benchmarks/foreign.py [--quick] [--json]`. 40 tapered capsules with MuJoCo's own fluid, dry friction and a stiff
+`python benchmarks/foreign.py [--quick] [--json] [--folder KEPT]`. 40 tapered capsules with MuJoCo's own fluid, dry friction and a stiff
 first joint, an arm that sags under a controller in NumPy (`tests/helpers/foreign_whip.py`), the tip seen 60 times a
 second with 5 mm noise. It prints the miss of every strike, how it was judged, how often hits were claimed wrongly, and
-how often misses were within the predicted 50 % and 90 % quantiles.
+how often misses were within the predicted 50 % and 90 % quantiles. With `--folder` the strikes at each target are kept
+there, and the same command goes on where it was left.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from kept import kept
 
 import whiptool as wt
 from whiptool.adaptation.adapter import Options
@@ -36,7 +40,8 @@ def targets() -> np.ndarray:
 
 
 def struck(number: int) -> list[dict[str, Any]]:
-    """The strikes at one target."""
+    """The strikes at one target, each with the processor's time until then [s]."""
+    began = time.process_time()
     model = wt.preset("lemon2024")
     controller = wt.Controller(wt.oiac_preset("table4")).reckoning_with(model)
     x, y = map(float, targets()[number])
@@ -48,41 +53,53 @@ def struck(number: int) -> list[dict[str, Any]]:
         if step.number and step.judged is not None:
             judged = {"judged": step.judged.miss, "error": step.judged.error, "probability": step.judged.probability}
             about = {"target": number, "strike": step.number, "planned": step.plan.probability}
+            about["seconds"] = time.process_time() - began
             about["rank"] = float(np.mean([x is not None and x < step.outcome.true_miss for x in step.plan.misses]))
             found.append(about | {"miss": step.outcome.true_miss, "camera": step.outcome.seen_miss} | judged)
     return found
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="two targets")
-    parser.add_argument("--json", action="store_true")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="one target")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
+    parser.add_argument(
+        "--folder", type=Path, help="keep the strikes at each target there, and go on where it was left"
+    )
     options = parser.parse_args()
     rows = []
-    for number in range(2 if options.quick else len(targets())):
-        for row in struck(number):
+    for number in range(1 if options.quick else len(targets())):
+        name, of = f"target {number}", (number, targets()[number].tolist(), STRIKES)
+        for row in kept(options.folder, name, of, partial(struck, number)):
             rows.append(row)
             if not options.json:
                 said = (
                     f"target {row['target'] + 1}, strike {row['strike']}: missed by {100 * row['miss']:.2f} cm; judged"
                 )
                 said += f" {100 * row['judged']:.2f} ± {100 * row['error']:.2f} cm, a hit with {row['probability']:.3f}"
-                print(said, flush=True)
-    hits = [[row["miss"] <= wt.Target().hit_radius for row in rows if row["strike"] == k] for k in (1, 2)]
-    summary = {
-        "targets": len(hits[0]),
-        "first_hits": sum(hits[0]),
-        "second_hits": sum(hits[1]),
-        "first_within": [float(np.mean([r["rank"] <= x for r in rows if r["strike"] == 1])) for x in (0.5, 0.9)],
-        "second_within": [float(np.mean([r["rank"] <= x for r in rows if r["strike"] == 2])) for x in (0.5, 0.9)],
+                print(f"{said}; {row['seconds']:.0f} s of a processor", flush=True)
+    summary = summarised(rows)
+    if options.json:
+        print(json.dumps(summary | {"rows": rows}))
+    else:
+        print(", ".join(f"{name} {value}" for name, value in summary.items()))
+
+
+def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Hits, claims and coverages of all strikes."""
+    first, second = ([row for row in rows if row["strike"] == k] for k in (1, 2))
+    hits = [sum(row["miss"] <= wt.Target().hit_radius for row in some) for some in (first, second)]
+    within = [[float(np.mean([row["rank"] <= x for row in some])) for x in (0.5, 0.9)] for some in (first, second)]
+    return {
+        "targets": len(first),
+        "first_hits": hits[0],
+        "second_hits": hits[1],
+        "first_within": within[0],
+        "second_within": within[1],
         "claimed": sum(row["probability"] >= 0.9 for row in rows),
         "wrongly_claimed": sum(row["probability"] > 0.9 and row["miss"] > CLEAR for row in rows),
-        "rows": rows,
+        "seconds": float(np.median([row["seconds"] for row in second])),
     }
-    if options.json:
-        print(json.dumps(summary))
-    else:
-        print(", ".join(f"{name} {value}" for name, value in summary.items() if name != "rows"))
 
 
 if __name__ == "__main__":
