@@ -1,10 +1,10 @@
 """A whip that no simulator of ours made is learned from how it hangs and from two strikes at each of 12 targets.
 
-`python benchmarks/foreign.py [--quick] [--json] [--folder KEPT]`. 40 tapered capsules with MuJoCo's own fluid, dry friction and a stiff
-first joint, an arm that sags under a controller in NumPy (`tests/helpers/foreign_whip.py`), the tip seen 60 times a
-second with 5 mm noise. It prints the miss of every strike, how it was judged, how often hits were claimed wrongly, and
-how often misses were within the predicted 50 % and 90 % quantiles. With `--folder` the strikes at each target are kept
-there, and the same command goes on where it was left.
+`python benchmarks/foreign.py [--quick] [--json] [--folder KEPT]`. 40 tapered capsules with MuJoCo's own fluid, dry
+friction and a stiff first joint, an arm that sags under a controller in NumPy (`tests/helpers/foreign_whip.py`), the
+tip seen 60 times a second with 5 mm noise. It prints the miss of every strike, how it was judged, how often hits were
+claimed wrongly, and how often misses were within the predicted 50 % and 90 % quantiles. With `--folder` the strikes at
+each target are kept there, and the same command goes on where it was left.
 """
 
 from __future__ import annotations
