@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept import kept
+from peers.kept import kept
 
 import whiptool as wt
 from whiptool.adaptation.adapter import Options

@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept import kept
+from peers.kept import kept
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml

@@ -38,7 +38,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from kept import kept
+from peers.kept import kept
 from scipy.interpolate import CubicHermiteSpline
 
 from whiptool.identification.fit import FitOptions, fit
