@@ -76,11 +76,17 @@ class ForeignWhip:
 
 
 def reference(strike: Strike, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Minimum jerk (Eq. 1): position [rad] and velocity [rad/s]; at rest before and after."""
-    s = min(max(t / strike.D, 0.0), 1.0)
+    """Minimum jerk (Eq. 1): position [rad] and velocity [rad/s]; at rest before and after.
+
+    A strike may have more movements `added` to it: when each begins, how long it lasts [s], and by how much [rad].
+    """
     q_i, q_f = np.array(strike.q_i), np.array(strike.q_f)
-    path, rate = s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2 / strike.D
-    return q_i + (q_f - q_i) * path, (q_f - q_i) * rate
+    position, velocity = q_i, 0.0 * q_i
+    for since, lasts, by in [(0.0, strike.D, q_f - q_i), *getattr(strike, "added", ())]:
+        s = min(max((t - since) / lasts, 0.0), 1.0)
+        position = position + by * s**3 * (10 - 15 * s + 6 * s**2)
+        velocity = velocity + by * 30 * s**2 * (1 - s) ** 2 / lasts
+    return position, velocity
 
 
 def held_up(q: np.ndarray) -> np.ndarray:

@@ -45,6 +45,14 @@ def rotation_left(wanted: ca.SX, present: ca.SX) -> ca.SX:
     return 2 * sine / ca.sqrt(1 + ca.trace(R) + _FLAT)
 
 
+def _minimum_jerk(t: ca.SX, since: ca.SX | float, lasts: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return the share of a movement (Eq. 1) at time t [s] that begins at `since` and lasts so long, with two
+    derivatives."""
+    s = ca.fmax(ca.fmin((t - since) / lasts, 1), 0)
+    share = s**3 * (10 - 15 * s + 6 * s**2)
+    return share, 30 * s**2 * (1 - s) ** 2 / lasts, 60 * s * (1 - s) * (1 - 2 * s) / lasts**2
+
+
 _UNTURNED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _LINK = {  # quantities of a link: what they are called in a whip
     "length": "l", "mass": "m", "stiffness": "k", "damping": "b", "rest_angle": "rest_angle",
@@ -173,8 +181,16 @@ class ClosedLoop(System):
 
     def reference(self, t: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] of the joints at time
-        t [s] (Eq. 1), (n_arm, 1) each; at rest before 0 and after D."""
+        t [s] (Eq. 1), (n_arm, 1) each; at rest before 0 and after D.
+
+        Submovements, which have the same form, are added to the strike (Flash and Henis 1991); time 0 is `elapsed` [s]
+        after the strike began."""
         P = self.parameters
+        if "by" in P:
+            parts = [_minimum_jerk(t + P["elapsed"], 0.0, P["D"]), *self._submovements(t + P["elapsed"])]
+            spans = [P["q_f"] - P["q_i"], *ca.vertsplit(P["by"], self.structure.n_arm)]
+            moved = [sum(span * part[k] for span, part in zip(spans, parts, strict=True)) for k in range(3)]
+            return P["q_i"] + moved[0], moved[1], moved[2]
         s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
         if "path" in P:
             return self._along_path(s)
@@ -183,6 +199,11 @@ class ClosedLoop(System):
         velocity = span * (30 * s**2 - 60 * s**3 + 30 * s**4) / P["D"]
         acceleration = span * (60 * s - 180 * s**2 + 120 * s**3) / P["D"] ** 2
         return position, velocity, acceleration
+
+    def _submovements(self, t: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+        """Share of each added movement at time t [s] after the strike began, and its first two derivatives."""
+        times = zip(*(ca.vertsplit(self.parameters[name]) for name in ("since", "lasts")), strict=True)
+        return [_minimum_jerk(t, since, lasts) for since, lasts in times]
 
     def _along_path(self, s: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Positions, velocities and accelerations (n_arm, 1) of joints that hold the hand on its path, at the share s

@@ -144,6 +144,8 @@ class Structure:
         arm: Properties of an arm in space; None: planar.
         explicit: Whether steps are those of the classical Runge-Kutta method.
         hand: Number of coordinates of the hand that the law controls; 0: it controls the joints.
+        submovements: Number of minimum-jerk movements of the joints that are added to a strike, see
+            `ClosedLoop.reference`; only where the law controls the joints.
     """
 
     n_arm: int
@@ -159,6 +161,7 @@ class Structure:
     arm: ArmShape | None = None
     explicit: bool = False
     hand: int = 0
+    submovements: int = 0
 
     @classmethod
     def of(cls, model: Model, controller: Controller, *, free: Sequence[str] = (), explicit: bool = False) -> Structure:
@@ -192,8 +195,9 @@ class Structure:
         )
 
     def __contains__(self, other: Structure) -> bool:
-        """Whether every term of the other structure is one of this, however either steps."""
-        same = replace(other, optional=self.optional, arm=self.arm, explicit=self.explicit) == self
+        """Whether every term of the other structure is one of this, however either steps, with any submovements."""
+        alike = {name: getattr(self, name) for name in ("optional", "arm", "explicit", "submovements")}
+        same = replace(other, **alike) == self
         arms = other.arm is None or (self.arm is not None and other.arm in self.arm)
         return same and arms and set(other.optional) <= set(self.optional)
 
@@ -217,7 +221,9 @@ class Structure:
     def strike_layout(self) -> dict[str, int]:
         """Name and size of every block of a strike's parameters, in order; the first is `q_i`."""
         if not self.hand:
-            return joint_layout(self.n_arm)
+            added = self.submovements
+            extra = {"elapsed": 1, "since": added, "lasts": added, "by": added * self.n_arm} if added else {}
+            return joint_layout(self.n_arm) | extra
         orientation = self.hand > self.dimension
         return hand_layout(self.n_arm, self.dimension, orientation=orientation, led=self.prescribed)
 

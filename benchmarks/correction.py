@@ -1,0 +1,317 @@
+"""How much is won by feedback within a strike, by its delay and its start? The plane (`lemon2024`) and a UR5e.
+
+Each of ten planned strikes is disturbed 20 times by one kind of disturbance: a whip that still swings, a kick, noise of
+the hand that grows with its torque, 5 % of length, mass or stiffness. The estimate expects all of them. Miss of the
+tip: `without` correction; with `gains` that are computed before the strike; with a `search` over what is left of the
+strike, on the compiled engine and from the same estimates. Medians, 90th percentiles, and the share of strikes that
+corrections make worse by more than 5 % and 5 mm. `robust`: of several strikes that hit, the one whose miss the swings
+change least. `capsules`: the truth is a chain of capsules in MuJoCo with a controller of its own
+(`tests/helpers/foreign_whip.py`).
+
+    python benchmarks/correction.py [--arms ARM ...] [--parts PART ...] [--quick] [--json] [--folder FOLDER]
+
+With --folder each case is kept there, and the same command goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import whiptool as wt
+from whiptool.correction import AnyStart, Begun, Corrector, Disturbances, LinearStrike, Paths, Sensing, Submovements
+from whiptool.correction.corrector import Policy
+from whiptool.correction.disturbances import (
+    NUMBERS,
+    PULSES,
+    changed,
+    kick_directions,
+    loads,
+    moved,
+    pulses,
+    swing_directions,
+)
+from whiptool.correction.rolled import INTERVAL
+from whiptool.whole_files import write_whole
+
+STRIKES, EACH, CANDIDATES = 10, 20, 6
+DELAYS, STARTS = (0.0, 0.03, 0.06, 0.1), (0.2, 0.4, 0.6, 0.8)
+KINDS = tuple(field.name for field in fields(Disturbances))
+PARTS = ("swing", "kinds", "search", "robust", "capsules")
+REGIONS = {"lemon2024": ((0.9, -0.3), (1.35, 0.5)), "ur5e": ((1.0, -0.4, 0.2), (1.5, 0.4, 0.9))}
+SWINGS = {"lemon2024": 0.1, "ur5e": 0.03}  # [m]
+WORSE = 0.005  # [m]
+STEPS = 4  # of each search
+
+Truth = Callable[[Submovements], Paths]
+
+
+@dataclass(frozen=True)
+class Disturbed:
+    """The true course of disturbed strikes by the model's own chain; a kick changes the velocities at `kick_at` [s]."""
+
+    linear: LinearStrike
+    x0: np.ndarray
+    noise: Submovements
+    models: list[wt.Model]
+    kick_at: np.ndarray
+    kick: np.ndarray
+
+    def __call__(self, added: Submovements) -> Paths:
+        simulator, target = self.linear.simulator, self.linear.target
+        begun = Begun(self.linear.strike, self.x0, self.noise.and_(added), self.linear.lasts, models=self.models)
+        first = simulator.paths(begun, target)
+        if not self.kick.any():
+            return first
+        before = np.round(self.kick_at / INTERVAL).astype(int)
+        at = simulator.rows(begun, "x")[np.arange(len(before)), before]
+        change = np.einsum("bdn,bd->bn", kick_directions(simulator.model, at), self.kick)
+        kicked = replace(begun, x0=moved(simulator.model, at, change), since=before * INTERVAL)
+        then = simulator.paths(kicked, target)
+        index, rows = np.arange(first.tip.shape[1]) - before[:, None], np.arange(len(before))[:, None]
+        pairs = (first.tip, then.tip), (first.arm, then.arm)
+        tip, arm = (
+            np.where((index < 0)[(...,) + (None,) * (x.ndim - 2)], x, y[rows, np.maximum(index, 0)]) for x, y in pairs
+        )
+        until = np.where(index < 0, np.linalg.norm(first.tip - target, axis=2), np.inf).min(axis=1)
+        return Paths(tip, arm, np.minimum(until, then.miss))
+
+
+def drawn(linear: LinearStrike, by: Disturbances, count: int, rng: np.random.Generator) -> Truth:
+    """Disturbed strikes of a planned one."""
+    simulator, model = linear.simulator, linear.simulator.model
+    swings = swing_directions(model, linear.strike)
+    x0 = moved(
+        model, np.repeat(linear.states[:1], count, axis=0), by.swing * rng.normal(size=(count, len(swings))) @ swings
+    )
+    sizes = by.hand * loads(simulator, linear.strike, linear.hit_at) * rng.normal(size=(count, PULSES, model.arm.n))
+    factors = 1 + rng.normal(size=(count, len(NUMBERS))) * [getattr(by, name) for name in NUMBERS]
+    models = [changed(model, dict(zip(NUMBERS, row, strict=True))) for row in factors]
+    kick_at = linear.hit_at * rng.uniform(0.1, 0.9, count)
+    return Disturbed(
+        linear, x0, pulses(sizes, linear.hit_at), models, kick_at, by.kick * rng.normal(size=(count, model.dimension))
+    )
+
+
+def searching(corrector: Corrector) -> Policy:
+    """Simulate the rest of each strike from the estimated state, and improve the corrections until it hits."""
+    linear, simulator = corrector.linear, corrector.linear.simulator
+    firsts = [round(decision.at / INTERVAL) for decision in corrector.decisions]
+    slopes = [linear.state_slopes(first) for first in firsts]
+    expected = [getattr(linear.expected, name) for name in NUMBERS]
+
+    def policy(k: int, z: np.ndarray, doubt: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        first, before = firsts[k], corrector.added(sizes)
+        rest = np.repeat(linear.states[:1], len(z), axis=0)
+        now = simulator.rows(Begun(linear.strike, rest, before, linear.lasts), "x")[:, first]
+        factors = np.clip(1 + z[:, -len(NUMBERS) :] * expected, 0.5, 1.5)
+        models = [changed(simulator.model, dict(zip(NUMBERS, row, strict=True))) for row in factors]
+        begun = Begun(linear.strike, moved(simulator.model, now, z @ slopes[k].T), before, linear.lasts)
+        begun = replace(begun, lasts=linear.lasts - first * INTERVAL, since=first * INTERVAL, models=models)
+        window = slice(max(corrector.window.start - first, 0), corrector.window.stop - first)
+        by = np.zeros((len(z), len(firsts) - k, sizes.shape[2]))
+        for _ in range(STEPS):
+            added = corrector.added(np.concatenate([sizes, by], axis=1))
+            path = simulator.paths(replace(begun, added=added), linear.target).tip[:, window]
+            by = corrector.solved(k, path, by, doubt)
+        return by[:, 0] * corrector.allowed(k, by[:, 0], sizes)[:, None]
+
+    return policy
+
+
+class Capsules:
+    """The true course by capsules in MuJoCo, whose arm, controller and whip are other code; swings only."""
+
+    def __init__(self, linear: LinearStrike, swing: float, count: int, rng: np.random.Generator) -> None:
+        sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+        from foreign_whip import STEP, ForeignPort, ForeignWhip
+
+        model, self.linear, self.step = linear.simulator.model, linear, STEP
+        whip, stiffness = model.whip, float(model.whip.per_node("k")[1])
+        radius = 0.007
+        density = whip.mass / whip.length / (np.pi * radius**2)
+        loss = float(whip.per_node("b")[1]) / stiffness
+        masses = tuple(link.mass for link in model.arm.links)
+        bending = stiffness * float(whip.per_node("l")[1])
+        numbers = {"length": whip.length, "thick": radius, "thin": radius, "density": density, "stiffness": bending}
+        own = ForeignWhip(**numbers, loss=loss, friction=0.0, first=1e-6, masses=masses, gain=1.0, late=0.0)
+        self.port = ForeignPort(own, tuple(linear.target))
+        swings, a = swing_directions(model, linear.strike), model.arm.n
+        z = swing * rng.normal(size=(count, len(swings)))
+        places, nodes = (np.arange(40) + 0.5) / 40, (np.arange(whip.N) + 0.5) / whip.N
+        self.changes = []
+        for row in z @ swings:  # of absolute angles of the nodes to those of the capsules
+            both = [np.cumsum(x[a:]) for x in np.split(row, 2)]
+            self.changes.append([np.diff(np.interp(places, nodes, x), prepend=0.0) for x in both])
+
+    def __call__(self, added: Submovements) -> Paths:
+        import mujoco
+
+        found, strike = [], self.linear.strike
+        for i, (dq, dv) in enumerate(self.changes):
+            parts = list(zip(added.since[i], added.lasts[i], added.by[i], strict=True))
+            wanted = SimpleNamespace(q_i=strike.q_i, q_f=strike.q_f, D=strike.D, added=parts)
+            rest = self.port._rest(strike).copy()
+            data = mujoco.MjData(self.port._mj)
+            data.qpos[:], data.qvel[2:] = rest, dv
+            data.qpos[2:] += dq
+            tip, elbow, hand = [], [], []
+            every = round(INTERVAL / self.step)
+            for k in range(every * (self.linear.planned.tip.shape[1] - 1) + 1):
+                if k % every == 0:
+                    mujoco.mj_kinematics(self.port._mj, data)
+                    tip.append(data.site_xpos[self.port._tip, ::2].copy())
+                    elbow.append(data.xpos[2, ::2].copy())
+                    hand.append(data.xpos[3, ::2].copy())
+                self.port._step(data, wanted, k * self.step)
+            found.append((np.array(tip), np.stack([elbow, hand], axis=1)))
+        tips, arms = (np.stack(x) for x in zip(*found, strict=True))
+        return Paths(tips, arms, np.array([_closest(x, self.linear.target) for x in tips]))
+
+
+def _closest(tip: np.ndarray, target: np.ndarray) -> float:
+    from whiptool.models.trajectory import closest_on_segments
+
+    return float(closest_on_segments(tip, target).distance)
+
+
+@lru_cache
+def hits(arm: str, number: int) -> tuple[np.ndarray, list[wt.Strike]]:
+    """A random target, and strikes that hit it within the arm's limits, of several searches."""
+    model = wt.preset(arm)
+    rng = np.random.default_rng([len(arm), number])
+    rollout, found = wt.CompiledRollout(model), []
+    while not found:
+        target = rng.uniform(*REGIONS[arm])
+        for seed in range(CANDIDATES):
+            objective = wt.Objective(rollout, wt.Target(tuple(target)), max_trials=400, limits="default")
+            result = wt.search(objective, "gradient", seed=seed)
+            if result.outcome is not None and result.outcome.hit and result.outcome.miss_distance < 1e-3:
+                found.append(result.strike)
+            if found and arm != "lemon2024":
+                break
+    return target, found
+
+
+@lru_cache(maxsize=1)
+def linear_of(arm: str, number: int, robust: bool = False) -> LinearStrike:
+    """A planned strike, linearised; `robust`: that whose miss the swings change least."""
+    target, strikes = hits(arm, number)
+    simulator = AnyStart(wt.preset(arm))
+    if not robust:
+        return LinearStrike(simulator, strikes[0], target, Disturbances(swing=SWINGS[arm]))
+    return min((LinearStrike(simulator, strike, target) for strike in strikes), key=_sensitivity)
+
+
+def _sensitivity(linear: LinearStrike) -> float:
+    """Root mean square of the linear miss across the tip's velocity by swings [m]."""
+    hit = round(linear.hit_at / INTERVAL)
+    swings = len(swing_directions(linear.simulator.model, linear.strike))
+    return float(np.linalg.norm(linear.across @ linear.tip[hit][:, :swings]))
+
+
+def misses(corrector: Corrector, truth: Truth, count: int, seed: int, searched: bool = False) -> dict[str, list[float]]:
+    """Misses of strikes without and with correction, from the same readings [m]."""
+    planned, sensing, rng = corrector.linear.planned, corrector.sensing, np.random.default_rng([9, seed])
+    scales = (sensing.tip_noise, planned.tip), (sensing.joint_noise, planned.arm)
+    noise = tuple(scale * rng.normal(size=(count, *x.shape[1:])) for scale, x in scales)
+    a = planned.arm.shape[2]
+    found = {"without": truth(Submovements.none(count, a)).miss, "gains": corrector.struck(truth, noise)[0].miss}
+    if searched:
+        found["search"] = corrector.struck(truth, noise, searching(corrector))[0].miss
+    return {name: x.tolist() for name, x in found.items()}
+
+
+def cases(arms: list[str], parts: list[str], quick: bool) -> Iterator[dict[str, Any]]:
+    """All cases, those of one planned strike after the other."""
+    for arm in arms:
+        for number in range(1 if quick else STRIKES):
+            usual = {"arm": arm, "number": number, "kind": "swing", "delay": 0.03, "start": 0.4, "part": "swing"}
+            if "swing" in parts:
+                yield from (usual | {"delay": x, "start": y} for x in DELAYS for y in STARTS)
+            if "kinds" in parts:
+                yield from (usual | {"part": "kinds", "kind": x, "start": y} for x in KINDS[1:] for y in (0.4, 0.8))
+            if "search" in parts:
+                yield from (usual | {"part": "search", "start": y} for y in (0.4, 0.8))
+            if "robust" in parts and arm == "lemon2024":
+                yield usual | {"part": "robust"}
+            if "capsules" in parts and arm == "lemon2024" and number < 5:
+                yield from (usual | {"part": "capsules", "start": y} for y in (0.4, 0.8))
+
+
+def measured(case: dict[str, Any], count: int) -> dict[str, Any]:
+    """One case: a planned strike, disturbed so many times."""
+    linear = linear_of(case["arm"], case["number"], case["part"] == "robust")
+    corrector = Corrector(linear, sensing=Sensing(delay=case["delay"]), start=case["start"])
+    rng = np.random.default_rng([case["number"], KINDS.index(case["kind"])])
+    make = Capsules if case["part"] == "capsules" else drawn
+    by = linear.expected.swing if make is Capsules else linear.expected.only(case["kind"])
+    count = min(count, 4) if make is Capsules else count
+    truth = make(linear, by, count, rng)
+    return case | misses(corrector, truth, count, case["number"], case["part"] == "search")
+
+
+def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Medians and 90th percentiles of all cases that are alike."""
+    keys, found = ("arm", "part", "kind", "delay", "start"), {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    table = []
+    for key, alike in found.items():
+        line: dict[str, Any] = dict(zip(keys, key, strict=True))
+        both = {x: np.concatenate([r[x] for r in alike]) for x in ("without", "gains", "search") if x in alike[0]}
+        line["strikes"] = len(both["without"])
+        for name, x in both.items():
+            line[f"{name}_median"], line[f"{name}_p90"] = float(np.median(x)), float(np.quantile(x, 0.9))
+            if name != "without":
+                worse = (x > 1.05 * both["without"]) & (x > both["without"] + WORSE)
+                line[f"{name}_worse"] = float(worse.mean())
+        table.append(line)
+    return table
+
+
+def said(line: dict[str, Any]) -> str:
+    """A case for people, in mm."""
+    text = f"{line['arm']:9s} {line['part']:8s} {line['kind']:9s} {1e3 * line['delay']:3.0f} ms {line['start']:.0%}:"
+    for name in ("without", "gains", "search"):
+        if f"{name}_median" in line:
+            text += f"  {name} {1e3 * line[f'{name}_median']:.1f} / {1e3 * line[f'{name}_p90']:.1f}"
+            text += f" ({line[f'{name}_worse']:.1%} worse)" if f"{name}_worse" in line else ""
+    return text
+
+
+def main() -> None:
+    """Strike, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--arms", nargs="+", choices=list(REGIONS), default=list(REGIONS))
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--quick", action="store_true", help="one planned strike, disturbed five times")
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
+    parser.add_argument("--folder", type=Path, help="of what is found, to go on from")
+    options = parser.parse_args()
+    rows = []
+    for case in cases(options.arms, options.parts, options.quick):
+        name = "-".join(str(x) for x in case.values()) + ("-quick" if options.quick else "") + ".json"
+        file = options.folder and options.folder / name
+        if file and file.exists():
+            rows.append(json.loads(file.read_text()))
+            continue
+        rows.append(measured(case, 5 if options.quick else EACH))
+        if file:
+            options.folder.mkdir(parents=True, exist_ok=True)
+            write_whole(file, json.dumps(rows[-1]))
+    table = summary(rows)
+    print(json.dumps({"cases": table}) if options.json else "\n".join(map(said, table)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,252 @@
+"""Corrections of a strike on its way: minimum-jerk submovements whose gains are computed before it begins.
+
+A submovement begins at rest and ends at rest, as the strike does, so that position, velocity and acceleration of the
+reference stay continuous whenever it begins; people's corrections of reaching movements have this form (Flash and
+Henis 1991, J. Cogn. Neurosci. 3, 220-230). One number a joint says all about it, and its largest velocity and
+acceleration are closed forms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from whiptool.correction.disturbances import Disturbances
+from whiptool.correction.linear import Estimator, LinearStrike, Sensing, across
+from whiptool.correction.rolled import INTERVAL, AnyStart, Begun, Paths, Submovements
+from whiptool.errors import InputError, expect
+from whiptool.impedance.controller import Controller
+from whiptool.models.numbers import number, whole
+from whiptool.models.parameters import Model
+from whiptool.models.spatial_arm import JointLimits
+from whiptool.models.strike import Strike
+
+MOST = 8  # corrections of a strike
+SIZE = 0.1  # [rad or m] of corrections for which the linear model is judged
+SHORTEST = 0.15  # [s] of a submovement
+_AROUND = 0.1  # [s] about the planned hit in which the closest approach is looked for
+_COST = 0.02  # [m] of miss that one radian of each joint has to be worth
+_PASSES = 3  # of finding the closest approach and the correction there
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What is known beforehand of one instant at which a strike may be corrected.
+
+    Args:
+        at, lasts: When the correction begins, and how long it lasts [s].
+        estimator: The estimate at that instant.
+        tip, arm: Derivatives of the tip (S, d, a) and of the arm's ends (S, a d, a) by the correction.
+        doubt: Error of the linear miss by a correction of each joint as large as `SIZE`, per size [m/rad or m/m], (a,).
+        change: Derivatives of position, velocity, acceleration of the reference and of the torque by the correction,
+            (S, 4 a, a).
+    """
+
+    at: float
+    lasts: float
+    estimator: Estimator
+    tip: np.ndarray
+    arm: np.ndarray
+    doubt: np.ndarray
+    change: np.ndarray
+
+
+Policy = Callable[[int, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+class Corrector:
+    """Corrections of one planned strike, with gains that are computed beforehand.
+
+    Args:
+        linear: The planned strike, linearised.
+        sensing: What is measured, and how late; default: `Sensing()`.
+        start: Share of the time until the hit after which the strike may be corrected, 0 to 0.95.
+        count: Number of corrections, which follow each other faster towards the hit.
+
+    Raises:
+        InputError: A number is out of range.
+    """
+
+    def __init__(
+        self, linear: LinearStrike, *, sensing: Sensing | None = None, start: float = 0.2, count: int = MOST
+    ) -> None:
+        expect(LinearStrike, linear=linear)
+        self.linear, self.sensing, self.simulator = linear, sensing or Sensing(), linear.simulator
+        count = whole("count", count, low=1, high=MOST)
+        start = number("start", start, low=0, high=0.95)
+        strike, hit_at = linear.strike, linear.hit_at
+        left = (1 - start) * hit_at * (1 - np.arange(count) / count) ** 2
+        times = INTERVAL * np.round((hit_at - left) / INTERVAL)
+        around = round(_AROUND / INTERVAL)
+        self.window = slice(max(round(hit_at / INTERVAL) - around, 0), round(hit_at / INTERVAL) + around)
+        self._low, self._high, self._now = self._bounds(strike)
+        self.decisions = [self._decision(float(at), max(strike.D - at, SHORTEST)) for at in times]
+
+    def _bounds(self, strike: Strike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lowest and highest position, velocity, acceleration and torque (4 a,), and the strike's own (S, 4 a)."""
+        t = INTERVAL * np.arange(len(self.linear.states))
+        begun = Begun(strike, self.linear.states[:1], self.linear.none, self.linear.lasts)
+        tau = self.simulator.rows(begun, "tau")[0]
+        arm, a = self.simulator.model.arm, self.simulator.model.arm.n
+        limits = getattr(arm, "joint_limits", None) or (JointLimits(),) * a
+        low, high = np.array([x.position for x in limits]).T
+        largest = [[getattr(x, name) for x in limits] for name in ("fastest", "acceleration", "torque")]
+        most = np.ravel(largest)
+        now = np.hstack([*strike.reference(t), tau])
+        # a strike that is beyond a limit itself is not taken farther
+        return np.minimum(np.r_[low, -most], now.min(axis=0)), np.maximum(np.r_[high, most], now.max(axis=0)), now
+
+    def _decision(self, at: float, lasts: float) -> Decision:
+        a, linear = self.simulator.model.arm.n, self.linear
+        t = INTERVAL * np.arange(len(linear.states))
+        share = np.stack(Strike(np.zeros(1), np.ones(1), lasts).reference(t - at))[..., 0]  # (3, S)
+        change = np.zeros((len(t), 4, a, a))
+        change[:, :3] = share.T[:, :, None, None] * np.eye(a)
+        sizes = np.concatenate([-np.eye(a), np.eye(a)])[:, None] * SIZE
+        added = Submovements(np.full((2 * a, 1), at), np.full((2 * a, 1), lasts), sizes)
+        begun = Begun(linear.strike, np.tile(linear.states[0], (2 * a, 1)), added, linear.lasts)
+        ends = self.simulator.rows(begun, "tau").reshape(2, a, len(t), a)
+        change[:, 3] = ((ends[1] - ends[0]) / (2 * SIZE)).transpose(1, 2, 0)
+        hit = round(linear.hit_at / INTERVAL)
+        tips = self.simulator.paths(begun, linear.target).tip[:, hit] - linear.planned.tip[0, hit]
+        bent = tips.reshape(2, a, -1).mean(axis=0) @ linear.across.T  # of second order
+        doubt = np.linalg.norm(bent, axis=1) / SIZE
+        estimator, slopes = Estimator.at(linear, self.sensing, at), linear.of_submovements(at, lasts)
+        return Decision(at, lasts, estimator, *slopes, doubt, change.reshape(len(t), 4 * a, a))
+
+    def added(self, sizes: np.ndarray) -> Submovements:
+        """Return the first corrections as submovements, from their sizes (B, k, a)."""
+        B, k = sizes.shape[:2]
+        times = np.array([[x.at, x.lasts] for x in self.decisions[:k]]).reshape(k, 2)
+        return Submovements(*(np.tile(column, (B, 1)) for column in times.T), sizes)
+
+    def estimate(self, k: int, tip: np.ndarray, arm: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the estimates of what disturbs B strikes at decision k, (B, m), in standard deviations, and how much
+        they leave unexplained, (B,), see `Estimator.mean`.
+
+        Args:
+            k: Number of the decision, from 0.
+            tip: Filmed tips at all instants of a path (B, S, d) [m], of which only those that are at hand are read.
+            arm: Ends of the arm's links by the joint log, (B, S, a, d) [m].
+            sizes: Corrections that were made before, (B, k, a) [rad or m].
+        """
+        planned, B = self.linear.planned, len(tip)
+        tip, arm = tip - planned.tip, (arm - planned.arm).reshape(B, arm.shape[1], -1)
+        for i in range(k):
+            tip = tip - np.einsum("sda,ba->bsd", self.decisions[i].tip, sizes[:, i])
+            arm = arm - np.einsum("sda,ba->bsd", self.decisions[i].arm, sizes[:, i])
+        return self.decisions[k].estimator.mean(tip, arm)
+
+    def correction(self, k: int, z: np.ndarray, doubt: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Return the correction of each strike at decision k that cancels the part of its predicted miss that is known,
+        (B, a) [rad or m], within the joints' limits.
+
+        Args:
+            k: Number of the decision.
+            z, doubt: Estimates, (B, m), and what they leave unexplained, (B,), see `estimate`.
+            sizes: Corrections that were made before, (B, k, a).
+        """
+        window, a = self.window, sizes.shape[2]
+        path = self.linear.planned.tip[0, window] + np.einsum("sdm,bm->bsd", self.linear.tip[window], z)
+        for i in range(k):
+            path += np.einsum("sda,ba->bsd", self.decisions[i].tip[window], sizes[:, i])
+        by = np.zeros((len(z), len(self.decisions) - k, a))
+        for _ in range(_PASSES):
+            later = sum(np.einsum("sda,ba->bsd", x.tip[window], by[:, j]) for j, x in enumerate(self.decisions[k:]))
+            by = self.solved(k, path + later, by, doubt, self.linear.curved(z))
+        return by[:, 0] * self.allowed(k, by[:, 0], sizes)[:, None]
+
+    def solved(
+        self, k: int, path: np.ndarray, by: np.ndarray, doubt: np.ndarray, error: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Return this and later corrections that cancel the known part of a predicted miss, by least squares.
+
+        What corrections do to the miss is linear only while they are small: their `doubt` counts as a miss, and what
+        another correction does better is left to it.
+
+        Args:
+            k: Number of the decision.
+            path: Predicted tips at the instants of `window` with the corrections `by`, (B, W, d) [m].
+            by: Corrections of decisions k to the last, (B, J, a) [rad or m].
+            doubt: As in `correction`.
+            error: Standard error of the predicted misses themselves [m], (B,).
+
+        Returns:
+            Corrections, (B, J, a).
+        """
+        B, J, a = by.shape
+        rows, target = np.arange(B), self.linear.target
+        nearest = np.linalg.norm(path - target, axis=2).argmin(axis=1)
+        sideways = across(path, nearest)  # (B, d - 1, d)
+        there = np.stack([x.tip[self.window][nearest] for x in self.decisions[k:]], axis=2)  # (B, d, J, a)
+        away = path[rows, nearest] - target - np.einsum("bdja,bja->bd", there, by)
+        miss = np.einsum("bcd,bd->bc", sideways, away)
+        spread = sideways @ self.linear.tip[self.window][nearest]
+        unknown = np.einsum("bcm,mn,bcn->b", spread, self.decisions[k].estimator.covariance, spread)
+        unknown = unknown * np.maximum(doubt, 1) + error**2
+        known = np.maximum(1 - unknown / np.maximum((miss**2).sum(axis=1), 1e-12), 0)
+        slope = (sideways @ there.reshape(B, -1, J * a)).transpose(0, 2, 1)
+        cost = np.concatenate([x.doubt for x in self.decisions[k:]])
+        inner = slope @ slope.transpose(0, 2, 1) + np.diag(cost**2 + _COST**2)
+        return -np.linalg.solve(inner, slope @ (known[:, None] * miss)[..., None]).reshape(B, J, a)
+
+    def allowed(self, k: int, by: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Largest share of corrections (B, a) within the limits, (B,), at most 1."""
+        now = np.repeat(self._now[None], len(by), axis=0)
+        for i in range(k):
+            now += np.einsum("sja,ba->bsj", self.decisions[i].change, sizes[:, i])
+        step = np.einsum("sja,ba->bsj", self.decisions[k].change, by)
+        room = np.where(step > 0, self._high - now, now - self._low)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.where(np.abs(step) > 1e-12, np.maximum(room, 0) / np.abs(step), np.inf)
+        return np.minimum(share.min(axis=(1, 2)), 1.0)
+
+    def struck(
+        self,
+        truth: Callable[[Submovements], Paths],
+        noise: tuple[np.ndarray, np.ndarray],
+        policy: Policy | None = None,
+    ) -> tuple[Paths, Submovements]:
+        """Strike with corrections: at each decision, what was measured until then decides.
+
+        Args:
+            truth: Returns the true paths of B strikes with submovements that are added to them.
+            noise: Noise of the filmed tips (B, S, d) and of the arm's ends (B, S, a, d) [m].
+            policy: Returns the corrections (B, a) of a decision, with the arguments of `correction`, the default.
+
+        Returns:
+            The true paths, and the corrections.
+        """
+        a, B = self.simulator.model.arm.n, len(noise[0])
+        sizes = np.zeros((B, 0, a))
+        paths = truth(self.added(sizes))
+        for k in range(len(self.decisions)):
+            seen = [x + e for x, e in zip((paths.tip, paths.arm), noise, strict=True)]
+            by = (policy or self.correction)(k, *self.estimate(k, *seen, sizes), sizes)
+            if not np.isfinite(by).all():
+                raise InputError("correction", "not finite", "finite numbers", "the simulated strike diverged")
+            sizes = np.concatenate([sizes, by[:, None]], axis=1)
+            paths = truth(self.added(sizes))
+        return paths, self.added(sizes)
+
+
+def correct(
+    model: Model,
+    strike: Strike,
+    target: object,
+    *,
+    controller: Controller | None = None,
+    expected: Disturbances | None = None,
+    sensing: Sensing | None = None,
+    start: float = 0.2,
+) -> Corrector:
+    """Return the corrections of a planned strike, with all gains; see `LinearStrike` and `Corrector` for the arguments.
+
+    Nothing is sent to a robot: corrections are for simulations.
+
+    Raises:
+        InputError: A number is out of range, or the controller does not control the joints.
+    """
+    return Corrector(LinearStrike(AnyStart(model, controller), strike, target, expected), sensing=sensing, start=start)

@@ -1,0 +1,180 @@
+"""Strikes that begin in any state, with submovements added to their reference, and exact derivatives of their paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from whiptool.dynamics.modes import stepped
+from whiptool.dynamics.posture import start_posture
+from whiptool.dynamics.structure import outcome_columns, parameter_directions, row_columns
+from whiptool.errors import InputError
+from whiptool.impedance.controller import Controller, default_controller
+from whiptool.models.parameters import Model
+from whiptool.models.strike import Strike, strike_names
+from whiptool.rollout.batch import Batch
+from whiptool.rollout.engine import find_engine
+from whiptool.rollout.interface import time_grid
+
+TIMESTEP = 2.5e-4  # [s]
+STRIDE = 4  # steps between the instants of a path
+INTERVAL = STRIDE * TIMESTEP  # [s]
+SLOTS = 24  # submovements of a strike
+
+
+@dataclass(frozen=True, eq=False)
+class Submovements:
+    """Minimum-jerk movements that are added to the reference of B strikes (Flash and Henis 1991), K each.
+
+    Args:
+        since: When each begins [s], (B, K).
+        lasts: How long each lasts [s], (B, K).
+        by: How far each moves the joints [rad or m], (B, K, a).
+    """
+
+    since: np.ndarray
+    lasts: np.ndarray
+    by: np.ndarray
+
+    @classmethod
+    def none(cls, count: int, joints: int) -> Submovements:
+        """Return no submovements of so many strikes."""
+        return cls(np.zeros((count, 0)), np.ones((count, 0)), np.zeros((count, 0, joints)))
+
+    def and_(self, other: Submovements) -> Submovements:
+        """Return these submovements and others of the same strikes."""
+        pairs = zip((self.since, self.lasts, self.by), (other.since, other.lasts, other.by), strict=True)
+        return Submovements(*(np.concatenate(both, axis=1) for both in pairs))
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """B strikes from the states in which they are.
+
+    Args:
+        strike: Planned strike.
+        x0: States, (B, 2 n).
+        added: Submovements of each strike.
+        lasts: Time that is simulated [s].
+        since: Time after the beginning of the strike at which the states are taken [s], (B,) or for all.
+        models: Model of each strike, with the terms of the simulator's; None: that one.
+    """
+
+    strike: Strike
+    x0: np.ndarray
+    added: Submovements
+    lasts: float
+    since: np.ndarray | float = 0.0
+    models: Sequence[Model] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Motion of B strikes at S instants, `INTERVAL` apart, in d dimensions.
+
+    Args:
+        tip: The tip [m], (B, S, d).
+        arm: Far ends of the arm's a links, the hand last [m], (B, S, a, d).
+        miss: Smallest distance of the tip from the target [m], (B,).
+    """
+
+    tip: np.ndarray
+    arm: np.ndarray
+    miss: np.ndarray
+
+
+class AnyStart:
+    """Simulates strikes of one arm and controller that begin in any state, with submovements.
+
+    Args:
+        model: Model of arm and whip.
+        controller: Controller of the joints; default: `default_controller`.
+
+    Raises:
+        InputError: The controller controls the hand, or holds its torque for a period.
+    """
+
+    def __init__(self, model: Model, controller: Controller | None = None) -> None:
+        controller = default_controller(model) if controller is None else controller
+        if controller.hand is not None or controller.control_period is not None:
+            rule = "a continuous controller of the joints"
+            raise InputError("controller", "one of the hand, or with a control period", rule)
+        controller.check_fits(model.arm)
+        self.model, self.controller = model, controller
+        self.structure = replace(stepped(model, controller, timestep=TIMESTEP), submovements=SLOTS)
+        d, a = model.dimension, model.arm.n
+        self._observed = np.r_[np.arange(d * a), d * (a + model.whip.N - 1) + np.arange(d)]  # the arm's ends, the tip
+
+    def rest(self, strike: Strike) -> np.ndarray:
+        """Return the state in which a strike begins if nothing disturbs it, (2 n,)."""
+        q = start_posture(self.model, np.array([strike.q_i]))[0]
+        return np.concatenate([q, np.zeros_like(q)])
+
+    def paths(self, begun: Begun, target: np.ndarray) -> Paths:
+        """Return the paths of strikes at a target, (d,) [m]."""
+        batch = self._batch(begun, target)
+        batch.columns, batch.stride = self._observed, STRIDE
+        rolled = find_engine(self.structure, forward=False, rung=None)(batch)
+        distance = outcome_columns(self.model.arm.n, self.model.dimension)["distance"]
+        return Paths(*self._split(np.stack(rolled.observed()[0])), rolled.out[:, distance.start])
+
+    def rows(self, begun: Begun, name: str) -> np.ndarray:
+        """Return the states (`x`), or the joints' torques (`tau`) [N m], at the instants of paths, (B, S, 2 n or a)."""
+        batch = self._batch(begun)
+        batch.with_rows = True
+        rolled = find_engine(self.structure, forward=False, rung=None)(batch)
+        assert rolled.rows is not None
+        columns = row_columns(self.structure.n, self.model.arm.n, self.model.dimension)[name]
+        return rolled.rows[:, columns].reshape(len(batch.p), -1, columns.stop - columns.start)[:, ::STRIDE]
+
+    def slopes(
+        self, begun: Begun, *, dx0: np.ndarray | None = None, dby: np.ndarray, names: Sequence[str] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the exact derivatives of the paths of m strikes, each along its own direction, by forward mode.
+
+        Args:
+            begun: The strikes.
+            dx0: Directions of the states, (m, 2 n); default: zero.
+            dby: Directions of the submovements' sizes, (m, K, a).
+            names: Parameters of the model along which the last strikes' derivatives are taken, one each.
+
+        Returns:
+            Derivatives of the tip (m, S, d), and of the arm's ends (m, S, a, d).
+        """
+        batch = self._batch(begun)
+        m = len(batch.p)
+        batch.dx0 = np.zeros_like(batch.x0) if dx0 is None else np.ascontiguousarray(dx0)
+        batch.dp, batch.dh, batch.dh_last = np.zeros_like(batch.p), np.zeros(m), np.zeros(m)
+        block = self.structure.columns("by").start
+        batch.dp[:, block : block + dby[0].size] = dby.reshape(m, -1)
+        if names:
+            columns = {name: i for i, name in enumerate(strike_names(self.model.arm))}
+            known = self.structure, self.model, self.controller
+            batch.dp[m - len(names) :] = parameter_directions(*known, names, columns)
+        batch.columns, batch.stride = self._observed, STRIDE
+        return self._split(np.stack(find_engine(self.structure, forward=True, rung=None)(batch).observed()[1]))
+
+    def _split(self, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        d = self.model.dimension
+        return seen[..., -d:], seen[..., :-d].reshape(*seen.shape[:2], -1, d)
+
+    def _batch(self, begun: Begun, target: np.ndarray | None = None) -> Batch:
+        B, a, added, models = len(begun.x0), self.model.arm.n, begun.added, begun.models
+        left = SLOTS - added.since.shape[1]
+        if left < 0:
+            raise InputError("submovements", added.since.shape[1], f"at most {SLOTS}")
+        every = added.and_(Submovements(np.zeros((B, left)), np.ones((B, left)), np.zeros((B, left, a))))
+        since = np.broadcast_to(begun.since, B)[:, None]
+        numbers = [np.tile(begun.strike.vector, (B, 1)), since, every.since, every.lasts, every.by.reshape(B, -1)]
+        rows = np.hstack(numbers)
+        if models is None or all(model is models[0] for model in models):
+            p = self.structure.pack(models[0] if models else self.model, self.controller, rows)
+        else:
+            each = zip(models, rows[:, None], strict=True)
+            p = np.concatenate([self.structure.pack(model, self.controller, row) for model, row in each])
+        lasts = np.full(B, INTERVAL * round(begun.lasts / INTERVAL))
+        targets = np.zeros((B, self.model.dimension)) if target is None else np.tile(target, (B, 1))
+        grid = time_grid(lasts, timestep=TIMESTEP, control_period=None)
+        return Batch(p, np.ascontiguousarray(begun.x0), targets, *grid)
