@@ -5,7 +5,7 @@ the hand that grows with its torque, 5 % of length, mass or stiffness. The estim
 tip: `without` correction; with `gains` that are computed before the strike; with a `search` over what is left of the
 strike, on the compiled engine and from the same estimates. Medians, 90th percentiles, and the share of strikes that
 corrections make worse by more than 5 % and 5 mm. `robust`: of several strikes that hit, the one whose miss the swings
-change least. `capsules`: the truth is a chain of capsules in MuJoCo with a controller of its own
+change least. `capsules`: the truth is a chain of capsules in MuJoCo with another controller
 (`tests/helpers/foreign_whip.py`).
 
     python benchmarks/correction.py [--arms ARM ...] [--parts PART ...] [--quick] [--json] [--folder FOLDER]

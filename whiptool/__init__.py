@@ -58,6 +58,7 @@ _HOMES = {
     "load_policy": "rl.trained",
     "train": "rl.trained",
     "compare": "comparison.plan",
+    "correct": "correction",
     "WhipEnv": "rl.environment",
     "citations": "runs",
 }
@@ -66,6 +67,7 @@ __all__ = list(_HOMES)
 if TYPE_CHECKING:
     from whiptool.adaptation import Adaptation, TipPort, default_prior, draw_twin
     from whiptool.comparison.plan import compare
+    from whiptool.correction import correct
     from whiptool.goals.target import Target
     from whiptool.goals.zone import Disc
     from whiptool.identification import Fit, Plant

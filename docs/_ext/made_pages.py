@@ -24,7 +24,8 @@ GROUPS = {  # headings of the public names, by the packages that hold them
     "rl": "Policies, maps, comparisons",
     "runs": "Citations",
 }
-WITH_OTHERS = {"optimizers": "objective", "identification": "recording", "strike_map": "rl", "comparison": "rl"}
+WITH_OTHERS = {"optimizers": "objective", "correction": "objective", "identification": "recording", "strike_map": "rl"}
+WITH_OTHERS |= {"comparison": "rl"}
 
 
 def take_notebooks() -> None:

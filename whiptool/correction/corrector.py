@@ -1,8 +1,8 @@
 """Corrections of a strike on its way: minimum-jerk submovements whose gains are computed before it begins.
 
 A submovement begins at rest and ends at rest, as the strike does, so that position, velocity and acceleration of the
-reference stay continuous whenever it begins; people's corrections of reaching movements have this form (Flash and
-Henis 1991, J. Cogn. Neurosci. 3, 220-230). One number a joint says all about it, and its largest velocity and
+reference stay continuous whenever it begins; people's corrections of reaching movements have this form (Henis and
+Flash 1995, Biol. Cybern., doi:10.1007/s004220050143). One number a joint says all about it, and its largest velocity and
 acceleration are closed forms.
 """
 
@@ -101,7 +101,7 @@ class Corrector:
     def _decision(self, at: float, lasts: float) -> Decision:
         a, linear = self.simulator.model.arm.n, self.linear
         t = INTERVAL * np.arange(len(linear.states))
-        share = np.stack(Strike(np.zeros(1), np.ones(1), lasts).reference(t - at))[..., 0]  # (3, S)
+        share = np.stack(Strike((0.0,), (1.0,), lasts).reference(t - at))[..., 0]  # (3, S)
         change = np.zeros((len(t), 4, a, a))
         change[:, :3] = share.T[:, :, None, None] * np.eye(a)
         sizes = np.concatenate([-np.eye(a), np.eye(a)])[:, None] * SIZE
@@ -120,7 +120,7 @@ class Corrector:
         """Return the first corrections as submovements, from their sizes (B, k, a)."""
         B, k = sizes.shape[:2]
         times = np.array([[x.at, x.lasts] for x in self.decisions[:k]]).reshape(k, 2)
-        return Submovements(*(np.tile(column, (B, 1)) for column in times.T), sizes)
+        return Submovements(np.tile(times[:, 0], (B, 1)), np.tile(times[:, 1], (B, 1)), sizes)
 
     def estimate(self, k: int, tip: np.ndarray, arm: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the estimates of what disturbs B strikes at decision k, (B, m), in standard deviations, and how much
@@ -223,8 +223,8 @@ class Corrector:
         sizes = np.zeros((B, 0, a))
         paths = truth(self.added(sizes))
         for k in range(len(self.decisions)):
-            seen = [x + e for x, e in zip((paths.tip, paths.arm), noise, strict=True)]
-            by = (policy or self.correction)(k, *self.estimate(k, *seen, sizes), sizes)
+            z, doubt = self.estimate(k, paths.tip + noise[0], paths.arm + noise[1], sizes)
+            by = (policy or self.correction)(k, z, doubt, sizes)
             if not np.isfinite(by).all():
                 raise InputError("correction", "not finite", "finite numbers", "the simulated strike diverged")
             sizes = np.concatenate([sizes, by[:, None]], axis=1)

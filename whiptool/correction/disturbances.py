@@ -79,9 +79,9 @@ def kick_directions(model: Model, states: np.ndarray) -> np.ndarray:
     a, n, d = model.arm.n, model.coordinates, model.dimension
     found, size = np.zeros((len(states), d, 2 * n)), 1 / model.whip.length
     if model.whip.joints == "rod":
-        rods = states[:, a:n].reshape(len(states), 1, -1, 3)
-        along = np.einsum("bcij,kj->bkij", rods, np.eye(3)) * rods
-        found[:, :, n + a :] = size * (np.eye(3)[None, :, None] - along).reshape(len(states), 3, -1)
+        rods = states[:, a:n].reshape(len(states), -1, 3)
+        across = np.eye(3)[:, None] - np.einsum("bik,bij->bkij", rods, rods)
+        found[:, :, n + a :] = size * across.reshape(len(states), 3, -1)
         return found
     if d == 3:
         raise InputError("joints of the whip", model.whip.joints, "hinges in the plane, or rods")

@@ -26,7 +26,7 @@ SLOTS = 24  # submovements of a strike
 
 @dataclass(frozen=True, eq=False)
 class Submovements:
-    """Minimum-jerk movements that are added to the reference of B strikes (Flash and Henis 1991), K each.
+    """Minimum-jerk movements that are added to the reference of B strikes (Henis and Flash 1995), K each.
 
     Args:
         since: When each begins [s], (B, K).

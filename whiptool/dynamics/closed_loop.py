@@ -183,14 +183,15 @@ class ClosedLoop(System):
         """Return the desired positions [rad or m], velocities [per s] and accelerations [per s^2] of the joints at time
         t [s] (Eq. 1), (n_arm, 1) each; at rest before 0 and after D.
 
-        Submovements, which have the same form, are added to the strike (Flash and Henis 1991); time 0 is `elapsed` [s]
+        Submovements, which have the same form, are added to the strike (Henis and Flash 1995); time 0 is `elapsed` [s]
         after the strike began."""
         P = self.parameters
         if "by" in P:
-            parts = [_minimum_jerk(t + P["elapsed"], 0.0, P["D"]), *self._submovements(t + P["elapsed"])]
-            spans = [P["q_f"] - P["q_i"], *ca.vertsplit(P["by"], self.structure.n_arm)]
-            moved = [sum(span * part[k] for span, part in zip(spans, parts, strict=True)) for k in range(3)]
-            return P["q_i"] + moved[0], moved[1], moved[2]
+            t = t + P["elapsed"]
+            shares = [ca.horzcat(*_minimum_jerk(t, 0.0, P["D"])), *self._submovements(t)]  # (1, 3) each
+            spans = ca.horzcat(P["q_f"] - P["q_i"], ca.reshape(P["by"], self.structure.n_arm, len(shares) - 1))
+            moved = ca.mtimes(spans, ca.vertcat(*shares))
+            return P["q_i"] + moved[:, 0], moved[:, 1], moved[:, 2]
         s = ca.fmax(ca.fmin(t / P["D"], 1), 0)
         if "path" in P:
             return self._along_path(s)
@@ -200,10 +201,10 @@ class ClosedLoop(System):
         acceleration = span * (60 * s - 180 * s**2 + 120 * s**3) / P["D"] ** 2
         return position, velocity, acceleration
 
-    def _submovements(self, t: ca.SX) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
-        """Share of each added movement at time t [s] after the strike began, and its first two derivatives."""
+    def _submovements(self, t: ca.SX) -> list[ca.SX]:
+        """Share of each added movement at time t [s] after the strike began, and its first two derivatives, (1, 3)."""
         times = zip(*(ca.vertsplit(self.parameters[name]) for name in ("since", "lasts")), strict=True)
-        return [_minimum_jerk(t, since, lasts) for since, lasts in times]
+        return [ca.horzcat(*_minimum_jerk(t, since, lasts)) for since, lasts in times]
 
     def _along_path(self, s: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Positions, velocities and accelerations (n_arm, 1) of joints that hold the hand on its path, at the share s

@@ -1,0 +1,219 @@
+"""Corrections within a strike, against differences of the engine and least squares over all readings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+import whiptool as wt
+from whiptool.correction import AnyStart, Begun, Corrector, Disturbances, LinearStrike, Sensing, Submovements
+from whiptool.correction.corrector import _COST
+from whiptool.correction.disturbances import NUMBERS, PULSES, changed, kick_directions, moved, pulses, swing_directions
+from whiptool.correction.linear import KICKS, Estimator, across
+from whiptool.correction.rolled import INTERVAL, SLOTS
+from whiptool.errors import InputError
+from whiptool.models.kinematics import joint_points
+
+MODEL = wt.preset("lemon2024")
+STRIKE = wt.Strike((-0.5446, 0.01044), (2.743, 0.09765), 1.201)
+TARGET = (1.3, 0.0)
+STEP = 1e-3
+
+
+@pytest.fixture(scope="module")
+def simulator() -> AnyStart:
+    return AnyStart(MODEL)
+
+
+@pytest.fixture(scope="module")
+def linear(simulator) -> LinearStrike:
+    return LinearStrike(simulator, STRIKE, TARGET)
+
+
+@pytest.fixture(scope="module")
+def corrector(linear) -> Corrector:
+    return Corrector(linear, start=0.4)
+
+
+def some(rng: np.random.Generator, at: float = 0.3, size: float = 0.1) -> Submovements:
+    return Submovements(np.array([[at]]), np.array([[0.4]]), size * rng.standard_normal((1, 1, 2)))
+
+
+def test_a_strike_without_submovements_is_the_strike(simulator, linear):
+    theirs = wt.CompiledRollout(MODEL, timestep=2.5e-4).trajectory(STRIKE)
+    np.testing.assert_allclose(linear.planned.tip[0], theirs.tip[::4][: len(linear.planned.tip[0])], atol=1e-12)
+    np.testing.assert_allclose(
+        linear.planned.arm[0], joint_points(MODEL, linear.states[:, : MODEL.n])[:, 1:3], atol=1e-12
+    )
+
+
+def test_submovements_are_added_to_the_reference_by_eq_1(simulator):
+    """The law's torque at the start of a rollout says where the reference is."""
+    added = some(np.random.default_rng(0))
+    for since in (0.2, 0.45, 0.9):
+        x0 = simulator.rest(STRIKE)
+        x0[:2] = STRIKE.reference(since)[0]
+        x0[MODEL.n : MODEL.n + 2] = STRIKE.reference(since)[1]
+        tau = simulator.rows(Begun(STRIKE, x0[None], added, INTERVAL, since), "tau")[0, 0]
+        s = np.clip((since - 0.3) / 0.4, 0, 1)
+        share, rate = 10 * s**3 - 15 * s**4 + 6 * s**5, (30 * s**2 - 60 * s**3 + 30 * s**4) / 0.4
+        wanted, controller = added.by[0, 0], wt.default_controller(MODEL)
+        still = simulator.rows(Begun(STRIKE, x0[None], Submovements.none(1, 2), INTERVAL, since), "tau")[0, 0]
+        K, B = controller.law.gains(wanted * share, wanted * rate)
+        np.testing.assert_allclose(tau - still, K @ (wanted * share) + B @ (wanted * rate), atol=1e-9)
+
+
+def test_a_strike_goes_on_from_any_instant(simulator, linear):
+    first = 400
+    begun = Begun(STRIKE, linear.states[first : first + 1], linear.none, 0.3, first * INTERVAL)
+    later = simulator.paths(begun, np.array(TARGET))
+    np.testing.assert_allclose(later.tip[0], linear.planned.tip[0, first : first + 301], atol=1e-9)
+
+
+def test_slopes_are_those_of_differences(simulator, linear):
+    """Swings, kicks, pulses of the hand and the whip's numbers, each by central differences of the engine."""
+    c, a = linear._columns, 2
+    numbers = len(c.x0) - len(NUMBERS)
+    for column in (0, 4, 8, 8 + a * KICKS, numbers - 2, numbers, numbers + 1, numbers + 2):
+        ends = []
+        for side in (-STEP, STEP):
+            name = list(NUMBERS)[column - numbers] if column >= numbers else "length"
+            off = side * 0.05 if column >= numbers else 0.0
+            x0, noise = moved(MODEL, c.x0, side * c.dx0)[column], pulses(side * c.by, linear.hit_at)
+            added = Submovements(*(x[column : column + 1] for x in (noise.since, noise.lasts, noise.by)))
+            begun = Begun(STRIKE, x0[None], added, linear.lasts, c.since[column], [changed(MODEL, {name: 1 + off})])
+            ends.append(simulator.paths(begun, np.array(TARGET)))
+        first = round(c.since[column] / INTERVAL)
+        by_differences = (ends[1].tip - ends[0].tip)[0] / (2 * STEP)
+        exact = linear.tip[first:, :, column]
+        np.testing.assert_allclose(
+            exact[:700], by_differences[: len(exact)][:700], atol=2e-4 * np.abs(exact).max() + 1e-9
+        )
+
+
+def test_the_state_is_where_its_slopes_say(simulator, linear):
+    at = 500
+    slopes = linear.state_slopes(at)
+    z = np.zeros(slopes.shape[1])
+    z[0], z[9] = 0.02, 0.02  # a swing, and a kick that came before
+    tip = joint_points(MODEL, (linear.states[at] + slopes @ z)[None, : MODEL.n])[0, -1]
+    np.testing.assert_allclose(tip - linear.planned.tip[0, at], linear.tip[at] @ z, atol=1e-5)
+
+
+def test_the_estimate_is_that_of_least_squares_over_all_readings(linear):
+    rng, sensing = np.random.default_rng(1), Sensing(rate=60, joint_rate=50, delay=0.05)
+    estimator = Estimator.at(linear, sensing, 0.5)
+    assert estimator.frames.max() * INTERVAL <= 0.45 < (estimator.frames.max() + 17) * INTERVAL
+    S, d = linear.planned.tip.shape[1:]
+    tip, arm = rng.normal(size=(1, S, d)), rng.normal(size=(1, S, 4))
+    y = np.r_[tip[0, estimator.frames].ravel(), arm[0, estimator.samples].ravel()]
+    rows = np.vstack([estimator.H / np.sqrt(estimator.variance)[:, None], np.eye(estimator.H.shape[1])])
+    z = np.linalg.lstsq(rows, np.r_[y / np.sqrt(estimator.variance), np.zeros(len(rows) - len(y))], rcond=None)[0]
+    np.testing.assert_allclose(estimator.mean(tip, arm)[0][0], z, atol=1e-9 * np.abs(z).max())
+    np.testing.assert_allclose(estimator.covariance, np.linalg.inv(rows.T @ rows), atol=1e-9)
+
+
+def test_gains_are_those_of_a_least_squares_problem(corrector):
+    """What the readings leave unknown of a miss is not corrected, and corrections of doubtful effect cost as much."""
+    k, linear = 5, corrector.linear
+    window = linear.planned.tip[:, corrector.window] + 0.03 * linear.across[0]
+    left = corrector.decisions[k:]
+    found = corrector.solved(k, window, np.zeros((1, len(left), 2)), np.zeros(1))[0]
+    at = int(np.linalg.norm(window[0] - TARGET, axis=1).argmin())
+    sideways = across(window, np.array([at]))[0]
+    slope = np.hstack([sideways @ x.tip[corrector.window][at] for x in left])
+    cost = np.diag(np.sqrt(np.concatenate([x.doubt for x in left]) ** 2 + _COST**2))
+    spread = sideways @ linear.tip[corrector.window][at]
+    miss = float((sideways @ (window[0, at] - linear.target))[0])
+    known = 1 - float((spread @ left[0].estimator.covariance @ spread.T)[0, 0]) / miss**2
+    wanted = np.r_[-known * miss, np.zeros(len(cost))]
+    best = lsq_linear(np.vstack([slope, cost]), wanted).x.reshape(-1, 2)
+    assert 0.5 < known < 1
+    np.testing.assert_allclose(found, best, atol=1e-8)
+
+
+def test_what_is_not_known_is_not_corrected(corrector):
+    window = corrector.linear.planned.tip[:, corrector.window] + 0.002 * corrector.linear.across[0]
+    by = np.zeros((1, len(corrector.decisions), 2))
+    assert not corrector.solved(0, window, by, np.full(1, 1e6)).any()
+    assert not corrector.solved(0, window, by, np.zeros(1), np.full(1, 0.01)).any()
+
+
+def test_a_swinging_whip_hits_better_with_corrections(simulator, corrector):
+    rng, linear, B = np.random.default_rng(2), corrector.linear, 16
+    swings = swing_directions(MODEL, STRIKE)
+    x0 = moved(MODEL, np.repeat(linear.states[:1], B, axis=0), 0.1 * rng.normal(size=(B, len(swings))) @ swings)
+
+    def truth(added):
+        return simulator.paths(Begun(STRIKE, x0, added, linear.lasts), linear.target)
+
+    S = linear.planned.tip.shape[1]
+    noise = 0.005 * rng.normal(size=(B, S, 2)), 0.001 * rng.normal(size=(B, S, 2, 2))
+    without, (corrected, added) = truth(Submovements.none(B, 2)), corrector.struck(truth, noise)
+    assert np.median(corrected.miss) < 0.6 * np.median(without.miss)
+    assert (corrected.miss > 1.05 * without.miss + 0.005).sum() <= 1
+    assert added.since.shape == (B, len(corrector.decisions))
+
+
+def test_corrections_keep_the_joints_limits(corrector):
+    low, high, now = corrector._low.copy(), corrector._high.copy(), corrector._now
+    a, by = 2, np.array([[0.3, -0.2]])
+    try:
+        corrector._high[a] = now[:, a].max() + 0.05  # the shoulder's velocity [rad/s]
+        corrector._low[a] = now[:, a].min() - 0.05
+        share = corrector.allowed(0, by, np.zeros((1, 0, a)))[0]
+        x = corrector.decisions[0]
+        t = INTERVAL * np.arange(len(now))
+        s = np.clip((t - x.at) / x.lasts, 0, 1)
+        v = now[:, a] + share * 0.3 * 30 * s**2 * (1 - s) ** 2 / x.lasts
+        assert 0 < share < 1
+        assert np.isclose(v.max(), corrector._high[a]) or np.isclose(v.min(), corrector._low[a])
+    finally:
+        corrector._low[:], corrector._high[:] = low, high
+
+
+def test_a_kick_turns_every_link_across_itself():
+    q = np.zeros((1, 2 * MODEL.n))
+    q[0, 2] = np.pi / 2  # the whip points forward
+    kicks = kick_directions(MODEL, q)[0]
+    step = 1e-6
+    moves = [(joint_points(MODEL, q[:, : MODEL.n] + side * kicks[:, MODEL.n :])[:, -1]) for side in (-step, step)]
+    np.testing.assert_allclose((moves[1] - moves[0]) / (2 * step), [[0, 0], [0, 1]], atol=1e-8)
+
+
+def test_rods_stay_of_unit_length():
+    ur5e, rng = wt.preset("ur5e"), np.random.default_rng(3)
+    strike = wt.Strike((0.1, -1.5, 1.0, -0.5, 0.2, 0.0), (0.4, -1.0, 0.8, -0.2, 0.4, 0.0), 0.6)
+    rest = AnyStart(ur5e).rest(strike)[None]
+    state = moved(ur5e, rest, 0.1 * rng.normal(size=(1, 12)) @ swing_directions(ur5e, strike))
+    n = ur5e.coordinates
+    rods, rates = (state[0, i : i + n - 6].reshape(-1, 3) for i in (6, n + 6))
+    np.testing.assert_allclose(np.linalg.norm(rods, axis=1), 1, atol=1e-12)
+    np.testing.assert_allclose((rods * rates).sum(axis=1), 0, atol=1e-12)
+    kicks = kick_directions(ur5e, state)[0][:, n + 6 :].reshape(3, -1, 3)
+    np.testing.assert_allclose(np.einsum("kij,ij->ki", kicks, rods), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Disturbances(swing=-1), "swing"),
+        (lambda: Disturbances().only("wind"), "kind"),
+        (lambda: Sensing(rate=0), "rate"),
+        (lambda: Sensing(delay=-0.1), "delay"),
+        (lambda: wt.correct(MODEL, STRIKE, (1.0, 0.0, 0.0)), "target"),
+        (lambda: wt.correct(MODEL, STRIKE.vector, (1.0, 0.0)), "strike"),
+        (lambda: AnyStart(MODEL, wt.Controller(control_period=0.002)), "controller"),
+    ],
+)
+def test_bad_input_is_refused_by_name(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_there_is_room_for_the_noise_and_all_corrections(simulator):
+    assert SLOTS >= 2 * PULSES + 8
+    many = Submovements(*(np.ones((1, SLOTS + 1)),) * 2, np.zeros((1, SLOTS + 1, 2)))
+    with pytest.raises(InputError, match="submovements"):
+        simulator.paths(Begun(STRIKE, simulator.rest(STRIKE)[None], many, 0.1), np.array(TARGET))
