@@ -2,8 +2,8 @@
 
 A submovement begins at rest and ends at rest, as the strike does, so that position, velocity and acceleration of the
 reference stay continuous whenever it begins; people's corrections of reaching movements have this form (Henis and
-Flash 1995, Biol. Cybern., doi:10.1007/s004220050143). One number a joint says all about it, and its largest velocity and
-acceleration are closed forms.
+Flash 1995, Biol. Cybern., doi:10.1007/s004220050143). One number a joint says all about it, and its largest velocity
+and acceleration are closed forms.
 """
 
 from __future__ import annotations
