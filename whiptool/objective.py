@@ -256,7 +256,7 @@ class Objective:
         self._start = time.monotonic()
         # farther than any real miss can be; a strike beyond the limits has between one and two of it
         self.goals = self.target.goals
-        self.penalty = math.hypot(rollout.model.farthest_miss(self.target.position), self.goals.largest_cost)
+        self.penalty = math.hypot(rollout.farthest_miss(self.target.position), self.goals.largest_cost)
 
     def __repr__(self) -> str:
         best = "" if self.best is None else f", best: {_told(self.best.outcome)}"

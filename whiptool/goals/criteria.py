@@ -269,8 +269,8 @@ def hit_excess(struck: StrikesAtGoal) -> np.ndarray:
     goals, near = struck.goals, struck.near
     left = goals.residuals(near.tip, near.velocity) / goals.hit_radius
     parts = [(block**2).sum(axis=1) - 1 for block in _blocks(goals, left)]
-    if goals.speed is not None:
-        parts.append(1 - goals.arrival_speed(near.velocity) / goals.speed)
+    if goals.bounds_speed:
+        parts.append(goals.speed_excess(near.velocity)[0])
     return np.stack(parts, axis=1)
 
 
@@ -281,8 +281,9 @@ def hit_excess_slopes(struck: StrikesAtGoal) -> np.ndarray:
     changes = goals.residual_slopes(near.velocity, slopes.tip, slopes.velocity) / goals.hit_radius
     both = zip(_blocks(goals, left), _blocks(goals, changes), strict=True)
     parts = [2 * np.einsum("br,brm->bm", block, change) for block, change in both]
-    if goals.speed is not None:
-        parts.append(-goals.arrival_speed_slope(near.velocity, slopes.velocity) / goals.speed)
+    if goals.bounds_speed:
+        by_speed = goals.speed_excess(near.velocity)[1][:, None]
+        parts.append(by_speed * goals.arrival_speed_slope(near.velocity, slopes.velocity))
     return np.stack(parts, axis=1)
 
 

@@ -78,6 +78,7 @@ class Goals(NoArray, instead="its positions"):
         speed: Least speed at the closest approach [m/s], along the direction if there is one; None: any.
         sights: Unit vectors perpendicular to the directions, (B, d); the velocity component along them is ignored in
             the angle. None: the whole velocity counts.
+        most_speed: Largest speed at the closest approach [m/s], likewise; None: any. It is above `speed`.
     """
 
     positions: np.ndarray
@@ -86,11 +87,17 @@ class Goals(NoArray, instead="its positions"):
     cone: float = CONE
     speed: float | None = None
     sights: np.ndarray | None = None
+    most_speed: float | None = None
 
     @property
     def only_points(self) -> bool:
         """Whether neither a direction nor a speed is asked for."""
-        return self.directions is None and self.speed is None
+        return self.directions is None and not self.bounds_speed
+
+    @property
+    def bounds_speed(self) -> bool:
+        """Whether a least or a largest speed is asked for."""
+        return self.speed is not None or self.most_speed is not None
 
     @property
     def largest_cost(self) -> float:
@@ -98,7 +105,7 @@ class Goals(NoArray, instead="its positions"):
         required.
         """
         of_direction = 0.0 if self.directions is None else 1 / math.sin(self.cone / 2)
-        of_speed = 0.0 if self.speed is None else 1.0
+        of_speed = 1.0 if self.bounds_speed else 0.0
         return self.hit_radius * math.hypot(of_direction, of_speed)
 
     def rows(self, which: np.ndarray) -> Goals:
@@ -162,9 +169,25 @@ class Goals(NoArray, instead="its positions"):
         excess = {}
         if self.directions is not None:
             excess["direction"] = self.angle(velocity) - self.cone
-        if self.speed is not None:
-            excess["speed"] = self.speed - self.arrival_speed(velocity)
+        if self.bounds_speed:
+            speed = self.arrival_speed(velocity)
+            excess["speed"] = np.maximum(
+                -np.inf if self.speed is None else self.speed - speed,
+                -np.inf if self.most_speed is None else speed - self.most_speed,
+            )
         return excess
+
+    def speed_excess(self, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return by which share of a bound the speed is beyond it, (B,), and the derivative by the speed [s/m], (B,).
+
+        The share is at most zero within both bounds.
+        """
+        along = self.arrival_speed(velocity)
+        slow = -np.inf if self.speed is None else 1 - along / self.speed
+        fast = -np.inf if self.most_speed is None else along / self.most_speed - 1
+        of_slow = 0.0 if self.speed is None else -1 / self.speed
+        of_fast = 0.0 if self.most_speed is None else 1 / self.most_speed
+        return np.maximum(slow, fast) + 0 * along, np.where(slow > fast, of_slow, of_fast) + 0 * along
 
     def hit(
         self, distance: np.ndarray, velocity: np.ndarray | None = None, error: np.ndarray | None = None
@@ -212,7 +235,7 @@ class Goals(NoArray, instead="its positions"):
         if self.directions is not None:
             off = direction_error(np.broadcast_to(error, distance.shape).ravel(), np.linalg.norm(flat, axis=1))
             within = within * angle_probability(self.angle(flat), self.cone, off).reshape(distance.shape)
-        if self.speed is not None:
+        if self.bounds_speed:
             within = within * (self._arrival_excess(flat)["speed"] <= 0).reshape(distance.shape)
         return within
 
@@ -229,8 +252,8 @@ class Goals(NoArray, instead="its positions"):
 
         The parts are the position of the tip relative to the target; the hit radius times the difference between the
         unit vectors of the velocity and of the required direction, in units of that at the cone's edge; and the hit
-        radius times the relative shortfall of the speed, at most 1. For a hit the norm of each part is at most the hit
-        radius.
+        radius times the relative shortfall, or excess, of the speed, at most 1. For a hit the norm of each
+        part is at most the hit radius.
 
         Args:
             tip, velocity: Position and velocity of the tip at the closest approach [m], [m/s], (B, d).
@@ -241,8 +264,8 @@ class Goals(NoArray, instead="its positions"):
             length = np.linalg.norm(seen, axis=1, keepdims=True)
             unit = np.divide(seen, length, out=-np.broadcast_to(self.directions, seen.shape), where=length > 0)
             parts.append(self._chord * (unit - self.directions))
-        if self.speed is not None:
-            missing = np.clip(1 - self.arrival_speed(velocity) / self.speed, 0, 1)
+        if self.bounds_speed:
+            missing = np.clip(self.speed_excess(velocity)[0], 0, 1)
             parts.append(self.hit_radius * missing[:, None])
         return np.concatenate(parts, axis=1)
 
@@ -276,10 +299,11 @@ class Goals(NoArray, instead="its positions"):
             across = dseen - unit[:, :, None] * np.einsum("bd,bdm->bm", unit, dseen)[:, None, :]
             of_unit = np.divide(across, length[..., None], out=np.zeros_like(across), where=length[..., None] > 0)
             parts.append(self._chord * of_unit)
-        if self.speed is not None:
-            along, dalong = self.arrival_speed(velocity), self.arrival_speed_slope(velocity, dvelocity)
-            short = (along > 0) & (along < self.speed)
-            parts.append(np.where(short[:, None], -self.hit_radius / self.speed * dalong, 0.0)[:, None, :])
+        if self.bounds_speed:
+            beyond, by_speed = self.speed_excess(velocity)
+            dbeyond = by_speed[:, None] * self.arrival_speed_slope(velocity, dvelocity)
+            counts = (beyond > 0) & (beyond < 1)
+            parts.append(np.where(counts[:, None], self.hit_radius * dbeyond, 0.0)[:, None, :])
         return np.concatenate(parts, axis=1)
 
     @property

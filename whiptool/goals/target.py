@@ -161,6 +161,11 @@ class Target(Vector):
         assert rows[0] is not None
         return Goals(rows[0], self.hit_radius, rows[1], self.cone, self.speed, rows[2])
 
+    @property
+    def outline(self) -> np.ndarray | None:
+        """Points (K, d) [m] of a line that shows the target in figures besides its hit radius; None: there is none."""
+        return None
+
     def hit_time(self, near: Approach) -> float | None:
         """Return the time [s] of the closest approach of one strike (B = 1) if it is a hit, see `Goals.hit`; else
         None."""

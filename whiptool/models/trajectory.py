@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeAlias, cast
 
 import numpy as np
 
@@ -248,6 +248,9 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
     diverged: bool = False
     names: tuple[tuple[str, str], ...] = ()
 
+    MEETING: ClassVar[str] = "closest approach"  # what `approach` returns, in words
+    FOLLOWED: ClassVar[str] = "tip"  # of which `tip` is the path, in words
+
     def __repr__(self) -> str:
         fastest = self.tip_speed.max()
         ended = "diverged" if self.diverged else "ended"
@@ -261,6 +264,10 @@ class Trajectory(NoArray, instead="its t, q, tau or tip"):
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *SPELLED]
+
+    def decisive(self, near: Approach) -> float:
+        """Return the time of the posture that decides an approach (B = 1) [s]: that of the approach itself."""
+        return float(near.time[0])
 
     @property
     def duration(self) -> float:

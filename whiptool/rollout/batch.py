@@ -29,6 +29,8 @@ class Batch:
         u, du: Inputs at successive instants and their derivatives, (rows, inputs); a strike needs steps + 2 rows.
         u_row, du_row: First row of each strike in u and du, (B,); a negative du_row: the derivatives are zero.
         rate, samples: Sampling rate [1/s] and number of samples of the tip's path.
+        moving: Whether velocities follow the positions of that path.
+        by_hand: Whether the hand takes the tip's place in all results.
         with_rows: Whether to return trajectories at every step.
         tolerance: Error per step of each strike [m], (B,), for adaptive steps; `h`, `h_last` and `steps` then define
             the instants of observation. None: they define the steps.
@@ -55,6 +57,8 @@ class Batch:
     du_row: np.ndarray | None = None
     rate: float = 0.0
     samples: int = 0
+    moving: bool = False
+    by_hand: bool = False
     with_rows: bool = False
     columns: np.ndarray | None = None
     stride: int = 1
@@ -111,8 +115,8 @@ class Rolled:
 
     Args:
         out: Outcome of each strike, in the columns of `outcome_columns`, (B, columns).
-        path: Tip positions at equal intervals, (B, samples, d) [m], or with derivatives (B, samples, 2 d); NaN after
-            the strike's end.
+        path: Tip positions at equal intervals, (B, samples, d) [m], or with velocities (B, samples, 2 d), followed by
+            their derivatives, if there are any; NaN after the strike's end.
         rows: All steps, strike after strike, in the columns of `row_columns`; `first_row` is the first row of each
             strike.
         y, dy: Observed quantities and their derivatives, (rows, C), strike after strike; `y_row` is the first row of
@@ -155,7 +159,8 @@ def empty_results(batch: Batch, system: System) -> Rolled:
     B, n, a, d = len(batch.p), system.n, system.n_drive, system.dimension
     rolled = Rolled(np.empty((B, outcome_columns(a, d).width)))
     if batch.samples:
-        rolled.path = np.full((B, batch.samples, 2 * d if batch.forward else d), np.nan)
+        width = d * (1 + batch.moving) * (1 + batch.forward)
+        rolled.path = np.full((B, batch.samples, width), np.nan)
     if batch.with_rows:
         rolled.first_row = _firsts(batch.steps + 1)
         rolled.rows = np.empty((int((batch.steps + 1).sum()), row_columns(n, a, d).width))

@@ -318,6 +318,24 @@ class CompiledRollout(Rollout):
         _, paths, _, out = self._tip_path(strikes, t_stay, rate)
         return self._approach(out), paths
 
+    def release_path(
+        self, strikes: Strikes, *, t_stay: float = T_STAY, rate: float, names: Sequence[str] = (), by_hand: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, Approach]:
+        """Return the states from which a thing at the tip, or at the hand, can be released, at equal intervals.
+
+        Args:
+            strikes, t_stay: As in `approach`.
+            rate, names: As in `tip_path`.
+            by_hand: Follow the hand in place of the tip.
+
+        Returns:
+            Positions [m], followed by velocities [m/s], (B, S, 2 d), NaN after a strike's end; their exact derivatives
+            at fixed times by m parameters, (B, S, 2 d, m); peak values of the strikes, in their closest approaches to
+            the base.
+        """
+        _, paths, slopes, out = self._tip_path(strikes, t_stay, rate, names, moving=True, by_hand=by_hand)
+        return paths, slopes, self._approach(out)
+
     def _tip_path(
         self,
         strikes: Strikes,
@@ -326,8 +344,14 @@ class CompiledRollout(Rollout):
         names: Sequence[str] = (),
         models: Sequence[Model] | None = None,
         controllers: Sequence[Controller] | None = None,
+        *,
+        moving: bool = False,
+        by_hand: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `tip_path` does, and what the engine says of each strike, (B, width)."""
+        """Return what `tip_path` does, and what the engine says of each strike, (B, width).
+
+        If `moving`, velocities follow the positions, (B, S, 2 d). If `by_hand`, the path is the hand's.
+        """
         strikes = self.vectors(strikes)
         number("rate", rate, low=0, strict=True)
         number("t_stay", t_stay, low=0)
@@ -336,8 +360,8 @@ class CompiledRollout(Rollout):
             raise InputError("names", list(names), "none, because the strikes have different models")
         S = int((strikes[:, -1].max(initial=0.0) + t_stay) * rate + 1e-9) + 1
         B, m, d = len(strikes), len(names), self.model.dimension
-        engine = self._engine(forward=m > 0)
-        paths, slopes = np.empty((B, S, d)), np.empty((B, S, d, m))
+        engine, width = self._engine(forward=m > 0), 2 * d if moving else d
+        paths, slopes = np.empty((B, S, width)), np.empty((B, S, width, m))
         out = np.empty((B, outcome_columns(self.model.arm.n, d).width))
         at_once = max(1, _AT_ONCE // max(m, 1))
         for first in range(0, B, at_once):
@@ -349,14 +373,14 @@ class CompiledRollout(Rollout):
                 batch = self._batch(
                     strikes[part], targets, t_stay, models and models[part], controllers and controllers[part]
                 )
-            batch.rate, batch.samples = rate, S
+            batch.rate, batch.samples, batch.moving, batch.by_hand = rate, S, moving, by_hand
             rolled = engine(batch, threads=self._threads)
             assert rolled.path is not None
             out[part] = rolled.out.reshape(len(targets), max(m, 1), -1)[:, 0]
             both = rolled.path.reshape(len(targets), max(m, 1), S, -1)
-            paths[part] = both[:, 0, :, :d]
+            paths[part] = both[:, 0, :, :width]
             if m:
-                slopes[part] = both[..., d:].transpose(0, 2, 3, 1)
+                slopes[part] = both[..., width:].transpose(0, 2, 3, 1)
         return np.arange(S) / rate, paths, slopes, out
 
     def chain_paths(

@@ -158,13 +158,13 @@ struct Stage {
   }
 #endif
 
-  // Tip: position and velocity.
-  void tip(Numbers<TIP>& to) const {
+  // Position and velocity of the tip, or of where another link begins: 0 is the hand.
+  void tip(Numbers<TIP>& to, int link) const {
     for (int c = 0; c < TIP; ++c) {
       const int column = c < DIMENSION ? FRAME_place + c : FRAME_velocity + c - DIMENSION;
-      to.x[c] = frame[N_LINKS].x[column];
+      to.x[c] = frame[link].x[column];
 #if FORWARD
-      to.d[c] = frame[N_LINKS].d[column];
+      to.d[c] = frame[link].d[column];
 #endif
     }
   }
@@ -321,8 +321,9 @@ struct Strikes {  // what the caller gives and gets; arrays of rows, one per lan
   double* out;
   double* rows;              // trajectories, or null
   const int64_t* first_row;  // where each lane's rows begin
-  double* path;              // tip path at equal times, or null: (lanes, samples, DIMENSION), and derivatives behind it
-  int64_t samples;
+  double* path;              // tip path at equal times, or null: (lanes, samples, width), and derivatives behind it
+  int64_t samples, moving;   // moving: a place has its velocity behind it, so that the width is TIP, else DIMENSION
+  int64_t by_hand;           // the hand is followed in place of the tip
   double rate;             // [1/s]
   double *y, *dy;          // what is observed, or null: (rows, n_columns)
   const int64_t* columns;  // of what is observed, to keep
@@ -415,6 +416,8 @@ struct Roll {
   void fill(Numbers<N>& to, const double* from) {
     for (int j = 0; j < N; ++j) to.x[j] = gather(from, N, first, count, j);
   }
+
+  int followed() const { return io.by_hand ? 0 : N_LINKS; }
 
   static bool holds(mask lanes, int l) { return lane(select(lanes, real(1), real(0)), l) != 0; }
 
@@ -525,22 +528,29 @@ struct Roll {
 
   void write_path(bool begun, int l) const {
     const double t = lane(now.x[0], l), span = lane(elapsed, l), start = begun ? t - span : t;
+    const int width = io.moving ? TIP : DIMENSION;
     int64_t sample = begun ? static_cast<int64_t>(std::floor(start * io.rate + 1e-9)) + 1 : 0;
     for (; sample < io.samples && sample <= t * io.rate + 1e-9; ++sample) {
-      const double s = begun ? (sample / io.rate - start) / span : 0;
-      double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? TIP : DIMENSION);
+      const double s = begun ? (sample / io.rate - start) / span : 0, r = 1 - s;
+      double* point = io.path + ((first + l) * io.samples + sample) * (FORWARD ? 2 * width : width);
       const Numbers<TIP>& from = begun ? before : tip;
       for (int c = 0; c < DIMENSION; ++c) {
         const double p0 = lane(from.x[c], l), v0 = lane(from.x[DIMENSION + c], l);
         const double p1 = lane(tip.x[c], l), v1 = lane(tip.x[DIMENSION + c], l);
+        const double along = 6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1);
         point[c] = hermite(p0, v0, p1, v1, span, s);
+        if (io.moving) point[DIMENSION + c] = begun ? along / span : v0;
 #if FORWARD  // at a fixed time: the step that holds it moves with the strike's duration
         const double dstart = begun ? lane(now.d[0] - delapsed, l) : lane(now.d[0], l), dspan = lane(delapsed, l);
-        const double ds = begun ? -(dstart + s * dspan) / span : 0, r = 1 - s;
+        const double ds = begun ? -(dstart + s * dspan) / span : 0;
         const double q0 = lane(from.d[c], l), w0 = lane(from.d[DIMENSION + c], l);
-        point[DIMENSION + c] = hermite(q0, w0, lane(tip.d[c], l), lane(tip.d[DIMENSION + c], l), span, s) +
-                       ds * (6 * r * s * (p1 - p0) + span * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1)) +
-                       dspan * r * s * (r * v0 - s * v1);
+        const double q1 = lane(tip.d[c], l), w1 = lane(tip.d[DIMENSION + c], l);
+        point[width + c] = hermite(q0, w0, q1, w1, span, s) + ds * along + dspan * r * s * (r * v0 - s * v1);
+        if (!io.moving) continue;
+        const double bend = (6 - 12 * s) * (p1 - p0) + span * ((6 * s - 4) * v0 + (6 * s - 2) * v1);
+        const double dalong = 6 * r * s * (q1 - q0) + span * (r * (r - 2 * s) * w0 - s * (2 * r - s) * w1) +
+                              dspan * (r * (r - 2 * s) * v0 - s * (2 * r - s) * v1) + ds * bend;
+        point[width + DIMENSION + c] = begun ? (dalong - along / span * dspan) / span : w0;
 #endif
       }
     }
@@ -686,7 +696,7 @@ struct Roll {
       } else
 #endif
         one.take<true>(x, now, dt, p, w, u, none, constant(0));
-      one.tip(tip);
+      one.tip(tip, followed());
       note(alive, i > 0, one);
       for (int l = 0; l < LANES; ++l)
         if (holds(alive, l)) done[l] = i;
@@ -780,7 +790,7 @@ struct Roll {
   // Lanes are at a new instant, or at their first.
   void arrive(mask lanes, bool begun, const Stage& stage) {
     Numbers<TIP> there;
-    stage.tip(there);
+    stage.tip(there, followed());
     for (int j = 0; j < TIP; ++j) take_over(lanes, there, j, tip, j);
     note(lanes, begun, stage);
     mask wanted = lanes;

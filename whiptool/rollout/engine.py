@@ -39,6 +39,8 @@ class InterpretedEngine:
     def __call__(self, batch: Batch, *, threads: int | None = None) -> Rolled:
         """Roll the batch out; `threads` is for engines that have them."""
         assert batch.forward == self.forward
+        if batch.by_hand:
+            raise InputError("engine", self.rung, "simd or scalar, to follow the hand", "install a C++ compiler")
         batch = batch.in_equal_steps()
         rolled = empty_results(batch, self.system)
         order = np.argsort(-batch.steps, kind="stable")
@@ -100,7 +102,7 @@ class InterpretedEngine:
             samples = np.arange(batch.samples) / batch.rate
             within = samples <= t[-1, 0] + 1e-9 / batch.rate
             changes = (dpath, history.t[1][done, lane, 0]) if self.forward else None
-            rolled.path[b, within] = tip_at(samples[within], t[:, 0], path, changes)
+            rolled.path[b, within] = tip_at(samples[within], t[:, 0], path, changes, moving=batch.moving)
         if rolled.y is not None:
             assert rolled.y_row is not None
             seen = [values[done, lane][:: batch.stride, batch.columns] for values in history.seen]
@@ -283,7 +285,12 @@ def _call(function: ca.Function, inputs: Sequence[np.ndarray], outputs: Sequence
 
 
 def tip_at(
-    at: np.ndarray, t: np.ndarray, path: np.ndarray, moved: tuple[np.ndarray, np.ndarray] | None = None
+    at: np.ndarray,
+    t: np.ndarray,
+    path: np.ndarray,
+    moved: tuple[np.ndarray, np.ndarray] | None = None,
+    *,
+    moving: bool = False,
 ) -> np.ndarray:
     """Return the tip at times `at`, by cubic interpolation of positions and velocities.
 
@@ -292,30 +299,37 @@ def tip_at(
         t, path: Times (T,) [s], and positions and velocities (T, 2 d).
         moved: Derivatives of path (T, 2 d) and of times (T,) along a direction; the tip's derivative at fixed times is
             then appended.
+        moving: Whether velocities follow the positions.
 
     Returns:
-        Positions of the tip, (S, d) [m], or with `moved` (S, 2 d).
+        Positions of the tip, (S, d) [m], or with velocities (S, 2 d), each followed by derivatives with `moved`.
     """
     from scipy.interpolate import CubicHermiteSpline
 
     d = path.shape[1] // 2
     if len(t) == 1:
-        both = path[:1, :d] if moved is None else np.hstack([path[:1, :d], moved[0][:1, :d]])
-        return np.repeat(both, len(at), axis=0)
+        shown = slice(None) if moving else slice(d)
+        both = [path[:1, shown]] + ([] if moved is None else [moved[0][:1, shown]])
+        return np.repeat(np.hstack(both), len(at), axis=0)
     at = np.minimum(at, t[-1])
     cubic = CubicHermiteSpline(t, path[:, :d], path[:, d:])
+    found = [cubic(at)] + ([cubic(at, 1)] if moving else [])
     if moved is None:
-        return cubic(at)
+        return np.hstack(found)
     dpath, dt = moved
     i = np.clip(np.searchsorted(t, at - 1e-12, side="left") - 1, 0, len(t) - 2)
-    h = t[i + 1] - t[i]
-    s = (at - t[i]) / h
-    dstart, dspan = dt[i], dt[i + 1] - dt[i]
+    h = (t[i + 1] - t[i])[:, None]
+    s = (at - t[i])[:, None] / h
+    dstart, dspan = dt[i, None], (dt[i + 1] - dt[i])[:, None]
     later = -(dstart + s * dspan)  # the step that holds a fixed time moves: its share of the step changes, and its span
-    r = 1 - s
-    by_span = (r * s)[:, None] * (r[:, None] * path[i, d:] - s[:, None] * path[i + 1, d:])
-    change = CubicHermiteSpline(t, dpath[:, :d], dpath[:, d:])(at)
-    return np.hstack([cubic(at), change + later[:, None] * cubic(at, 1) + dspan[:, None] * by_span])
+    r, v0, v1 = 1 - s, path[i, d:], path[i + 1, d:]
+    change = CubicHermiteSpline(t, dpath[:, :d], dpath[:, d:])
+    found.append(change(at) + later * cubic(at, 1) + dspan * r * s * (r * v0 - s * v1))
+    if moving:  # the acceleration is that of the step that ends at a time, as in the other engines
+        bend = ((6 - 12 * s) * (path[i + 1, :d] - path[i, :d]) / h + (6 * s - 4) * v0 + (6 * s - 2) * v1) / h
+        by_span = r * (r - 2 * s) * v0 - s * (2 * r - s) * v1 - cubic(at, 1)
+        found.append(change(at, 1) + later * bend + dspan / h * by_span)
+    return np.hstack(found)
 
 
 RUNGS = ("simd", "scalar", "interpreter")

@@ -116,6 +116,10 @@ class Rollout(ABC):
         controller = getattr(self, "controller", None)  # a rig's is its own
         return controller is not None and controller.prescribed
 
+    def farthest_miss(self, place: Sequence[float]) -> float:
+        """Return a distance [m] that no miss at a position (d,) exceeds; it serves as a penalty."""
+        return self.model.farthest_miss(place)
+
     def vectors(self, strikes: Strikes) -> np.ndarray:
         """Return strikes as vectors, (B, width of `space`).
 

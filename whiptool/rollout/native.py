@@ -144,7 +144,7 @@ class _Strikes(ctypes.Structure):  # driver.cpp: struct Strikes
         ("hold", ctypes.c_int64),
         *((name, ctypes.c_void_p) for name in ("dp", "dx0", "dh", "dh_last", "u", "du", "u_row", "du_row")),
         *((name, ctypes.c_void_p) for name in ("out", "rows", "first_row", "path")),
-        ("samples", ctypes.c_int64),
+        *((name, ctypes.c_int64) for name in ("samples", "moving", "by_hand")),
         ("rate", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("y", "dy", "columns")),
         ("n_columns", ctypes.c_int64),
@@ -191,7 +191,8 @@ class NativeEngine:
             rows = getattr(rolled, name)
             buffers[name] = None if rows is None else np.ascontiguousarray(rows[order])
         addresses = {name: _address(array) for name, array in buffers.items()}
-        numbers = {name: getattr(batch, name) for name in ("hold", "samples", "rate", "stride", "period")}
+        names = ("hold", "samples", "moving", "by_hand", "rate", "stride", "period")
+        numbers = {name: getattr(batch, name) for name in names}
         strikes = _Strikes(**addresses, **numbers, n_columns=0 if batch.columns is None else len(batch.columns))
         run_in_parts(self._roll, strikes, buffers, count=len(order), lanes=self.lanes, threads=threads or cores())
         rolled.out[order] = out

@@ -149,6 +149,7 @@ class ReferenceRollout(Rollout):
                 if i == steps:
                     mujoco.mj_forward(mj, data)
                     break
+                self.begin_step(t)
                 mujoco.mj_step(mj, data)
                 if gave_up or not data.qvel @ data.qvel < FASTEST**2:
                     diverged = True
@@ -166,6 +167,9 @@ class ReferenceRollout(Rollout):
     def data(self) -> mujoco.MjData:
         """MuJoCo's state of that model."""
         return self._data
+
+    def begin_step(self, t: float) -> None:
+        """Change the model at the time t [s] at which a step begins; a simulator of more than a strike overrides it."""
 
     def hang(self, q: np.ndarray) -> mujoco.MjData:
         """Set the arm to a posture q (a,) [rad or m] at time 0, at rest, with the whip hanging, and return the data."""
