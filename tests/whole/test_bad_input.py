@@ -226,6 +226,22 @@ simulate --space hand --strike 0.3 0 0.4 | 5 numbers, x_i y_i x_f y_f D
 simulate --space hand --strike 0.4 0 2 0 0.5 | a start and an end that the hand reaches
 simulate --space hand --strike 0.4 0 0 0.4 -1 | D: got -1.0; allowed: a finite number > 0
 optimize --upper 0 0 0 0 0 0 0 | --upper
+optimize --throw | --box with the opening's centre and width
+optimize --box 1.8 0 0.2 | only with --throw
+optimize --throw --box 1.8 0 | X Y SIZE, or in space X Y Z SIZE
+optimize --throw --box 1.8 0 0.03 | an opening wider than the thing
+optimize --throw --box 1.8 0 nan | --box
+optimize --throw --box 1.8 0 0 0.2 | coordinates
+optimize --throw --box 1.8 0 0.2 --box-normal 1 0 | degrees from straight up
+optimize --throw --box 1.8 0 0.2 --box-velocity 1 | velocity of the box
+optimize --throw --box 1.8 0 0.2 --least-speed 3 --most-speed 2 | largest speed
+optimize --throw --box 1.8 0 0.2 --thing-mass 0 | --thing-mass
+optimize --throw --box 1.8 0 0.2 --thing-diameter -1 | --thing-diameter
+optimize --throw --box 1.8 0 0.2 --release-from elbow | --release-from
+optimize --throw --box 1.8 0 0.2 --release-time -1 | --release-time
+optimize --throw --box 1.8 0 0.2 --release-noise 3 | --release-noise
+optimize --throw --box 1.8 0 0.2 --target 1 0 | without --throw
+optimize --throw --box 1.8 0 0.2 --method map | maps are of strikes
 optimize --stop-at-hit 3 | command line
 optimize --video yes | command line
 train --video yes | command line

@@ -7,7 +7,7 @@ import math
 import sys
 from collections import Counter
 from dataclasses import asdict, dataclass
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from whiptool.commands import cli, run_folders
 from whiptool.commands.options.controller_options import SpaceOptions
@@ -23,8 +23,8 @@ from whiptool.commands.options.search_options import (
     refuse_unheld,
     spell_methods,
 )
-from whiptool.commands.options.strike_options import LimitOptions, SimulatorOptions, TrajectoryOptions
-from whiptool.commands.options.target_options import GoalOptions
+from whiptool.commands.options.strike_options import LimitOptions, TrajectoryOptions
+from whiptool.commands.options.throw_options import ThrowOptions
 from whiptool.commands.pictures import PictureProcess, StrikeRun, tell_strike
 from whiptool.commands.strike_lines import (
     finite,
@@ -39,6 +39,10 @@ from whiptool.errors import InputError
 from whiptool.progress import Progress
 from whiptool.words import counted
 
+if TYPE_CHECKING:
+    from whiptool.goals.target import Target
+    from whiptool.throws.rollout import ThrowRollout
+
 
 @dataclass(frozen=True, kw_only=True)
 class OptimizeOptions(
@@ -49,12 +53,12 @@ class OptimizeOptions(
     SeedOptions,
     SearchOptions,
     LimitOptions,
-    SimulatorOptions,
+    ThrowOptions,
     SpaceOptions,
     ModelOptions,
-    GoalOptions,
 ):
-    """Options of `optimize`, which finds a strike with which the tip of the whip hits a target."""
+    """Options of `optimize`, which finds a strike with which the tip of the whip hits a target, or a throw into a
+    box."""
 
     changeable: ClassVar[tuple[str, ...]] = ("video",)
     first: ClassVar[tuple[str, ...]] = ("method",)
@@ -88,6 +92,8 @@ class OptimizeOptions(
         super().check()
         if self.method is not None:
             find_method(self.method)
+        if self.method == "map" and self.throw:
+            raise InputError("--method", self.method, "any other method, because maps are of strikes and not of throws")
         if self.method in WITH_DERIVATIVES and self.simulator == "reference":
             raise InputError(
                 "--method", self.method, "a method without derivatives, which --simulator reference does not compute"
@@ -231,7 +237,7 @@ class SearchRun:
         tell_strike(
             options,
             self.folder,
-            StrikeRun(trajectory, self.model, self.target, label, beyond),
+            StrikeRun(trajectory, self.model, self._seen_target(result), label, beyond),
             summary,
             self._lines(result, summary),
             later=later,
@@ -294,6 +300,8 @@ class SearchRun:
 
         if result.outcome.lost:
             return _NOT_REPLAYED
+        if self.options.throw:
+            return self._replay_throw(result)
         expected = result.outcome.miss_distance
         target = np.array(self.target.position)
         seen = replay(self.model, self.controller, result.strike, target, t_stay=self.options.t_stay, expected=expected)
@@ -313,6 +321,31 @@ class SearchRun:
             "angle": None if goals.directions is None else float(goals.angle(velocity)[0]),
             "speed": None if goals.only_points else float(goals.arrival_speed(velocity)[0]),
         }
+
+    @property
+    def _throws(self) -> ThrowRollout:
+        from whiptool.throws.rollout import ThrowRollout
+
+        assert isinstance(self.rollout, ThrowRollout)
+        return self.rollout
+
+    def _seen_target(self, result) -> Target:
+        """The target as pictures show it: a box that moves is shown where the thing lands."""
+        if not self.options.throw or result.outcome.lost:
+            return self.target
+        return self._throws.box.at(result.outcome.time)
+
+    def _replay_throw(self, result) -> dict:
+        """The winning throw in MuJoCo; one line on stderr if that does not confirm it."""
+        from whiptool.commands.throw_lines import replay_table
+        from whiptool.throws.mujoco_throw import AGREEMENT, replay_throw
+
+        seen = replay_throw(self._throws, result.strike, t_stay=self.options.t_stay)
+        if not seen.confirmed:
+            far = "does not land" if seen.difference is None else f"lands {1e3 * seen.difference:.1f} mm away"
+            rule = f"in MuJoCo at {1e3 * seen.timestep:.2g} ms, more than {1e3 * AGREEMENT:g} mm"
+            print(f"whiptool: not confirmed: the thing {far} {rule}; try a smaller --tolerance", file=sys.stderr)
+        return replay_table(seen, self._throws)
 
     def _refine(self, result, trajectory) -> str | None:
         """What the integration of the winning strike may have got wrong; printed on stderr, too."""
@@ -339,6 +372,7 @@ class SearchRun:
             "space": self.rollout.space.kind,
             "strike": dict(zip(self.rollout.space.names, map(float, result.strike.vector), strict=True)),
             **outcome_table(outcome, self.target),
+            "throw": self._thrown(result),
             "judged": self._judged(result),
             "n_trials": result.n_trials,
             "n_diverged": result.n_diverged,
@@ -350,6 +384,21 @@ class SearchRun:
             "seed": self.options.seed,
             "version": self.version,
         }
+
+    def _thrown(self, result) -> dict | None:
+        """Release and landing, for JSON; None for a strike."""
+        from whiptool.commands.throw_lines import throw_table
+
+        if not self.options.throw:
+            return None
+        return throw_table(self._throws, result.strike, result.outcome, self.options.t_stay)
+
+    def _outcome_lines(self, result, summary: dict) -> list[str]:
+        """Lines on the outcome of the best strike or throw."""
+        from whiptool.commands.throw_lines import throw_lines
+
+        lines = outcome_lines(result.outcome, self.target, self.model.arm)
+        return throw_lines(summary["throw"], result.outcome, self._throws, lines) if self.options.throw else lines
 
     def _lines(self, result, summary: dict) -> list[str]:
         from whiptool.objective import why_lost
@@ -366,7 +415,7 @@ class SearchRun:
             *(
                 [f"  outcome        refused, like all other strikes; the best: {said}"]
                 if refused
-                else outcome_lines(result.outcome, self.target, self.model.arm)
+                else self._outcome_lines(result, summary)
             ),
         ]
         for judged in summary["judged"] or ():

@@ -299,9 +299,9 @@ def plot_distance(trajectory: Trajectory, target: Target | Sequence[float], *, a
             markersize=7,
             zorder=3,
             clip_on=False,
-            label=f"closest approach {length_text(near.distance[0])} at {near.time[0]:.3f} s",
+            label=f"{trajectory.MEETING} {length_text(near.distance[0])} at {near.time[0]:.3f} s",
         )
-    ax.set_ylabel("distance tip to target [m]")
+    ax.set_ylabel(f"distance {trajectory.FOLLOWED} to target [m]")
     _time_axis(ax, trajectory)
     ax.set_ylim(bottom=0)
     legend_above(ax)

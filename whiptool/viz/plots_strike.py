@@ -64,7 +64,8 @@ class Drawn:
         until: Time of the closest approach [s], or the end time if that is in the first 30 % of the time.
         target: Target of the strike.
         title: Title with the miss distance.
-        when: Time of the closest approach [s].
+        when: Time of the last posture [s]: that of the closest approach, or of the release of a throw.
+        followed: What moves along the path, in words.
     """
 
     arms: np.ndarray
@@ -76,6 +77,7 @@ class Drawn:
     target: Target
     title: str
     when: float
+    followed: str = "tip"
 
     @property
     def dimension(self) -> int:
@@ -120,11 +122,12 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
     goal = as_target(target)
     goal.check_fits(model)
     near, t = trajectory.approach(goal), trajectory.t
-    when = float(near.time[0])
-    until = when if when > 0.3 * t[-1] else float(t[-1])  # what comes after would cover what led to it
-    arms, whips = arm_and_whip(model, at_times(np.r_[np.linspace(t[0], until, _POSTURES), when], t, trajectory.q))
+    met, when = float(near.time[0]), trajectory.decisive(near)
+    until = met if met > 0.3 * t[-1] else float(t[-1])  # what comes after would cover what led to it
+    postures = np.r_[np.linspace(t[0], min(until, max(when, 0.3 * t[-1])), _POSTURES), when]
+    arms, whips = arm_and_whip(model, at_times(postures, t, trajectory.q))
     path_times = np.unique(np.r_[np.linspace(t[0], t[-1], _SEGMENTS), until])
-    title = f"closest approach {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
+    title = f"{trajectory.MEETING} {length_text(near.distance[0])} at {near.speed[0]:.1f} m/s"
     if trajectory.diverged:
         title = f"diverged at {t[-1]:.4f} s" + (f", {title}" if np.isfinite(near.distance[0]) else "")
     return Drawn(
@@ -137,6 +140,7 @@ def drawn(trajectory: Trajectory, model: Model, target: Target | Sequence[float]
         target=goal,
         title=title,
         when=when,
+        followed=trajectory.FOLLOWED,
     )
 
 
@@ -153,6 +157,8 @@ def plot_projection(ax: Axes, strike: Drawn, seen: tuple[int, int]) -> Axes:
     ax.add_patch(Circle(centre, radius, facecolor=COLORS["orange"], alpha=0.3, edgecolor="none", zorder=1))
     ax.add_patch(Circle(centre, radius, fill=False, edgecolor=COLORS["orange"], linewidth=1.6, zorder=3))
     ax.plot(*centre, "+", color=COLORS["orange"], markersize=15, markeredgewidth=1.2, zorder=3.5)  # however small it is
+    if strike.target.outline is not None:
+        ax.plot(*strike.target.outline[:, shown].T, color=COLORS["black"], linewidth=1.4, zorder=3)
     draw_direction(ax, strike.target, shown)
     low, high = strike.box
     ax.set(xlabel=axes[i], ylabel=axes[j], aspect="equal")
@@ -173,6 +179,8 @@ def plot_perspective(ax: Axes3D, strike: Drawn) -> Axes3D:
         ax.plot(places[:, 0], places[:, 1], low[2], linewidth=width, **floor)
     ax.plot(*np.transpose([place, [place[0], place[1], low[2]]]), color=COLORS["orange"], linewidth=0.9, linestyle=":")
     plot_ball(ax, strike.target)
+    if strike.target.outline is not None:
+        ax.plot(*strike.target.outline.T, color=COLORS["black"], linewidth=1.0, zorder=3)
     draw_direction_in_space(ax, strike.target)
     for posture, style in _posture_styles(strike):
         ax.plot(*posture.T, **style)
@@ -225,7 +233,7 @@ def plot_strike(
         bar = {"cax": ax.inset_axes((1.03, 0.15, 0.04, 0.7))}  # with ax=ax it would lie next to a legend that is wider
     figure = ax.get_figure()
     assert figure is not None
-    figure.colorbar(ScalarMappable(strike.norm, SPEED), label="speed of the tip [m/s]", **bar)
+    figure.colorbar(ScalarMappable(strike.norm, SPEED), label=f"speed of the {strike.followed} [m/s]", **bar)
     ax.set_title(strike.title)
     legend_above(ax, ncols=2)
     return ax
@@ -281,7 +289,7 @@ def _draw_views(figure: Figure, strike: Drawn) -> Axes3D:
     figure.colorbar(
         ScalarMappable(strike.norm, SPEED),
         cax=views["front"].inset_axes((1.05, 0.12, 0.045, 0.76)),
-        label="speed of the tip [m/s]",
+        label=f"speed of the {strike.followed} [m/s]",
     )
     assert isinstance(perspective, Axes3D)
     return plot_perspective(perspective, strike)
