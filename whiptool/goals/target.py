@@ -163,7 +163,7 @@ class Target(Vector):
 
     @property
     def outline(self) -> np.ndarray | None:
-        """Points (K, d) [m] of a line that shows the target in figures besides its hit radius; None: there is none."""
+        """Points (K, d) [m] of a line that shows the target in figures besides its hit radius; None: no line."""
         return None
 
     def hit_time(self, near: Approach) -> float | None:

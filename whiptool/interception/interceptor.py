@@ -63,7 +63,7 @@ class Interception:
         strike: The strike.
         start: Start time t0 [s], on the clock of the track.
         contact: Time at which the tip meets the target [s], on the same clock.
-        point: Position of the contact (x, y) [m].
+        point: Position of the contact, (d,) [m].
         tip_speed: Speed of the tip at the contact [m/s].
         probability: Predicted hit probability, over tracks that were sampled independently of the choice of the strike.
         expected_miss: Mean miss distance over the same tracks [m]; distances above 0.5 m count as 0.5 m.
@@ -75,7 +75,7 @@ class Interception:
     strike: Strike
     start: float
     contact: float
-    point: tuple[float, float]
+    point: tuple[float, ...]
     tip_speed: float
     probability: float
     expected_miss: float
@@ -199,7 +199,7 @@ class Interceptor:
         camera's, or that of `TargetCamera()`.
 
         Args:
-            frames: Pairs (t [s], position (2,) [m]), as they arrive; NaN where the target is not seen.
+            frames: Pairs (t [s], position (d,) [m]), as they arrive; NaN where the target is not seen.
             decide: Time of the first plan [s], which uses the first frame from then on. As long as no plan is found,
                 planning is repeated with the next frame.
             rng: As in `plan`.
@@ -260,7 +260,8 @@ class Aim:
     ) -> None:
         self.library, self.camera, self.track = interceptor.library, interceptor.camera, track
         self.now, self.earliest, self.latest = now, earliest, latest
-        self.goal = Target((0.0, 0.0), interceptor.hit_radius).goals  # seen from the target
+        dimension = interceptor.library.points.shape[1]
+        self.goal = Target((0.0,) * dimension, interceptor.hit_radius).goals  # seen from the target
         self._seen: dict[int, TargetTrack] = {}
 
     def at_start(self, start: float) -> TargetTrack:
@@ -292,15 +293,15 @@ class Aim:
         soon = start >= self.earliest
         at, point, start = at[soon], point[soon], start[soon]
         relative = lib.velocities[point] - w[at]
-        across = np.stack([-relative[:, 1], relative[:, 0]], axis=1)
-        across /= np.maximum(np.hypot(*across.T), 1e-9)[:, None]
+        along = relative / np.maximum(np.linalg.norm(relative, axis=1, keepdims=True), 1e-9)
+        across = np.eye(along.shape[1]) - along[:, :, None] * along[:, None, :]
         bins = ((start - self.earliest) / _BIN + 1e-9).astype(int)
-        doubt = np.empty((len(at), 2, 2))
+        doubt = np.empty_like(across)
         for bin in np.unique(bins):
             doubt[bins == bin] = self.at_start(self.earliest + bin * _BIN).covariance_at(t)[at[bins == bin]]
-        miss = np.einsum("ni,ni->n", across, lib.points[point] - y[at])
-        doubt = np.einsum("ni,nij,nj->n", across, doubt, across)
-        cost = miss**2 + doubt + 1e-8 * t[at]  # rather sooner, all else equal
+        miss = np.einsum("nij,nj->ni", across, lib.points[point] - y[at])
+        doubt = np.einsum("nij,nij->n", across, doubt)
+        cost = (miss**2).sum(axis=1) + doubt + 1e-8 * t[at]  # rather sooner, all else equal
         order = np.argsort(cost, kind="stable")
         _, first = np.unique(lib.owner[point[order]], return_index=True)
         best = order[np.sort(first)[:count]]
@@ -362,13 +363,13 @@ class Aim:
         score = [x - (0 if a else 10) for x, a in zip(worth, allowed, strict=True)]
         i = int(np.argmax(score))
         chosen = outlook(i, rng, max(samples, _STATED))
-        tip, v, _ = _between(path[i : i + 1], np.empty((1, path.shape[1], 2, 0)), tau[i : i + 1])
+        tip, v, _ = _between(path[i : i + 1], np.empty((*path[:1].shape, 0)), tau[i : i + 1])
         return Interception(
             strike=Strike.from_vector(x[i]),
             start=float(start[i]),
             contact=float(start[i] + tau[i]),
-            point=(float(tip[0, 0]), float(tip[0, 1])),
-            tip_speed=float(np.hypot(*v[0])),
+            point=tuple(tip[0].tolist()),
+            tip_speed=float(np.linalg.norm(v[0])),
             **chosen._asdict(),
             warning=self.track.warning,
             wall_time=time.perf_counter() - began,
@@ -377,11 +378,11 @@ class Aim:
     def outlook(
         self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
-        """Return, for a tip path (T, 2) [m] at times (T,) [s], the hit probability and mean miss distance over samples
+        """Return, for a tip path (T, d) [m] at times (T,) [s], the hit probability and mean miss distance over samples
         of the track, and the miss distance with the most probable track.
         """
         numbers = np.vstack([track.numbers, track.sample(rng, samples)])
-        miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(2)).distance
+        miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(tip.shape[1])).distance
         hit, expected = self.goal.hit(miss[1:]).mean(), np.minimum(miss[1:], _FAR).mean()
         return _Outlook(float(hit), float(expected), float(miss[0]))
 
@@ -395,7 +396,7 @@ class _Outlook(NamedTuple):
 
 
 def _smallest(A: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """The shortest moves that close the gaps (B, 2), or so far as a step may go, (B, m); none where a path diverged."""
+    """The shortest moves that close the gaps (B, d), or so far as a step may go, (B, m); none where a path diverged."""
     known: np.ndarray = np.isfinite(A.sum(axis=(1, 2)) + gap.sum(axis=1))
     A, gap = np.where(known[:, None, None], A, 0.0), np.where(known[:, None], gap, 0.0)
     move = np.einsum("bmi,bi->bm", np.linalg.pinv(A, rcond=1e-3), gap)
@@ -404,7 +405,7 @@ def _smallest(A: np.ndarray, gap: np.ndarray) -> np.ndarray:
 
 
 def _between(path: np.ndarray, slope: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Position, velocity and derivatives of paths (B, S, 2) of rate FINE at times tau (B,)."""
+    """Position, velocity and derivatives of paths (B, S, d) of rate FINE at times tau (B,)."""
     rows = np.arange(len(path))
     i = np.clip((tau * FINE).astype(int), 0, path.shape[1] - 2)
     s = (tau * FINE - i)[:, None]

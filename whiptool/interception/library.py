@@ -27,7 +27,7 @@ class Library:
         strikes: Vectors of the B strikes, (B, 2 a + 1).
         owner: Index of the strike to which each of the N points belongs, (N,).
         tau: Time of each point after the strike's start [s], (N,).
-        points, velocities: Points and velocities of the tip [m], [m/s], (N, 2).
+        points, velocities: Points and velocities of the tip [m], [m/s], (N, d).
     """
 
     striker: Striker

@@ -1,6 +1,6 @@
-"""Motions of a target in the strike plane, their fit to frames, and predictions with covariances.
+"""Motions of a target in the plane or in space, their fit to frames, and predictions with covariances.
 
-A target is at rest, moves at constant velocity, falls freely, or swings as the bob of a pendulum.
+A target is at rest, moves at constant velocity, falls freely, or, in the plane, swings as the bob of a pendulum.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class TargetMotion(ABC):
 
     @abstractmethod
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return the target's positions (..., T, 2) [m] for parameters (..., p) and times (T,) [s]."""
+        """Return the target's positions (..., T, d) [m] for parameters (..., p) and times (T,) [s]."""
 
     @abstractmethod
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Return S initial guesses of the parameters for a fit, (S, p), from times (T,) [s] near 0 and positions (T, 2)
+        """Return S initial guesses of the parameters for a fit, (S, p), from times (T,) [s] near 0 and positions (T, d)
         [m].
         """
 
@@ -55,26 +55,27 @@ class TargetMotion(ABC):
 @dataclass(frozen=True)
 class Polynomial(TargetMotion):
     """A target at rest (order 0) or with an initial velocity (order 1), under a known acceleration. The parameters are
-    x, y and, for order 1, vx, vy at time 0.
+    the coordinates of its position and, for order 1, of its velocity at time 0.
 
     Args:
         name: Name of the motion.
         order: 0 or 1.
-        acceleration: Acceleration (x, y) [m/s^2].
+        acceleration: Acceleration, (d,) [m/s^2].
     """
 
     order: int
-    acceleration: tuple[float, float] = (0.0, 0.0)
+    acceleration: tuple[float, ...] = (0.0, 0.0)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters: position [m] and velocity [m/s]."""
-        return ("x", "y", "vx", "vy")[: 2 * (self.order + 1)]
+        axes = "xyz"[: len(self.acceleration)]
+        return (*axes, *(f"v{x}" for x in axes * self.order))
 
     def positions(self, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
-        """Return the target's positions, (..., T, 2) [m], see `TargetMotion.positions`."""
+        """Return the target's positions, (..., T, d) [m], see `TargetMotion.positions`."""
         powers = np.asarray(t, float)[:, None] ** np.arange(self.order + 1)  # (T, order + 1)
-        terms = np.reshape(numbers, (*np.shape(numbers)[:-1], self.order + 1, 2))
+        terms = np.reshape(numbers, (*np.shape(numbers)[:-1], self.order + 1, len(self.acceleration)))
         return powers @ terms + 0.5 * np.asarray(t)[:, None] ** 2 * np.array(self.acceleration)
 
     def starts(self, t: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -147,23 +148,27 @@ class PendulumMotion(TargetMotion):
         return np.hstack([pivots, own]) if self.pivot is None else own
 
 
-MOTIONS = ("still", "straight", "ballistic", "pendulum")
+MOTIONS = {2: ("still", "straight", "ballistic", "pendulum"), 3: ("still", "straight", "ballistic")}  # by dimension
 
 
-def find_motion(name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY) -> TargetMotion:
+def find_motion(
+    name: str, *, pivot: tuple[float, float] | None = None, gravity: float = GRAVITY, dimension: int = 2
+) -> TargetMotion:
     """Return the motion called `name`; `pivot` (x, y) [m] and `gravity` [m/s^2] are as in `PendulumMotion`.
 
     Raises:
-        InputError: No motion has that name; the message lists them.
+        InputError: No motion of that dimension has that name; the message lists them.
     """
+    rest = (0.0,) * dimension
     known: dict[str, TargetMotion] = {
-        "still": Polynomial("still", 0),
-        "straight": Polynomial("straight", 1),
-        "ballistic": Polynomial("ballistic", 1, (0.0, -gravity)),
+        "still": Polynomial("still", 0, rest),
+        "straight": Polynomial("straight", 1, rest),
+        "ballistic": Polynomial("ballistic", 1, (*rest[1:], -gravity)),
         "pendulum": PendulumMotion(pivot, gravity),
     }
-    if name not in known:
-        raise InputError("motion", name, ", ".join(("auto", *MOTIONS)))
+    if name not in MOTIONS[dimension]:
+        fix = "a pendulum swings in the plane" if name in known else None
+        raise InputError("motion", name, ", ".join(("auto", *MOTIONS[dimension])), fix)
     return known[name]
 
 
@@ -225,24 +230,24 @@ class TargetTrack:
         )
 
     def position(self, t: np.ndarray | float) -> np.ndarray:
-        """Most probable position at times (T,) [s], (T, 2) [m]."""
+        """Most probable position at times (T,) [s], (T, d) [m]."""
         return self.positions(self.numbers, t)
 
     def positions(self, numbers: np.ndarray, t: np.ndarray | float) -> np.ndarray:
-        """Return the positions (..., T, 2) [m] at times (T,) [s] for other parameters (..., p), such as samples."""
+        """Return the positions (..., T, d) [m] at times (T,) [s] for other parameters (..., p), such as samples."""
         return self.motion.positions(numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
 
     def velocity(self, t: np.ndarray | float) -> np.ndarray:
-        """Return the velocity at times (T,) [s], (T, 2) [m/s]."""
+        """Return the velocity at times (T,) [s], (T, d) [m/s]."""
         t, h = np.atleast_1d(np.asarray(t, float)), 1e-4
         return (self.position(t + h) - self.position(t - h)) / (2 * h)
 
     def derivatives(self, t: np.ndarray | float) -> np.ndarray:
-        """Return the derivatives of the position by the parameters at times (T,) [s], (T, 2, p)."""
+        """Return the derivatives of the position by the parameters at times (T,) [s], (T, d, p)."""
         return derivatives(self.motion, self.numbers, np.atleast_1d(np.asarray(t, float)) - self.epoch)
 
     def covariance_at(self, t: np.ndarray | float) -> np.ndarray:
-        """Return the covariance of the position at times (T,) [s], to first order, (T, 2, 2) [m^2]."""
+        """Return the covariance of the position at times (T,) [s], to first order, (T, d, d) [m^2]."""
         J = self.derivatives(t)
         return J @ self.covariance @ np.swapaxes(J, 1, 2)
 
@@ -262,7 +267,7 @@ class TargetTrack:
 
 def derivatives(motion: TargetMotion, numbers: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return the derivatives of a motion's positions at times (T,) [s] by its parameters (p,), by central differences,
-    (T, 2, p).
+    (T, d, p).
     """
     steps = 1e-5 * np.maximum(1.0, np.abs(numbers))
     moved = np.vstack([numbers + np.diag(steps), numbers - np.diag(steps)])
@@ -290,9 +295,9 @@ def fit_track(
 
     Args:
         t: Times of the frames [s], (T,), increasing, possibly with gaps.
-        points: Positions in the strike plane [m], (T, 2); NaN where the target was not seen.
+        points: Positions in the strike plane, (T, 2), or in space, (T, 3) [m]; NaN where the target was not seen.
         sigma: Standard error of each coordinate [m].
-        motion: `still`, `straight`, `ballistic`, `pendulum`, or `auto`: the most plausible of these by BIC.
+        motion: `still`, `straight`, `ballistic`, in the plane `pendulum`, or `auto`: the most plausible by BIC.
         pivot: Pivot of the pendulum (x, y) [m], if known.
         gravity: Gravity [m/s^2].
 
@@ -302,15 +307,15 @@ def fit_track(
     """
     t, points = np.asarray(t, float), np.asarray(points, float)
     number("sigma", sigma, low=0, strict=True)
-    if t.ndim != 1 or points.shape != (len(t), 2):
-        raise InputError("track", (t.shape, points.shape), "times (T,) and positions (T, 2)")
+    if t.ndim != 1 or points.shape not in ((len(t), 2), (len(t), 3)):
+        raise InputError("track", (t.shape, points.shape), "times (T,) and positions (T, 2), in space (T, 3)")
     if not np.isfinite(t).all() or (np.diff(t) <= 0).any():
         raise InputError("times of the track", "some that are not finite or do not increase", "finite, increasing [s]")
-    candidates = [
-        find_motion(name, pivot=pivot, gravity=gravity) for name in (MOTIONS if motion == "auto" else (motion,))
-    ]
+    d = points.shape[1]
+    asked = MOTIONS[d] if motion == "auto" else (motion,)
+    candidates = [find_motion(name, pivot=pivot, gravity=gravity, dimension=d) for name in asked]
     seen = np.isfinite(points).all(axis=1)
-    needed = LEAST if motion == "auto" else -(-len(candidates[0].names) // 2)
+    needed = LEAST if motion == "auto" else -(-len(candidates[0].names) // d)
     if seen.sum() < needed:
         raise InputError("track", f"{seen.sum()} frames that show the target", f"at least {needed} for {motion}")
     return min((_fit(x, t[seen], points[seen], sigma) for x in candidates), key=lambda track: track.bic)
@@ -331,10 +336,11 @@ def _fit(motion: TargetMotion, t: np.ndarray, points: np.ndarray, sigma: float) 
         least_squares(residuals, x, jac=slopes, method="lm", max_nfev=STEPS) for x in motion.starts(t - epoch, points)
     ]
     best = min(fits, key=lambda fit: fit.cost)
-    chi2, dof = float((residuals(best.x)[: 2 * len(t)] ** 2).sum()), 2 * len(t) - p
+    measured = points.size
+    chi2, dof = float((residuals(best.x)[:measured] ** 2).sum()), measured - p
     J = slopes(best.x)
-    J[: 2 * len(t)] /= _misfit(chi2, dof) ** 0.5  # what is known beforehand is not touched
-    bic = chi2 + p * float(np.log(2 * len(t)))
+    J[:measured] /= _misfit(chi2, dof) ** 0.5  # what is known beforehand is not touched
+    bic = chi2 + p * float(np.log(measured))
     return TargetTrack(motion, best.x, _inverse(J.T @ J), epoch, chi2, dof, bic, float(t[-1]))
 
 
