@@ -31,6 +31,7 @@ KEYS = {
     "tip_speed",
     "arrival",
     "judged",
+    "throw",
     "missed_by",
     "n_trials",
     "n_diverged",

@@ -24,6 +24,7 @@ from whiptool.commands.options.search_options import (
     spell_methods,
 )
 from whiptool.commands.options.strike_options import LimitOptions, TrajectoryOptions
+from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.options.throw_options import ThrowOptions
 from whiptool.commands.pictures import PictureProcess, StrikeRun, tell_strike
 from whiptool.commands.strike_lines import (
@@ -56,6 +57,7 @@ class OptimizeOptions(
     ThrowOptions,
     SpaceOptions,
     ModelOptions,
+    GoalOptions,
 ):
     """Options of `optimize`, which finds a strike with which the tip of the whip hits a target, or a throw into a
     box."""

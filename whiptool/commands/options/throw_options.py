@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
+from whiptool.commands.options.model_options import WhipOptions
 from whiptool.commands.options.option_group import Conditions, Interval, Ranges, unless, when
 from whiptool.commands.options.strike_options import SimulatorOptions
 from whiptool.commands.options.target_options import GoalOptions
@@ -28,11 +29,10 @@ _OF_THROWS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThrowOptions(GoalOptions, SimulatorOptions):
+class ThrowOptions(SimulatorOptions, WhipOptions, GoalOptions):
     """Options for throws of a thing into a box."""
 
     heading: ClassVar[str] = "throw"
-    first: ClassVar[tuple[str, ...]] = ("throw", "box")
     only_with: ClassVar[Conditions] = {
         "throw": unless("simulator", "reference"),
         **dict.fromkeys(_OF_THROWS, when("throw")),
@@ -71,10 +71,12 @@ class ThrowOptions(GoalOptions, SimulatorOptions):
     to two standard deviations early or late."""
 
     def check(self) -> None:
-        if self.throw and self.box is None:
-            raise InputError("--throw", "without --box", "--box with the opening's centre and width, such as 1.8 0 0.2")
-        if self.box is not None and (len(self.box) not in (3, 4) or not all(map(math.isfinite, self.box))):
-            raise InputError("--box", self.box, "X Y SIZE, or in space X Y Z SIZE, finite numbers")
+        if self.throw:
+            if self.box is None:
+                rule = "--box with the opening's centre and width, such as 1.8 0 0.2"
+                raise InputError("--throw", "without --box", rule)
+            if len(self.box) not in (3, 4) or not all(map(math.isfinite, self.box)):
+                raise InputError("--box", self.box, "X Y SIZE, or in space X Y Z SIZE, finite numbers")
         super().check()
 
     def build_thing(self) -> Thing:
