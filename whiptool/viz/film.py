@@ -37,6 +37,7 @@ class Film:
         note: Text in every frame.
         grid: Distance of the grid's lines [m].
         size: Width and height [pixels].
+        thing: Positions of a thing that is thrown, (F, 3) [m]; None: nothing is thrown.
     """
 
     model: Model
@@ -49,6 +50,7 @@ class Film:
     note: str
     grid: float
     size: tuple[int, int]
+    thing: np.ndarray | None = None
 
     def places(self, target: Target) -> np.ndarray:
         """Return all points that a film of the strike has to show: of base, arm and whip in all frames, of the tip's
@@ -57,8 +59,7 @@ class Film:
         place, out = np.array(target.position), target.hit_radius * np.eye(len(target.position))
         points = joint_points(self.model, self.q).reshape(-1, len(place))
         every = np.concatenate([points, self.trail.reshape(-1, len(place)), place - out, place + out])
-        if len(place) == 2:  # the strike plane is that of x and z
-            every = np.insert(every, 1, 0.0, axis=1)
+        every = in_three(every)
         return np.r_[every[np.isfinite(every).all(axis=1)], np.zeros((1, 3))]
 
     @property
@@ -124,7 +125,7 @@ def film_of(
         hit=hit,
         readings={
             "time": [f"{x:.3f} s" for x in at],
-            "tip speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],
+            f"{trajectory.FOLLOWED} speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],
             "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
             "closest": [f"{x:.3f} m" for x in closest],
             "target": ["hit" if struck else "not hit" for struck in hit],
@@ -132,7 +133,13 @@ def film_of(
         note=f"{speed:g} x real time, grid {grid:g} m",
         grid=grid,
         size=(int(size[0]), int(size[1])),
+        thing=None if trajectory.FOLLOWED == "tip" else in_three(at_times(at, t, tip)),
     )
+
+
+def in_three(points: np.ndarray) -> np.ndarray:
+    """Return points (F, 2) of the strike plane, which is that of x and z, or (F, 3) in space, (F, 3)."""
+    return np.insert(points, 1, 0.0, axis=1) if points.shape[1] == 2 else points
 
 
 def film_place(mj: mujoco.MjModel, film: Film, target: Target) -> np.ndarray:

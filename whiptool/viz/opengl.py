@@ -91,3 +91,12 @@ def add_rod(scene: mujoco.MjvScene, ends: np.ndarray, radius: float, rgb: Sequen
     mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), np.array([*rgb, 1], np.float32))
     mujoco.mjv_connector(geom, kind, radius, ends[0], ends[1])
     scene.ngeom += 1
+
+
+def add_ball(scene: mujoco.MjvScene, radius: float, rgb: Sequence[float]) -> None:
+    """Add a ball of a radius [m] and a colour (3,), 0 to 1, to a scene that has room for it, at its origin."""
+    size, color = np.full(3, radius), np.array([*rgb, 1], np.float32)
+    mujoco.mjv_initGeom(
+        scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE, size, np.zeros(3), np.eye(3).ravel(), color
+    )
+    scene.ngeom += 1

@@ -17,7 +17,7 @@ from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import build_spec, set_posture
 from whiptool.viz.animation import animate, write_film
 from whiptool.viz.film import AIM, GRID, HIT, MAX_SEGMENTS, TEXT, Film, film_of, film_place, side_view
-from whiptool.viz.opengl import add_bar, add_path, add_rod, draws_in_software, gl_context
+from whiptool.viz.opengl import add_ball, add_bar, add_path, add_rod, draws_in_software, gl_context
 from whiptool.whole_files import replacing
 
 logger = logging.getLogger("whiptool")
@@ -120,8 +120,13 @@ def _mujoco_frames(film: Film, target: Target) -> Iterator[np.ndarray]:
                 else:
                     _add_floor_grid(scene, film.grid, reach, float(mj.geom("floor").pos[2]))
                 ring = _add_ring(scene, mj.cam_mat0[seen_from.id].reshape(3, 3), target, reach)
+                if film.thing is not None:
+                    add_ball(scene, 0.025 * reach, AIM)
                 add_path(scene, film.trail, film.trail_rgb, reach)
             scene.ngeom = ring.stop + int(film.shown[i])
+            if film.thing is not None:
+                scene.geoms[ring.stop].pos[:] = film.thing[i]
+                scene.ngeom += 1
             for k, geom in enumerate(scene.geoms[ring]):
                 geom.rgba[:] = (*(HIT if film.hit[i] else AIM), 1.0 if film.hit[i] or k % 4 < 2 else 0.0)
             mujoco.mjr_render(rect, scene, gl)
