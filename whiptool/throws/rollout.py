@@ -23,7 +23,7 @@ from whiptool.throws.release import FARTHEST, RATE, Release, together
 
 Place = Literal["tip", "hand"]
 _SEEN_AFTER = 0.1  # [s] for which a trajectory goes on after the landing
-_PERTURBED = 1e-6  # [m, m/s] of differences of exact first derivatives
+_PERTURBED, _SHARE = 1e-6, 1e-4  # [m, m/s], and share of the drag: of differences of exact first derivatives
 MASS, RELEASE = "thing.mass", "release_time"  # parameters of a throw, besides those of the strike and the model
 
 
@@ -293,7 +293,7 @@ class ThrowRollout(Rollout):
         by_miss, _ = self._miss_slopes(release, times, moved, names)
         found, change = self._landing_slopes(release, rows, times, moved, names)
         if self.release_time is None:
-            later = self._time_slopes(release, times, moved)
+            later = self._time_slopes(release, times, moved, names)
             rates = release.at(rows, times)[1] - np.r_[self.box.drift, np.zeros(d)]
             assert found.slopes is not None
             change += np.einsum("rij,rj->ri", found.slopes[:, :, : 2 * d], rates)[:, :, None] * later[:, None, :]
@@ -303,7 +303,7 @@ class ThrowRollout(Rollout):
             by_tip = unit[:, :, None] * by_miss[:, None, :]
         return near, by_miss, by_tip, change[:, d:]
 
-    def _time_slopes(self, release: Release, times: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    def _time_slopes(self, release: Release, times: np.ndarray, moved: np.ndarray, names: Sequence[str]) -> np.ndarray:
         """Return the derivatives of the best times by m parameters, (B, m) [s per unit].
 
         They follow from the root of the slope (implicit function theorem); its own derivatives are differences of exact
@@ -323,6 +323,10 @@ class ThrowRollout(Rollout):
 
         size = _PERTURBED / np.maximum(1e-9, np.abs(dstates).reshape(len(times), -1, dstates.shape[2]).max(axis=1))
         by_each = [changed(dstates[..., k], drates[..., k], size[:, k]) / size[:, k] for k in range(dstates.shape[2])]
+        if MASS in names and release.drag:  # the flight depends on the mass, too
+            more, less = (replace(release, drag=release.drag * (1 + x)) for x in (_SHARE, -_SHARE))
+            by_drag = (more.half_slope(times) - less.half_slope(times)) / (2 * _SHARE * release.drag)
+            by_each[names.index(MASS)] -= by_drag * release.drag / self.thing.mass
         ahead, behind = (release.half_slope(times + x) for x in (_PERTURBED, -_PERTURBED))
         bend = ((ahead - behind) / (2 * _PERTURBED))[:, None]
         inside = (np.abs(release.half_slope(times)) < 1e-6 * np.abs(bend[:, 0]))[:, None] & (bend > 0)
