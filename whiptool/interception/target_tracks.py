@@ -167,7 +167,7 @@ def find_motion(
         "pendulum": PendulumMotion(pivot, gravity),
     }
     if name not in MOTIONS[dimension]:
-        fix = "a pendulum swings in the plane" if name in known else None
+        fix = "a pendulum swings in the plane" if name in known else ""
         raise InputError("motion", name, ", ".join(("auto", *MOTIONS[dimension])), fix)
     return known[name]
 

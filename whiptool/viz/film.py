@@ -125,7 +125,9 @@ def film_of(
         hit=hit,
         readings={
             "time": [f"{x:.3f} s" for x in at],
-            f"{trajectory.FOLLOWED} speed": [f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)],
+            "tip speed" if trajectory.FOLLOWED == "tip" else "speed": [
+                f"{x:.1f} m/s" for x in np.interp(at, t, tip_speed)
+            ],
             "distance": [f"{x:.3f} m" for x in np.interp(at, t, distance)],
             "closest": [f"{x:.3f} m" for x in closest],
             "target": ["hit" if struck else "not hit" for struck in hit],
