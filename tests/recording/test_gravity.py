@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 import pytest
 
-from whiptool.recording.gravity import G, falling, gravity_findings, hanging, swing_length
+from whiptool.recording.gravity import G, falling, gravity_findings, hanging, rests, swing_length
 from whiptool.recording.strike_recording import StrikeRecording
 
 FPS = 120.0
@@ -121,3 +122,15 @@ def test_a_swing_says_the_unit(length, stated, true):
     assert measured == pytest.approx(scale * length, rel=0.01)
     units = {f.topic: f for f in gravity_findings(r, stated)}["units"]
     assert units.numbers["units"] == true
+
+
+def test_markers_that_were_never_or_not_at_first_seen_say_nothing_about_rest():
+    """And no warning of NumPy reaches the user."""
+    t = np.arange(60) / 100
+    places = np.zeros((60, 3, 2))
+    places[:, 0, 1] = -1.0
+    places[:, 1], places[:30, 2] = np.nan, np.nan
+    seen = StrikeRecording(t, places, ("tip", "loose", "late"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert [mask.all() for mask in rests(seen)] == [True]

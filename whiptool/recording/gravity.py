@@ -72,11 +72,15 @@ def hanging(recording: StrikeRecording) -> list[Hanging]:
 
 def rests(recording: StrikeRecording) -> list[np.ndarray]:
     """Return masks (T,) of the frames at the start and the end in which all markers are at rest."""
-    found = []
-    way = np.nanmax(recording.points, axis=0) - np.nanmin(recording.points, axis=0)  # (M, d)
-    limit = np.maximum(STILL * np.nanmedian(recording.sigma, axis=0), STILL_WAY * np.linalg.norm(way, axis=1))
+    found, seen = [], recording.seen
     for order, shortest in zip((slice(None), slice(None, None, -1)), RESTS, strict=True):
-        points, t = recording.points[order], recording.t[order]
+        there = seen[order][: FEWEST + 1].any(axis=0)  # the others say nothing
+        if not there.any():
+            continue
+        points, t = recording.points[order][:, there], recording.t[order]
+        way = np.nanmax(points, axis=0) - np.nanmin(points, axis=0)  # (M, d)
+        error = np.nanmedian(recording.sigma[:, there], axis=0)
+        limit = np.maximum(STILL * error, STILL_WAY * np.linalg.norm(way, axis=1))
         first = np.nanmedian(points[: FEWEST + 1], axis=0)
         off = np.linalg.norm(points - first, axis=2) > limit  # NaN: not off
         still = ~np.maximum.accumulate(off.any(axis=1))

@@ -148,6 +148,31 @@ def test_errors_that_are_assumed_are_said_and_after_a_fit_those_that_its_residua
     assert misfits[0] == pytest.approx(2 * misfits[1], rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [("Motive", "Unlabeled 1042"), ("Nexus", "*112"), ("Qualisys TSV", "New 0004"), ("TRC", "U_17")],
+)
+def test_markers_without_a_label_are_left_out_unless_they_are_named(name, label, tmp_path):
+    file, write, _ = FORMATS[name]
+    options = write(tmp_path / file, Motion(swing().places, (label, "tip")))
+    read = read_recording(tmp_path / file, **{**options, "markers": None})
+    assert set(read.markers) <= {"tip", "Stick"}  # a body of Motive
+    assert "left out 1 unlabeled marker; name them in markers" in read.notes
+    named = read_recording(tmp_path / file, **{**options, "markers": {"tip": label}})
+    assert not any("unlabeled" in note for note in named.notes)
+
+
+def test_bodies_of_other_programs_than_motive_are_refused_as_the_hand(tmp_path):
+    """Segments of Nexus by their name, 6D data of Qualisys as a file."""
+    (tmp_path / "take_6D.tsv").write_text(QUALISYS)
+    for name, hand in (("Nexus", "Grip:Grip"), ("Qualisys TSV", "take_6D.tsv")):
+        file, write, _ = FORMATS[name]
+        options = write(tmp_path / file, swing())
+        with pytest.raises(InputError, match=r"hand: got '.*6D data and segments are not read") as caught:
+            read_recording(tmp_path / file, **{**options, "hand": hand})
+        assert "\n" not in str(caught.value)
+
+
 def test_what_residuals_suggest_is_in_the_unit_and_under_the_key_of_what_was_assumed():
     """Of pixels, of places, and of recordings that do not agree; an error put in later counts."""
     t, fitted = np.arange(9) / 60, SimpleNamespace(explains=True, misfit=2.0)

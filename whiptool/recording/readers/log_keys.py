@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
+from whiptool.models.pose_columns import POSE
 from whiptool.recording.logs import order_of
 from whiptool.recording.readers.joint_log import UNHEARD, JointLog
 from whiptool.recording.readers.keys import Keys, refuse_unheard
+from whiptool.recording.readers.programs import EXPORTS
 from whiptool.recording.readers.robot_logs import read_hand, read_joints
 from whiptool.recording.strike_recording import TURNED, turned_poses
 
@@ -23,6 +26,7 @@ LOG_KEYS = (
 ANGLES = ("rad", "deg", "normalized")
 TEXTS = (".csv", ".txt", ".log")  # endings of logs without a place for a sidecar of theirs
 SIGNS = {"": 1.0, "-": -1.0}
+HEAD = 4096  # bytes by which exports of programs are recognised
 TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 
 
@@ -69,6 +73,7 @@ class LogKeys(Keys):
             fields |= {"joint_names": log.names, "joints_listed": log.listed}
             said += [*log.notes, *units]
         if (file := self.file("hand")) is not None:
+            self._refuse_exports(file)
             hand = read_hand(file, self.table.get("hand_topic"), self._hand_frames)
             poses, axes = self.held(hand.q)
             if self.word("hand_up", tuple(TURNED), "z") != up:
@@ -81,6 +86,19 @@ class LogKeys(Keys):
             if self.values.get(what) is False:  # a log is left out for once
                 self.asked.update(key for key in self.values if key.startswith(what.removesuffix("s")))
         return fields, said
+
+    def _refuse_exports(self, file: Path) -> None:
+        """Refuse what is no log of the hand's poses: a body that no file of this name holds, exports of programs."""
+        rule = f"a CSV file next to it (columns t, {', '.join(POSE)}), a ROS bag, or a rigid body in Motive's CSV"
+        fix = "of other programs rigid bodies, 6D data and segments are not read: write them as such a CSV file"
+        if not file.exists():
+            raise self.refuse("hand", rule, fix)
+        head = b""
+        if file.is_file():
+            with file.open("rb") as opened:
+                head = opened.read(HEAD)
+        if any(program.matches(file, head) for program in EXPORTS):
+            raise self.refuse("hand", rule, fix)
 
     def _refuse_its_sidecar(self, what: str) -> None:
         """Refuse a sidecar of a log in a text file, unless it is this one."""

@@ -28,6 +28,7 @@ from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
 KEYS = (*SPACE, "markers", "sigma")  # of the sidecar
+UNLABELED = re.compile(r"unlabell?ed.*|\*\d+|new \d+|u_\d+", re.IGNORECASE)  # of Motive, Nexus, Qualisys, Cortex
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
@@ -47,7 +48,6 @@ class Capture:
         assumed: Whether the file does not state its units.
         forward, up: Axes that point forward and up, such as `x` and `-y`; empty: unknown.
         axes: A sentence on the source of these axes.
-        usual: Indices of the markers to read if the sidecar names none; None: all.
         notes: Further assumptions, and data that were left out.
         turns: Rotations of rigid bodies in the file's axes as quaternions (x, y, z, w), (T, 4), by those labels that
             are bodies; (T, 0) where the file has no quaternions.
@@ -63,7 +63,6 @@ class Capture:
     forward: str = ""
     up: str = ""
     axes: str = ""
-    usual: Sequence[int] | None = None
     notes: tuple[str, ...] = ()
     turns: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -77,6 +76,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
     """
     if not len(capture.labels):
         raise InputError(str(path), f"{capture.what} without markers", "at least one marker", "export the markers, too")
+    capture = _labeled(side, capture)
     names = _named(side, capture)
     points = capture.points[:, [list(capture.labels).index(label) for label in names.values()]]
     nowhere = (points == 0).all(axis=2)
@@ -128,6 +128,17 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
     return side.changed(up=None), replace(capture, forward=FORWARD[up], up=up, axes=said)
 
 
+def _labeled(side: Sidecar, capture: Capture) -> Capture:
+    """The capture without markers that a program numbered for want of a label, where others have labels."""
+    kept = [i for i, label in enumerate(capture.labels) if not UNLABELED.fullmatch(label.rpartition(":")[2])]
+    left = len(capture.labels) - len(kept)
+    if "markers" in side.table or not left or not kept:
+        return capture
+    said = f"left out {counted(left, 'unlabeled marker')}; name them in markers"
+    labels, points = [capture.labels[i] for i in kept], capture.points[:, kept]
+    return replace(capture, labels=labels, points=points, notes=(*capture.notes, said))
+
+
 def _named(side: Sidecar, capture: Capture) -> dict[str, str]:
     """Labels in the file by the names of the markers."""
     labels = list(capture.labels)
@@ -140,10 +151,9 @@ def _named(side: Sidecar, capture: Capture) -> dict[str, str]:
                 raise InputError("markers", label, "one of the labels " + ", ".join(labels)[:300])
             found[name] = same[0]
         return found
-    usual = labels if capture.usual is None else [labels[i] for i in capture.usual]
-    parts = [label.rpartition(":")[2].lower() for label in usual]
+    parts = [label.rpartition(":")[2].lower() for label in labels]
     clear = {part for part in parts if PARTS.fullmatch(part) and parts.count(part) == 1}
-    return {part if part in clear else label: label for part, label in zip(parts, usual, strict=True) if label}
+    return {part if part in clear else label: label for part, label in zip(parts, labels, strict=True) if label}
 
 
 def axes_of(forward: str, up: str) -> tuple[str, str, str] | None:

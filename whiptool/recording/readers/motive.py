@@ -54,10 +54,10 @@ def read_motive(path: Path | str, **options: Any) -> StrikeRecording:
             raise InputError("rows", "no row that begins with Frame", f"that row, as in {MOTIVE.what}")
         if said.get("Coordinate Space", "Global") != "Global":
             raise InputError("Coordinate Space", said["Coordinate Space"], "Global", "export in global coordinates")
-        columns, turns, usual, notes = _markers(rows[1:at], rows[at])
+        columns, turns, notes = _markers(rows[1:at], rows[at])
         read = _capture(rows, at, said, (columns, turns), side)
         notes = (*_unfamiliar(said), *mocap.announced(said, "Total Exported Frames", len(read["t"])), *notes)
-        return mocap.recorded(path, side, Capture(what=MOTIVE.what, usual=usual, notes=notes, **read))
+        return mocap.recorded(path, side, Capture(what=MOTIVE.what, notes=notes, **read))
 
 
 def _capture(
@@ -89,9 +89,9 @@ def _capture(
     }
 
 
-def _markers(above: list[list[str]], axes: list[str]) -> tuple[Columns, Columns, list[int], list[str]]:
+def _markers(above: list[list[str]], axes: list[str]) -> tuple[Columns, Columns, list[str]]:
     """Columns x, y, z of each marker and body by its label, x, y, z, w of each body's rotation (none if that is not a
-    quaternion), the indices of those to read, and what was left out.
+    quaternion), and what was left out.
     """
     types, names, marks, what = _described(above)
     found: dict[tuple[str, str, str], dict[str, int]] = {}
@@ -116,19 +116,12 @@ def _markers(above: list[list[str]], axes: list[str]) -> tuple[Columns, Columns,
         if kind == BODY:
             four = turned.get((kind, name, mark), {})
             turns[label] = [four[axis] for axis in QUATERNION] if len(four) == len(QUATERNION) else []
-    loose = [bool(re.match(r"unlabell?ed", label, re.IGNORECASE)) for label in columns]
-    usual = [i for i, one in enumerate(loose) if not one] or list(range(len(loose)))
     others = {kind for kind, _, _ in found if kind not in (MEASURED, BODY, *SOLVED)}
     notes = (
         [f"left out {counted(solved, 'marker')} as Motive solved them, for they were measured, too"] if solved else []
     )
-    notes += (
-        [f"left out {counted(len(loose) - len(usual), 'unlabeled marker')}; name them in markers"]
-        if len(usual) < len(loose)
-        else []
-    )
     notes += [f"left out columns of the types {', '.join(sorted(others))}"] if others else []
-    return columns, turns, usual, notes
+    return columns, turns, notes
 
 
 def _described(above: list[list[str]]) -> tuple[list[str], list[str], list[str], list[str]]:
