@@ -21,10 +21,8 @@ ON_PEOPLE = ("07_people_and_machines",)  # it reads the user's copy of their dat
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SMALLER = {  # studies that take tens of seconds, and what the test computes of them
     "01_first_strike": {"animate(path, model, target)": "animate(path, model, target, fps=5)"},
-    "02_whip_dynamics": {"(lower, upper, (800, 5))": "(lower, upper, (100, 5))", "range(8)": "range(2)"},
     "03_impedance": {"np.random.default_rng(1), 200)": "np.random.default_rng(1), 40)"},
     "04_search_and_learning": {"max_trials=200": "max_trials=100", "episodes=12": "episodes=6"},
-    "07_people_and_machines": {"draws=100": "draws=20"},
     "06_rig_and_sim2real": {"for one in targets]": "for one in targets[:2]]", "max_strikes=4": "max_strikes=2"},
 }
 LONGEST_CELL = 25  # lines
