@@ -1,14 +1,14 @@
 """The parts of `python -m whiptool.reproduce`, one function each: from a context to the sections of a report.
 
 A further one is added to `PARTS`, and, unless it takes hours, to `ALL`. `nah2023` is another paper,
-`adapt`, `aim` and `spaces` are other tasks, each with its own models.
+`adapt`, `aim`, `spaces` and `crack` are other tasks, each with its own models.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from papers import aim, nah2023, unknown
+from papers import aim, crack, nah2023, unknown
 from papers.aim import spaces
 from papers.context import Context
 from papers.lemon2024 import fig5, fig6, fig7, hard, sim2real, table4
@@ -27,5 +27,6 @@ PARTS: dict[str, Callable[[Context], list[Section]]] = {
     "nah2023": nah2023.sections,
     "aim": aim.sections,
     "spaces": spaces.sections,
+    "crack": crack.sections,
 }
 ALL = ("fig5", "fig6", "fig7", "table4", "hard", "sim2real")

@@ -28,10 +28,12 @@ if TYPE_CHECKING:
     from whiptool.runs import RunFolder
 
 REPORT = "report.html"
-Part = Literal["fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "all"]
+Part = Literal[
+    "fig5", "fig6", "fig7", "table4", "hard", "sim2real", "adapt", "nah2023", "aim", "spaces", "crack", "all"
+]
 Row = Literal["nominal", "unseen", "still", "wiggle", "rig"]
 # parts with their own model, and their home
-OTHERS = {"adapt": "unknown", "nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces"}
+OTHERS = {"adapt": "unknown", "nah2023": "nah2023", "aim": "aim", "spaces": "aim.spaces", "crack": "crack"}
 _RIG = ("dynamixel_sdk", "cv2")  # servos, and a camera's images
 _LEARNED = ("fig6", "fig7", "table4", "hard", "aim", "spaces")  # parts with learners
 _OF_PARTS = {**dict.fromkeys(_LEARNED, ("torch",)), "sim2real": _RIG}  # modules of extras
@@ -48,11 +50,12 @@ class ReproduceOptions(ComparisonOptions):
     ranges: ClassVar[Ranges] = dict.fromkeys(("whips", "whip_targets"), Count(high=MANY_TARGETS))
 
     what: tyro.conf.Positional[Part] = "all"
-    """Part to reproduce: figures or a table of Wang et al. 2024, or hard, adapt, nah2023, aim, spaces (--help-all
-    describes these). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9 and 10.
-    Four parts are not included in all: adapt (unknown whips; an hour or two), nah2023 (another paper, an arm in space;
-    minutes), aim (a UR5e strikes points at arrival angles; an hour or two) and spaces (joint space compared with hand
-    space; an hour)."""
+    """Part to reproduce: figures or a table of Wang et al. 2024, or hard, adapt, nah2023, aim, spaces, crack
+    (--help-all describes these). table4 includes Fig. 8; hard uses a hit radius of 1 cm everywhere; sim2real is Figs. 9
+    and 10.
+    Five parts are not included in all: adapt (unknown whips; an hour or two), nah2023 (another paper, an arm in space;
+    minutes), aim (a UR5e strikes points at arrival angles; an hour or two), spaces (joint space compared with hand
+    space; an hour) and crack (a loop runs along a whip, with a film; minutes)."""
     whips: int = 30
     """Number of unknown whips of each family, in the part adapt."""
     whip_targets: int = 3

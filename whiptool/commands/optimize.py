@@ -350,15 +350,15 @@ class SearchRun:
         return replay_table(seen, self._throws)
 
     def _refine(self, result, trajectory) -> str | None:
-        """What the integration of the winning strike may have got wrong; printed on stderr, too."""
+        """Why the result of the winning strike may not be trusted; printed on stderr, too."""
         import numpy as np
 
-        from whiptool.rollout.refinement import refine
+        from whiptool.rollout.refinement import doubts
 
         if result.outcome.lost:
             return None
         target = np.array(self.target.position)
-        warning = refine(self.rollout, result.strike, trajectory, t_stay=self.options.t_stay, target=target)
+        warning = doubts(self.rollout, result.strike, trajectory, t_stay=self.options.t_stay, target=target)
         if warning is not None:
             print(f"whiptool: {warning}", file=sys.stderr)
         return warning

@@ -268,10 +268,10 @@ def _motion(outcome, arm) -> dict[str, Any]:
 
 
 def _accuracy(options: SimulateOptions, rollout, strike, trajectory, target) -> dict[str, Any]:
-    """Return for JSON how a strike was simulated, and what its integration may have got wrong; say the latter."""
-    from whiptool.rollout.refinement import refine
+    """Return for JSON how a strike was simulated, and why its result may not be trusted; say the latter."""
+    from whiptool.rollout.refinement import doubts
 
-    warning = refine(rollout, strike, trajectory, t_stay=options.t_stay, target=np.array(target.position))
+    warning = doubts(rollout, strike, trajectory, t_stay=options.t_stay, target=np.array(target.position))
     if warning is not None:
         print(f"whiptool: {warning}", file=sys.stderr)
     return {

@@ -13,6 +13,7 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import Rollout
 from whiptool.rollout.reference import ReferenceRollout
+from whiptool.rollout.trust import beyond_trust
 
 MISS, PEAK = 3e-4, 0.05  # [m]; of the larger of two peaks: by which finer steps may differ
 SAMPLE = 64  # random strikes
@@ -63,6 +64,18 @@ def refine(
                 unit = sliding if joint in slides else turning
                 differences.append(f"the {joint}'s largest {what} is {b:.2f} {unit}, not {a:.2f}")
     return _too_coarse(differences) if differences else None
+
+
+def doubts(rollout: Rollout, strike: AnyStrike, path: Trajectory, *, t_stay: float, target: np.ndarray) -> str | None:
+    """Return why the result of a strike may not be trusted, as a sentence; None if nothing speaks against it.
+
+    Its integration may be inaccurate (`refine`), or it is beyond the range of its model (`beyond_trust`).
+
+    Args:
+        rollout, strike, path, t_stay, target: As in `refine`.
+    """
+    found = refine(rollout, strike, path, t_stay=t_stay, target=target), beyond_trust(rollout.model, path)
+    return "; ".join(one for one in found if one is not None) or None
 
 
 def _too_coarse(said: Sequence[str]) -> str:
