@@ -86,7 +86,7 @@ def reached_picture(speeds: Mapping[str, float]) -> Figure:
         ax.set(xscale="log", xlim=(3, 1600), xlabel="tip speed [m/s]")
         ax.set_xticks((5, 10, 20, 50, 100, 200, 500, 1000), [str(x) for x in (5, 10, 20, 50, 100, 200, 500, 1000)])
         ax.invert_yaxis()
-        ax.legend(loc="lower right")
+        ax.legend(loc="upper right")
     return figure
 
 

@@ -59,7 +59,7 @@ def sections(context: Context) -> list[Section]:
     nodes = (8, 12) if context.quick else (20, 40, 80, 120)
     falls = [FoldedUnit(nodes=n) for n in (nodes if context.quick else (*nodes, 160))]
     tapers = [LoopUnit(nodes=n, taper=taper) for taper in TAPERS for n in nodes]
-    cords = [LoopUnit(nodes=n, taper=1.0, **CORD) for n in nodes]
+    cords = [LoopUnit(nodes=n, taper=1.0, **CORD) for n in (nodes if context.quick else (20, 40, 60, 80, 120))]
     base = LoopUnit(nodes=nodes[-2])
     others = {
         "as it is": base,

@@ -45,7 +45,7 @@ class FoldedUnit(Unit):
         seen = moved(whip, folded(whip, 0.5, self.radius, 0.0), until=0.5, step=4e-3 / self.nodes, gravity=GRAVITY)
         depth = seen.places[0, -1, 1] - seen.places[:, -1, 1]
         fastest = int(seen.tip_speed.argmax())
-        lowest = fastest + int(depth[fastest:].argmax())
+        lowest = fastest + int((seen.velocities[fastest:, -1, 1] > 0).argmax())  # from where the tip goes up
         way = slice(0, fastest)
         depths = np.linspace(0.05, 0.9, 18)
         return {
