@@ -79,8 +79,8 @@ def reached_picture(speeds: Mapping[str, float]) -> Figure:
         figure = Figure((6.4, 0.5 + 0.42 * len(speeds)), layout="constrained")
         ax = figure.subplots()
         ax.barh(list(speeds), list(speeds.values()), color=COLORS["sky"])
-        for name, speed in speeds.items():
-            ax.text(speed * 1.04, name, f"{speed:.0f}", va="center", fontsize=9)
+        for row, speed in enumerate(speeds.values()):
+            ax.text(speed * 1.04, row, f"{speed:.0f}", va="center", fontsize=9)
         for mach, color in ((MACH.limit, "orange"), (1.0, "vermilion")):
             ax.axvline(mach * SOUND, color=COLORS[color], linestyle="--", label=f"Mach {mach:g}")
         ax.set(xscale="log", xlim=(3, 1600), xlabel="tip speed [m/s]")

@@ -44,14 +44,15 @@ class FoldedUnit(Unit):
         whip = lumped(profile, self.nodes)
         seen = moved(whip, folded(whip, 0.5, self.radius, 0.0), until=0.5, step=4e-3 / self.nodes, gravity=GRAVITY)
         depth = seen.places[0, -1, 1] - seen.places[:, -1, 1]
-        fastest = int(seen.tip_speed.argmax())
-        lowest = fastest + int((seen.velocities[fastest:, -1, 1] > 0).argmax())  # from where the tip goes up
+        lowest = int((seen.velocities[1:, -1, 1] > 0).argmax())  # before the tip goes up for the first time
+        fastest = int(seen.tip_speed[: lowest + 1].argmax())
         way = slice(0, fastest)
         depths = np.linspace(0.05, 0.9, 18)
         return {
             "time": float(seen.t[lowest]),
             "fall": float(depth[lowest]),
             "depths": depths.tolist(),
+            "times": np.interp(depths, depth[way], seen.t[way]).tolist(),
             "speeds": np.interp(depths, depth[way], seen.tip_speed[way]).tolist(),
             "peak": float(seen.tip_speed[fastest]),
             "pull": float(seen.pull.max() / GRAVITY),
