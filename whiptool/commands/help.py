@@ -49,7 +49,8 @@ def help_text(given: OptionGroup, *, prog: str, description: str, whole: bool) -
     options, idle = type(given), _without_effect(given)
     shown, first = [one for one in _shown(options) if one.name not in idle], options.named("first")
     positional = [one.left for one in shown if not one.left.startswith("-")]
-    head = [" ".join(["usage:", prog, *positional, "[options]"]), *textwrap.wrap(description, _WIDTH)]
+    usage = " ".join(["usage:", prog, *positional, "[options]"])
+    head = [*textwrap.wrap(usage, _WIDTH, subsequent_indent="  "), *textwrap.wrap(description, _WIDTH)]
     compact = [*head, *_in_groups(shown, short=False, gap=False), *_left_out(idle)]
     if len(compact) <= SCREEN or not first:
         return "\n".join(compact)
