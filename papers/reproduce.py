@@ -117,7 +117,7 @@ class ReproduceOptions(ComparisonOptions):
 
 
 _EXAMPLE = (
-    "Reproduce figures and tables of Wang et al. 2024 in one HTML file, with the published numbers next to ours. "
+    "Reproduce figures and tables of Wang et al. 2024 in one HTML file, published numbers next to ours. "
     "`all` takes hours and can be interrupted and resumed. Example: python -m whiptool.reproduce all --quick"
 )
 
