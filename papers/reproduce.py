@@ -117,8 +117,8 @@ class ReproduceOptions(ComparisonOptions):
 
 
 _EXAMPLE = (
-    "Reproduce figures and tables of Wang et al. 2024 in one HTML file, published numbers next to ours. "
-    "`all` takes hours and can be interrupted and resumed. Example: python -m whiptool.reproduce all --quick"
+    "Reproduce figures and tables of Wang et al. 2024 in one HTML file, with the published numbers. "
+    "`all` takes hours and can be resumed. Example: python -m whiptool.reproduce all --quick"
 )
 
 
