@@ -71,6 +71,23 @@ def test_a_strike_goes_on_from_any_instant(simulator, linear):
     np.testing.assert_allclose(later.tip[0], linear.planned.tip[0, first : first + 301], atol=1e-9)
 
 
+def test_a_trajectory_has_the_reference_that_the_engine_follows(simulator):
+    """The law's torque from the stated reference is the engine's."""
+    added = some(np.random.default_rng(4))
+    path = simulator.trajectory(Begun(STRIKE, simulator.rest(STRIKE)[None], added, 0.8))
+    controller = wt.default_controller(MODEL)
+    still = simulator.trajectory(Begun(STRIKE, simulator.rest(STRIKE)[None], Submovements.none(1, 2), 0.8))
+    law = [np.einsum("tij,tj->ti", x.K, x.q_d - x.q[:, :2]) for x in (path, still)]
+    law = [f + np.einsum("tij,tj->ti", x.B, x.v_d - x.v[:, :2]) for f, x in zip(law, (path, still), strict=True)]
+    weights = [x.tau - f for x, f in zip((path, still), law, strict=True)]
+    np.testing.assert_allclose(weights[0][:300], weights[1][:300], atol=1e-9)  # the arm's weight, the same at first
+    assert controller.law.kind == "oiac"
+    at = np.array([0.5])
+    s = (0.5 - 0.3) / 0.4
+    share = 10 * s**3 - 15 * s**4 + 6 * s**5
+    np.testing.assert_allclose(path.q_d[500], STRIKE.reference(at)[0][0] + added.by[0, 0] * share, atol=1e-12)
+
+
 def test_slopes_are_those_of_differences(simulator, linear):
     """Swings, kicks, pulses of the hand and the whip's numbers, each by central differences of the engine."""
     c, a = linear._columns, 2

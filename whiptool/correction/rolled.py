@@ -14,7 +14,9 @@ from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike, strike_names
+from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.batch import Batch
+from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.engine import find_engine
 from whiptool.rollout.interface import time_grid
 
@@ -85,6 +87,30 @@ class Paths:
     miss: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """The reference of a strike with submovements (B = 1), as a `StrikePath`."""
+
+    strike: Strike
+    added: Submovements
+
+    @property
+    def q_i(self) -> tuple[float, ...]:
+        return self.strike.q_i
+
+    @property
+    def D(self) -> float:
+        return self.strike.D
+
+    def reference(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        found = self.strike.reference(t)
+        rest = (0.0,) * len(self.q_i)
+        for since, lasts, by in zip(self.added.since[0], self.added.lasts[0], self.added.by[0], strict=True):
+            more = Strike(rest, tuple(by.tolist()), float(lasts)).reference(t - since)
+            found = found[0] + more[0], found[1] + more[1], found[2] + more[2]
+        return found
+
+
 class AnyStart:
     """Simulates strikes of one arm and controller that begin in any state, with submovements.
 
@@ -128,6 +154,14 @@ class AnyStart:
         assert rolled.rows is not None
         columns = row_columns(self.structure.n, self.model.arm.n, self.model.dimension)[name]
         return rolled.rows[:, columns].reshape(len(batch.p), -1, columns.stop - columns.start)[:, ::STRIDE]
+
+    def trajectory(self, begun: Begun) -> Trajectory:
+        """Return the whole trajectory of one strike (B = 1) from its beginning, at the instants of paths."""
+        x, tau = self.rows(begun, "x")[0], self.rows(begun, "tau")[0]
+        n = self.structure.n
+        states = States(INTERVAL * np.arange(len(x)), x[:, :n], x[:, n:], tau)
+        model = begun.models[0] if begun.models else self.model
+        return complete_trajectory(model, self.controller, _Corrected(begun.strike, begun.added), states)
 
     def slopes(
         self, begun: Begun, *, dx0: np.ndarray | None = None, dby: np.ndarray, names: Sequence[str] = ()
