@@ -343,7 +343,8 @@ def studies(folder: Path, *, quick: bool, kept_in: Path | None = None) -> dict[s
 def print_study(name: str, found: dict[str, Any]) -> None:
     """A table for people."""
     if "predicted" not in found:
-        print(f"{name}: " + ", ".join(f"{key} {value}" for key, value in found.items()))
+        said = {key: f"{value:.3g}" if isinstance(value, float) else value for key, value in found.items()}
+        print(f"{name}: " + ", ".join(f"{key} {value}" for key, value in said.items()))
         return
     unit = "mrad" if found["angular"] else "mm"
     print(f"{name}: {found['held_out']} of {found['recordings']} recordings held out, fit {found['seconds']:.1f} s")
