@@ -10,9 +10,8 @@ from command_line import called
 
 
 @pytest.mark.slow
-def test_quick_form_ends_and_resumes(tmp_path, monkeypatch):
-    """Resumed, the report is the same; a unit that is lost is worked out again. Nothing is compiled."""
-    monkeypatch.setenv("WHIPTOOL_ENGINE", "interpreter")
+def test_quick_form_ends_and_resumes(tmp_path):
+    """Resumed, the report is the same; a unit that is lost is worked out again."""
 
     def run(*more: str) -> dict:
         done = called("reproduce", *more, "--json", cwd=tmp_path)
