@@ -231,7 +231,7 @@ def _by_beginning(recording: StrikeRecording, path: Path, called: str, key: str,
         return
     offset = begun[0] - begun[1] - WHIP_LAG
     wrong = abs(offset) > LAG_ERROR
-    value = f"{called}: {offset:.3g} s, within {LAG_ERROR:g} s, have to be added to its time"
+    value = f"{called}: {offset:.2f} s, within {LAG_ERROR:g} s, have to be added to its time"
     reason = "from when tip and hand begin to move; the tip follows the hand. A marker handle tells it to a millisecond"
     fix = f"say {key} = {start - offset:.2f} in the sidecar, and fit with --per-recording delay" if wrong else ""
     numbers = {"offset": offset, "error": LAG_ERROR, "start": start - offset}

@@ -163,6 +163,15 @@ def test_markers_without_a_label_are_left_out_unless_they_are_named(name, label,
     assert not any("unlabeled" in note for note in named.notes)
 
 
+def test_names_of_masses_may_stand_in_the_first_row_of_trackers_text(tmp_path):
+    text = "#multi:\ttip\t\thandle\t\nt\tx\ty\tx\ty\n0\t1,5\t2\t3\t4\n0,01\t\t\t3\t4\n0,02\t1,5\t2\t3\t4\n"
+    (tmp_path / "a.txt").write_text(text)
+    read = read_recording(tmp_path / "a.txt")
+    assert read.markers == ("tip", "handle")
+    np.testing.assert_array_equal(read.points[0], [[1.5, 2], [3, 4]])
+    assert read.seen.tolist() == [[True, True], [False, True], [True, True]]
+
+
 def test_bodies_of_other_programs_than_motive_are_refused_as_the_hand(tmp_path):
     """Segments of Nexus by their name, 6D data of Qualisys as a file."""
     (tmp_path / "take_6D.tsv").write_text(QUALISYS)

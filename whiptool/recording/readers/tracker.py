@@ -43,7 +43,8 @@ def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
     side = Sidecar.of(path, options, *mocap.KEYS)
     with parsing(path, "Tracker's text"):
         rows = text_rows(path, _mark(path))
-        rows = rows[1:] if rows[0][:1] and rows[0][0].startswith("#multi") else rows
+        if rows[0][:1] and rows[0][0].startswith("#multi"):  # the names are in this row, or in the next one
+            rows = [["", *rows[0][1:]], *rows[1:]] if any(rows[0][1:]) else rows[1:]
         names, variables = rows[0], [_variable(cell) for cell in rows[1]]
         columns = _columns(names, variables)
         if not columns:
