@@ -162,17 +162,20 @@ class User:
         self.settle()
         mouse.up()
         self.settle()
+        found = found and self.wait(lambda: self._followed() is not None)
         return self._followed() if found else None
 
-    def _followed(self) -> Followed:
-        """Return how the page followed the last movement, whose outcome is the first at the target of the end."""
+    def _followed(self) -> Followed | None:
+        """Return how the page followed the last movement, whose outcome is the first at the target of the end; None: it
+        has not come yet."""
         began, moved, outcomes = self.tab.evaluate("[performance.timeOrigin, window.moved, window.outcomes]")
-        _, place = self.page.heard[-1]
-        moved = (began + moved) / 1e3
-        heard = next(t for t, position in self.page.heard if t > moved - CLOCK and position == place)
-        sent, number = next((t, n) for t, position, n in self.page.sent if t > heard and position == place)
-        shown = next((began + t) / 1e3 for t, n, _ in outcomes if n >= number)
-        return Followed(shown - moved, heard - moved, sent - heard, shown - sent)
+        moved, (_, place) = (began + moved) / 1e3, self.page.heard[-1]
+        heard = next((t for t, position in self.page.heard if t > moved - CLOCK and position == place), None)
+        sent = next(((t, n) for t, position, n in self.page.sent if heard and t > heard and position == place), None)
+        shown = next(((began + t) / 1e3 for t, n, _ in outcomes if sent and n >= sent[1]), None)
+        if heard is None or sent is None or shown is None:
+            return None
+        return Followed(shown - moved, heard - moved, sent[0] - heard, shown - sent[0])
 
     def frame(self, seconds: float = 2.0) -> float:
         """Return the mean time between two frames that the browser draws, seen for so long [s]."""
