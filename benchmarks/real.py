@@ -334,9 +334,11 @@ def studies(folder: Path, *, quick: bool, kept_in: Path | None = None) -> dict[s
         seen = [file.stat().st_size for file in sorted(folder.iterdir())]
         thrown = partial(people, folder, quick=quick)
         found["people's throws"] = kept(kept_in, "people's throws", (seen, quick), thrown)
+    if not folder.is_dir():
+        raise InputError("FOLDER", str(folder), "a folder that exists", "docs/real-data.md says where the data are")
     if not found:
         rule = "a folder with real.toml, single.npz, double.npz or trial_stats.csv"
-        raise InputError("FOLDER", folder, rule, "write a real.toml; --help shows one")
+        raise InputError("FOLDER", str(folder), rule, "write a real.toml; --help shows one")
     return found
 
 
