@@ -59,6 +59,14 @@ def test_a_sound_recording_of_a_whip_that_is_not_quite_the_models_passes(drive):
     [
         (lambda: placed(lambda x: x / 1000), "they were m, read as mm"),
         (lambda: placed(lambda x: x / 100), "they were m, read as cm"),
+        (lambda: placed(lambda x: x * 10), "they were mm, read as cm"),
+        (lambda: placed(lambda x: x / 10), "they were cm, read as mm"),
+        (lambda: placed(lambda x: x / 25.4), "they were in, read as mm"),
+        (lambda: placed(lambda x: x / 2.54), "they were in, read as cm"),
+        (
+            lambda: placed(lambda x: x - [-0.2, -1.4]),
+            r"shifted by \(0\.[12]\d, 1\.\d\d\) m: say origin, in the .* unit",
+        ),
         (lambda: placed(lambda x: x[..., ::-1] * [-1, 1]), r"axes should be \(y, -x\)"),
         (lambda: placed(lambda x: x * [1, -1]), r"axes should be \(x, -y\)"),
         (
@@ -94,6 +102,7 @@ def test_a_base_that_stands_elsewhere_is_remarked():
     """A shift along the vertical could be a whip of another length: it is told, and the fit goes on."""
     (said,) = checked(placed(lambda x: x - [0.0, 0.6]), LEMON)
     assert said.startswith("strike.csv: its first readings are 0.60 m from where the model's whip hangs")
+    assert "as if all of it were shifted by (0.00, -0.60) m: say origin" in said
 
 
 @pytest.mark.parametrize("drive", ["command", "joints"])

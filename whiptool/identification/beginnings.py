@@ -21,6 +21,7 @@ from whiptool.identification.predict import Predictor
 from whiptool.identification.readings import PLACED
 from whiptool.models.mount import MOUNTS, SURFACES, mounted
 from whiptool.models.parameters import AnyArm, Model
+from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import AT_REST, StrikeRecording
 
 GROSS = 0.3  # of the whip's length: farther off than whips are unlike
@@ -35,12 +36,14 @@ _LONGEST, _EVERY = (
 _SHORTEST = 0.1  # [s] of those: what is less is found by a fit
 _TURNED = 0.3  # [rad] of a joint from where the strike begins
 _ROUGH = 0.05  # [s] between knots of a motion that is only tried
+_BETTER = 0.25  # of the distance that other slips leave, at most, where a shift, which explains much, is named
+_SIDEWAYS = 0.1  # of the whip's length, by which a shift is not only up or down
 _LEVEL = 0.5  # of a surface's vector, between that of a wall and of a ceiling
 _WRAP = 0.5  # [rad] within which a jump is one of a whole turn
+_NEAR = 3.0  # factor between units, within which a whip of another length is as likely where no arm gives the size
 _UNITS = {  # factor that mends it
-    1e-3: "they were mm, read as m", 1e-2: "they were cm, read as m", 1e3: "they were m, read as mm",
-    1e2: "they were m, read as cm",
-}  # fmt: skip
+    UNITS[is_] / UNITS[read]: f"they were {is_}, read as {read}" for is_, read in itertools.permutations(UNITS, 2)
+}
 
 
 def check_joints(recording: StrikeRecording, arm: AnyArm) -> None:
@@ -152,6 +155,10 @@ class _Beginning:
         if not any(slip.left <= CLEAR for slip in slips):
             slips += [*self._placed(half), *self._other_joints(half), *self._late(whole)]
         best = min(slip.left for slip in slips)
+        shift, sure = self._shifted(half)
+        shifted = shift.left <= min(CLEAR, _BETTER * best)
+        if shifted:
+            slips, best = [shift] * sure, shift.left
         for slip in slips:  # simple ones first
             if slip.left <= min(EXPLAINED, 2 * best) and slip.distance <= _ALIKE * self._plant.model.whip.length:
                 fix = f"it is as if {slip.words} (that leaves {slip.distance:.2g} m)"
@@ -160,15 +167,17 @@ class _Beginning:
             return []
         return [
             f"{name}: its first readings are {early:.2f} m from where the model's whip hangs: check the whip's length, "
-            "where the base stands, axes, units, and when the strike began"
+            "where the base stands, axes, units, and when the strike began" + f"; it is as if {shift.words}" * shifted
         ]
 
     def _placed(self, before: float) -> Iterator[_Slip]:
         """Wrong units and axes, and a frame that is turned."""
         x, half = self._measured, self._half
         d = x.shape[1]
-        for scale, words in _UNITS.items():
-            yield _Slip.of("points", words, _off(scale * x, self._foreseen, half), before)
+        least = _NEAR if self._predictor.kind in ("hand", "handle") else 1.0
+        scales = [scale for scale in _UNITS if max(scale, 1 / scale) > least]
+        left = [_off(scale * x, self._foreseen, half) for scale in scales]
+        yield _Slip.of("points", _UNITS[scales[int(np.argmin(left))]], min(left), before)
         turns = [
             (order, signs)
             for order in itertools.permutations(range(d))
@@ -185,6 +194,19 @@ class _Beginning:
         angle = math.degrees(math.acos(np.clip((np.trace(R) - (d - 2)) / 2, -1, 1)))
         words = f"its frame were turned by {angle:.0f} degrees about the base: turn it back"
         yield _Slip.of("points", words, _off(x @ R.T, self._foreseen, half), before)
+
+    def _shifted(self, before: float) -> tuple[_Slip, bool]:
+        """A base that is elsewhere than at the origin, and whether it is no whip of another length, which hangs lower
+        or higher.
+        """
+        x, apart = self._measured, (self._measured - self._foreseen)[self._half]
+        if self._predictor.kind in ("hand", "handle") or not (known := np.isfinite(apart).all(axis=1)).any():
+            return _Slip.of("points", "", math.inf, before), False
+        shift = np.median(apart[known], axis=0) + 0.0
+        by = ", ".join(f"{value:.2f}" for value in shift)
+        words = f"all of it were shifted by ({by}) m: say origin, in the axes and in the unit of the file"
+        sure = np.linalg.norm(shift[:-1]) > _SIDEWAYS * self._plant.model.whip.length
+        return _Slip.of("points", words, _off(x - shift, self._foreseen, self._half), before), bool(sure)
 
     def _other_joints(self, before: float) -> Iterator[_Slip]:
         """A log that drives the whip, with exchanged columns."""
