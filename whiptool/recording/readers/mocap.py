@@ -91,7 +91,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
     if axes is None and not flat and "axes" not in side.table:
         raise side.refuse(
             "axes",
-            f"which of its axes point forward, up and out, for a model in space forward, left and up ({capture.axes})",
+            f"which of its axes point forward, up and out ({capture.axes}), for a model in space forward, left and up",
             'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
         )
     if "axes" not in side.table and capture.axes:
