@@ -6,6 +6,7 @@ import importlib.util
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -34,13 +35,18 @@ def test_without_viser_one_line_says_how_it_is_installed(tmp_path: Path, monkeyp
 
 
 def test_the_end_says_how_the_page_is_seen_again(tmp_path: Path, monkeypatch, capsys) -> None:
-    done = []
+    done, begun = [], []
     connection = SimpleNamespace(close=lambda: done.append("closed"))
-    monkeypatch.setattr("whiptool.rig.child_process.start_child", lambda *_: ("process", connection))
+    monkeypatch.setattr(
+        "whiptool.rig.child_process.start_child", lambda *words: begun.append(words) or ("process", connection)
+    )
     monkeypatch.setattr("whiptool.rig.child_process.end_child", done.append)
     with LiveOptions(live=True).shown(tmp_path):
-        assert capsys.readouterr().err == ""
-    assert done == ["closed", "process"]
+        (address,) = re.findall(r"watch the run at http://127\.0\.0\.1:(\d+)/", capsys.readouterr().err)
+        assert begun == [("whiptool.following", str(tmp_path), address)]
+    with socket.create_server(("127.0.0.1", int(address))), LiveOptions(live=True).shown(tmp_path):
+        assert int(begun[-1][2]) > int(address)
+    assert done == 2 * ["closed", "process"]
     assert f"python -m whiptool.studio {tmp_path} opens it again" in capsys.readouterr().err
 
 
@@ -73,7 +79,8 @@ def test_the_page_ends_with_the_command_however_that_ends(ending: signal.Signals
     command += ["--out", str(tmp_path / "run")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
         assert process.stderr is not None
-        address = next(m[0] for line in process.stderr if (m := re.search(r"http://127\.0\.0\.1:\d+/", line)))
+        said = r"the page of the run answers at (http://127\.0\.0\.1:\d+/)"
+        address = next(m[1] for line in process.stderr if (m := re.search(said, line)))
         page = shown_by(process.pid)
         with urllib.request.urlopen(address, timeout=HANG) as answer:
             assert answer.status == 200

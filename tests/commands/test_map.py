@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from whiptool import load_map
 from whiptool.commands import map as command
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.models import preset
 from whiptool.strike_map.map_files import GATE, part_file
 
 SMALL = "build --controller constant --timestep 0.0005 --zone-radius 0.15 --hit-radius 0.03 --arrival-angle -180 180"
@@ -87,3 +89,22 @@ def test_mistakes_in_what_is_struck_from_are_one_line(capsys) -> None:
         told = capsys.readouterr().err
         assert told.count("\n") == 1
         assert said in told
+
+
+@pytest.mark.slow
+def test_a_strike_of_a_robot_says_what_it_uses_of_the_limits(tmp_path: Path, capsys) -> None:
+    words = "strike ur5e --target 1.2 0.3 0.5 --arrival-angle 60 --no-video --out"
+    assert command.main([*words.split(), str(tmp_path / "strike")]) == 0
+    said = capsys.readouterr().out
+    result, path = (
+        json.loads((tmp_path / "strike/result.json").read_text()),
+        np.load(tmp_path / "strike/trajectory.npz"),
+    )
+    joints = preset("ur5e").arm.joint_limits
+    speeds = np.abs(path["v"][:, :6]).max(axis=0) / [joint.velocity for joint in joints]
+    torques = np.abs(path["tau"]).max(axis=0) / [joint.torque for joint in joints]
+    assert max(speeds.max(), torques.max()) - 1e-6 <= result["joint_usage"] <= 1
+    assert result["beyond"] is None
+    assert re.search(r"\n  joints         within .*: at most \d+ % used\n", said)
+    assert f"\n  clearance      {1e3 * result['clearance']:.0f} mm at least; " in said
+    assert len(re.findall(r"   within [+-]", said)) == len(result["strike"])

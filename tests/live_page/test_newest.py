@@ -80,8 +80,11 @@ def test_an_error_is_told_and_the_rest_goes_on(held):
 
     held.thread.ask("broken", broken)
     held.ask("after", "after")
+    assert held.thread.waiting == {"broken", "after"}
     held.finish()
+    assert held.thread.waiting == set()
     assert held.done == ["after"]
+    assert held.kinds[-1] == {"after"}
     assert [str(error) for error in held.errors] == ["no"]
 
 

@@ -50,6 +50,23 @@ def test_a_miss_says_what_is_missed(planar):
     assert "✗ Miss" in bars_html(shown, [bar])
 
 
+def test_a_target_beyond_the_reach_is_named(planar):
+    session, reach = Session(wt.preset("lemon2024")), sum(x.length for x in wt.preset("lemon2024").arm.links) + 0.864
+    for x, far in ((reach + 0.061, True), (reach + 0.059, False)):  # of a hit radius of 0.06 m
+        session.move_target(wt.Target((x, 0.0)))
+        assert (
+            f"beyond the arm&#x27;s and whip&#x27;s reach of {reach:.3g} m" in bars_html(session.shown(), [])
+        ) == far
+
+
+def test_an_older_outcome_has_no_verdict(planar):
+    shown = planar.shown()
+    assert "✓ Hit" in bars_html(shown, [])
+    page = bars_html(shown, [], computing=True)
+    assert "Computing" in page
+    assert "Hit" not in page
+
+
 def test_bars_of_limits_are_shares_of_the_arms_limits(robot):
     shown = robot.shown()
     bars = {bar.label: bar for bar in outcome_bars(shown, robot.striker.limits)}

@@ -153,8 +153,13 @@ def test_the_strike_stays_or_follows(session):
     session.turn_whip("length", 1.0)
     assert session.settings.strike == strike
     assert not session.shown().hit
+    assert session.shown().source.startswith("the map of lemon2024, refined; found for the whip or control law before")
+    session.reset_whip()
+    assert session.shown().source == "the map of lemon2024, refined"
+    session.turn_whip("length", 1.0)
     session.set_follows(True)
     assert session.shown().hit
+    assert "before" not in session.shown().source
     followed = session.settings.strike
     session.turn_whip("length", 1.1)
     assert session.settings.strike != followed

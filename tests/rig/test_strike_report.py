@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fallen_tip import cycles, struck
 
+from whiptool.commands.rig import _lines, _summary
 from whiptool.goals.target import Target
 from whiptool.limits.arm_limits import XM430
 from whiptool.models import preset
@@ -137,6 +138,8 @@ def test_a_closest_approach_between_frames_is_said_to_be_unseen():
     one = dataclasses.replace(one, recording=gap)
     assert one.unseen(TARGET) == pytest.approx((0.075, 0.125))
     assert struck().unseen(TARGET) is None
+    for which, how in ((one, "interpolated"), (struck(), "measured")):
+        assert f"{how} miss distance 0.0" in _lines(which, _summary(which, TARGET), TARGET, "file")[0]
     result = sections(one, MODEL, TARGET, draw(one, MODEL, TARGET))[0]
     said = rows(next(part for part in result.parts if isinstance(part, Table)))
     assert said["closest approach"] == ["at 0.100 s, 3.0 m/s"]

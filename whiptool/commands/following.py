@@ -49,13 +49,13 @@ def followed(folder: Path) -> Followed:
     return run
 
 
-def serve_child(folder: str, fd: int) -> None:
+def serve_child(folder: str, port: int, fd: int) -> None:
     """Show a run folder until the process that started this one with `--live` closes its end of a socket, or dies."""
-    os.nice(_NICE)  # the run comes first where cores are few
     sys.stdout = sys.stderr  # what the command prints there stays its own
     parent = Connection(fd)
-    server, _ = _serve(lambda: followed(Path(folder)))
-    print(f"whiptool: watch the run at {server.address}", file=sys.stderr, flush=True)
+    server, _ = _serve(lambda: followed(Path(folder)), port=port)
+    print(f"whiptool: the page of the run answers at {server.address}", file=sys.stderr, flush=True)
+    os.nice(_NICE)  # the run comes first where cores are few
     with suppress(EOFError, OSError):
         parent.recv()
     os._exit(0)  # nothing is to be saved

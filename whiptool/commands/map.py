@@ -28,7 +28,14 @@ from whiptool.commands.options.option_group import (
 from whiptool.commands.options.strike_options import LimitOptions, StepOptions, TrajectoryOptions
 from whiptool.commands.options.target_options import GoalOptions, RegionOptions
 from whiptool.commands.pictures import MAP, StrikeRun, tell_strike
-from whiptool.commands.strike_lines import outcome_lines, outcome_table, strike_lines, with_cure
+from whiptool.commands.strike_lines import (
+    limit_lines,
+    limits_table,
+    outcome_lines,
+    outcome_table,
+    strike_lines,
+    with_cure,
+)
 from whiptool.extras import optional
 
 if TYPE_CHECKING:
@@ -195,17 +202,19 @@ def _strike(options: MapStrikeOptions) -> int:
     with warnings.catch_warnings(action="ignore"):  # what it misses or is beyond is printed
         strike = strike_map.strike(target, refined=options.refine)
     trajectory = rollout.trajectory(strike, t_stay=striker.t_stay)
-    found = striker.limits.worst(trajectory, model.arm.joints, strike)
-    beyond = None if found is None else str(found)
+    table: dict[str, Any] = {"beyond": None, **limits_table(striker.limits, trajectory, strike, model.arm)}
+    beyond = table["beyond"]
     options.refuse_beyond(beyond)
     commanded = options.build_trajectory(model, strike, striker.t_stay, limits)  # refused before anything is written
     objective = Objective(rollout, target, t_stay=striker.t_stay, bounds=striker.bounds, limits=limits)
     outcome, named = objective.judge(trajectory, strike), named_strike(strike, model.arm)
-    lines = [f"one strike from the map of {model.name}", *strike_lines(named, model.arm)]
-    said = with_cure(beyond, found is not None and found.overlap)
+    bounds = zip(striker.bounds.lower, striker.bounds.upper, strict=True)
+    lines = [f"one strike from the map of {model.name}", *strike_lines(named, model.arm, bounds)]
+    said = with_cure(beyond, table.get("overlap", False))
     refused = [f"  outcome        refused, as it is beyond the limits: {said}"]
     lines += refused if outcome.refused is not None else outcome_lines(outcome, target, model.arm)
-    summary = {"strike": named, **outcome_table(outcome, target), "refined": options.refine, "beyond": beyond}
+    lines += limit_lines(striker.limits, {**table, "beyond": None} if outcome.refused is not None else table)
+    summary = {"strike": named, **outcome_table(outcome, target), "refined": options.refine, **table}
     summary |= {"model": model.name, "version": code_version()}
     config = run_folders.configuration(options, "map strike", model, rollout.controller)
     if not options.run.exists():  # a map of the package, whose name is not a path

@@ -290,8 +290,9 @@ def _lines(struck, summary: dict, target, camera: str) -> list[str]:
         why = "no camera" if camera == "none" else "the camera did not see the tip"
         lines = [f"made the strike at the target ({where}) m; {why}"]
     else:
+        how = "measured" if summary["unseen"] is None else "interpolated"
         lines = [
-            f"{struck.judged(target).verdict}, ({where}) m: measured miss distance "
+            f"{struck.judged(target).verdict}, ({where}) m: {how} miss distance "
             f"{summary['miss_distance']:.4f} ± {summary['miss_error']:.4f} m at {summary['hit_time']:.3f} s, "
             f"{summary['tip_speed']:.1f} m/s; hit probability {summary['hit_probability']:.0%}"
         ]

@@ -58,9 +58,10 @@ def aimed(
     starts = np.empty((0, len(striker.lower)))
     if np.linalg.norm(target.position) <= striker.rollout.model.reach + target.hit_radius:  # nothing hits elsewhere
         starts = others().nearest(target.goals, _NEAREST)
+    drawn = len(starts)
     if present is not None:
         starts = np.concatenate([starts, present[None]])
-    mine = _from_starts(striker, target, starts)
+    mine = _from_starts(striker, target, starts, drawn)
     if of_map is None or found is None or mine.hit:
         return mine
     if shipped_map(of_map).region.zone.contains(np.array([target.position]))[0]:  # all entries, which takes long
@@ -68,13 +69,14 @@ def aimed(
     return found
 
 
-def _from_starts(striker: Striker, target: Target, starts: np.ndarray) -> Aimed:
-    """Return the best strike that is refined from some (B, m)."""
+def _from_starts(striker: Striker, target: Target, starts: np.ndarray, drawn: int) -> Aimed:
+    """Return the best strike that is refined from some (B, m), of which so many were drawn at random."""
     if not len(starts):
         return Aimed(striker.admissible((striker.lower + striker.upper)[None] / 2)[0], False, "no strike")
     refined = refine(striker, target.goals.rows(np.zeros(len(starts), int)), starts, steps=_STEPS)
     best = int(np.lexsort([refined.struck.cost, ~refined.struck.hit])[0])
-    return Aimed(refined.strikes[best], bool(refined.struck.hit[best]), "random strikes, refined")
+    source = "random strikes, refined" if best < drawn else "the strike before, refined"
+    return Aimed(refined.strikes[best], bool(refined.struck.hit[best]), source)
 
 
 def _from_map(striker: Striker, target: Target, name: str, *, tried: int) -> Aimed:

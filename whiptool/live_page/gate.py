@@ -16,6 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 from whiptool.errors import WhiptoolError
 
 LOOPBACK = "127.0.0.1"
+PORT = 8080
 COOKIE = "whiptool_studio"
 
 

@@ -13,8 +13,8 @@ class Newest:
     that what is dragged never lags behind.
 
     Args:
-        after: Function that is called after requests were carried out, with their kinds; it returns longer work as an
-            iterator, whose steps are made while no request waits, or None.
+        after: Function that is called after requests were carried out, with the kinds of those that did not fail; it
+            returns longer work as an iterator, whose steps are made while no request waits, or None.
         failed: Function that is called with an exception of a request or of longer work; the thread goes on.
         name: Name of the thread.
     """
@@ -40,6 +40,12 @@ class Newest:
             self._waiting.pop(kind, None)
             self._waiting[kind] = action
             self._changed.notify()
+
+    @property
+    def waiting(self) -> set[str]:
+        """Kinds of the requests that wait."""
+        with self._changed:
+            return set(self._waiting)
 
     def close(self) -> None:
         """End the thread after what it is doing; requests that wait are dropped."""
@@ -69,13 +75,15 @@ class Newest:
             return requests
 
     def _carry_out(self, requests: dict[str, Action]) -> None:
-        for action in requests.values():
+        done = set[str]()
+        for kind, action in requests.items():
             try:
                 action()
+                done.add(kind)
             except Exception as error:
                 self._failed(error)
         try:
-            self._longer = self._after(set(requests))
+            self._longer = self._after(done)
         except Exception as error:
             self._longer = None
             self._failed(error)

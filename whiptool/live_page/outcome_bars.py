@@ -118,19 +118,29 @@ def _clearance(limits: Clearance, shown: Shown) -> list[Bar]:
 _TRACK = "height:6px;border-radius:3px;background:var(--mantine-color-default-border,#ddd);overflow:hidden"
 
 
-def bars_html(shown: Shown, bars: list[Bar]) -> str:
-    """Return the outcome of a strike as HTML, in which all text is escaped."""
-    verdict, color = ("Hit", COLORS["green"]) if shown.hit else ("Miss", COLORS["vermilion"])
-    mark = "✓" if shown.hit else "✗"
+def bars_html(shown: Shown, bars: list[Bar], *, computing: bool = False) -> str:
+    """Return the outcome of a strike as HTML, in which all text is escaped.
+
+    Args:
+        shown: What the strike does.
+        bars: Its outcome.
+        computing: Whether something newer is computed: the outcome is then pale, and has no verdict.
+    """
+    verdict, color = ("✓ Hit", COLORS["green"]) if shown.hit else ("✗ Miss", COLORS["vermilion"])
+    if computing:
+        verdict, color = "Computing …", "inherit"
+    target, reach = shown.settings.target, shown.model.reach
+    far = math.hypot(*target.position) > reach + target.hit_radius
     why = f"beyond a limit: {shown.beyond}" if shown.beyond else ""
+    why = f"the target is beyond the arm's and whip's reach of {reach:.3g} m" if far else why
     rows = "".join(_row(bar) for bar in bars)
     note = f'<div style="margin-top:2px;color:{COLORS["vermilion"]}">{html.escape(why)}</div>' if why else ""
     return (
         f'<div class="outcome" data-number="{shown.number}" data-hit="{str(shown.hit).lower()}" '
         f'style="font-size:0.8rem;padding:0.3rem 0.9rem;line-height:1.25">'
-        f'<div style="font-size:1.15rem;font-weight:700;color:{color}">{mark} {verdict}</div>'
-        f"{note}{rows}"
-        f'<div style="margin-top:6px;opacity:0.75">Strike: {html.escape(shown.source)}</div></div>'
+        f'<div style="font-size:1.15rem;font-weight:700;color:{color}">{verdict}</div>'
+        f'<div style="opacity:{0.35 if computing else 1}">{note}{rows}'
+        f'<div style="margin-top:6px;opacity:0.75">Strike: {html.escape(shown.source)}</div></div></div>'
     )
 
 

@@ -15,7 +15,7 @@ from whiptool.goals.target import Target
 from whiptool.impedance.controller import Controller
 from whiptool.live_page.export import exported
 from whiptool.live_page.newest import Newest
-from whiptool.live_page.panel import THEME, Actions, Panel, error_text
+from whiptool.live_page.panel import REFUSED, THEME, Actions, Panel, error_text
 from whiptool.live_page.scene import PageScene
 from whiptool.live_page.session import Session, Shown
 from whiptool.models.parameters import Model
@@ -79,6 +79,7 @@ class Page:
         self._ghost: Shown | None = None
         self._asked = self._changed = 0.0  # when the user asked for a change last, and when one was shown
         self._dragged: Target | None = None  # where the user has dragged the target
+        self._marking, self._pale = threading.Lock(), False  # whether the outcome is shown as that of an older request
         self._fresh = True  # whether nothing of the present model was shown
         client.gui.configure_theme(**THEME)
         client.gui.main_panel.dock_right()
@@ -113,7 +114,15 @@ class Page:
                 change(self._state[0])
 
         self._asked = time.monotonic()
-        self._worker.ask(kind, action)
+        self._request(kind, action)
+
+    def _request(self, kind: str, action: Callable[[], None]) -> None:
+        """Have a request carried out; until its result is there, the outcome before it is shown as such."""
+        with self._marking:
+            self._worker.ask(kind, action)
+            if self._state is not None and not self._pale:
+                self._pale = True
+                self._state[2].show_outcome(computing=True)
 
     def _drag(self, target: Target, begins: bool) -> None:
         if begins:
@@ -138,10 +147,11 @@ class Page:
         scene = PageScene(self.client.scene, model, self._drag, looks)
         actions = Actions(
             ask=self._ask,
-            choose_model=lambda name: self._worker.ask("model", lambda: self._open(name)),
+            choose_model=lambda name: self._request("model", lambda: self._open(name)),
             export=self._export,
             show=scene.set_visible,
             darken=lambda dark: self._darken(scene, dark),
+            refuse=self._failed,
         )
         panel = Panel(self.client.gui, session, self._choices.models, actions)
         aspect = self.client.camera.aspect
@@ -160,13 +170,16 @@ class Page:
             return None
         session, scene, panel = self._state
         now = time.monotonic()
-        pause = now - self._changed > GESTURE and not kinds & {"drag", "noise"}
+        pause = now - self._changed > GESTURE and not kinds & {"drag", "noise", REFUSED}
         if (BEGIN in kinds or pause) and not self._fresh:
             self._ghost = self._shown
         self._changed, self._fresh = now, False
         shown = self._shown = session.shown()
         with self.client.atomic():
-            panel.refresh(session, shown, kinds)
+            panel.refresh(session, shown, kinds | self._worker.waiting)
+            with self._marking:
+                self._pale = bool(self._worker.waiting)
+                panel.show_outcome(computing=self._pale)
             scene.show(shown, self._ghost)
             scene.show_spread(None)
         self.client.flush()

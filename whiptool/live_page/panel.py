@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import html
 import math
 from collections.abc import Callable, Sequence
@@ -10,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.live_page.export import EXPORTS
 from whiptool.live_page.heat_map import HeatMap
 from whiptool.live_page.knobs import Knob, law_knobs, law_names, strike_knobs, whip_knobs
-from whiptool.live_page.outcome_bars import bars_html, outcome_bars
+from whiptool.live_page.outcome_bars import Bar, bars_html, outcome_bars
 from whiptool.live_page.scene import LEAST, MOST
 from whiptool.live_page.session import Session, Shown
 from whiptool.live_page.spread import INSIDE, STRIKES, TipSpread
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 THEME: dict[str, Any] = {"show_share_button": False, "show_logo": False, "control_width": "large"}
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/20": 0.05}
+TYPED = 1.0  # [s] without a change after which a number in a box is whole, and is refused if it is out of range
+REFUSED = "refused"  # kind of the request that shows the numbers that are in force
 _NOTE = "font-size:0.75rem;padding:0.15rem 0.9rem;line-height:1.3;opacity:0.8"
 Ask = Callable[[str, Callable[[Session], None]], None]
 
@@ -38,6 +42,7 @@ class Actions:
         export: Function that is called with a name of `EXPORTS`.
         show: Function that is called with a part of the scene (`heat`, `spread`, `ghost`) and whether it is shown.
         darken: Function that is called with whether the page is dark.
+        refuse: Function that is called with the error of a number that is not allowed.
     """
 
     ask: Ask
@@ -45,6 +50,7 @@ class Actions:
     export: Callable[[str], None]
     show: Callable[[str, bool], None]
     darken: Callable[[bool], None]
+    refuse: Callable[[InputError], None]
 
 
 class Panel:
@@ -59,9 +65,9 @@ class Panel:
 
     def __init__(self, gui: GuiApi, session: Session, models: Sequence[str], actions: Actions) -> None:
         ask = actions.ask
-        self._gui, self._ask = gui, ask
+        self._gui, self._ask, self._refuse = gui, ask, actions.refuse
+        self._said: tuple[Shown, list[Bar]] | None = None
         self._sliders: dict[str, dict[str, Any]] = {"whip": {}, "law": {}, "strike": {}}
-        self._limits = session.striker.limits
         gui.reset()
         model = session.model
         self._add_model(session, models, actions.choose_model)
@@ -91,12 +97,34 @@ class Panel:
         self._arrives: tuple[float, ...] | None = None  # direction in which the tip arrives at present
 
     def _on(self, widget: Any, changed: Callable[[Any], None]) -> None:
-        """Call a function when the user, and not the program, has changed a widget."""
+        """Call a function when the user, and not the program, has changed a widget.
+
+        A number out of a slider's range, which only its box can have, is refused when nothing more is typed for a
+        while: it may be the beginning of another. A browser replaces it by the end of the range when its box is left.
+        """
+        outside: float | None = None
+
+        def refuse(given: float) -> None:
+            nonlocal outside
+            if outside == given:
+                outside = None
+                self._refuse(InputError(widget.label, given, f"{widget.min:g} to {widget.max:g}"))
+                self._ask(REFUSED, lambda _: None)  # shows the number that is in force
 
         @widget.on_update
         async def _(event: GuiEvent) -> None:
-            if event.client is not None:
-                changed(widget.value)
+            nonlocal outside
+            if event.client is None:
+                return
+            value, before, outside = widget.value, outside, None
+            if getattr(widget, "max", None) is not None and not widget.min <= value <= widget.max:
+                outside = value
+                asyncio.get_running_loop().call_later(TYPED, refuse, value)
+            elif before is not None and value in (widget.min, widget.max) and not str(value).startswith(f"{before:g}"):
+                outside = before
+                refuse(before)
+            else:
+                changed(value)
 
     def _add_model(self, session: Session, models: Sequence[str], choose: Callable[[str], None]) -> None:
         model = self._gui.add_dropdown("model", tuple(models), initial_value=session.settings.origin)
@@ -130,7 +158,7 @@ class Panel:
         half = (180.0, 90.0)
         self._angles = [gui.add_slider(x, -h, h, 1.0, 0.0) for x, h in zip(names, half, strict=False)]
         for widget in (self._radius, self._cone, self._speed, self._directed):
-            self._on(widget, lambda _: ask("target", self._asked_by_widgets))
+            self._on(widget, lambda _: ask("target", self._asked_by_widgets()))
         for widget in self._angles:
             self._on(widget, lambda _: ask("angles", self._turned_by_widgets))
         gui.add_html(f'<div style="{_NOTE}">Drag the ball in the scene to move the target, and the blue ball to turn '
@@ -140,11 +168,16 @@ class Panel:
         place = tuple(widget.value for widget in self._place)
         session.move_target(replace(session.settings.target, position=place))
 
-    def _asked_by_widgets(self, session: Session) -> None:
-        target = session.settings.target
-        direction = (target.direction or self._arrives) if self._directed.value else None  # as it arrives at present
+    def _asked_by_widgets(self) -> Callable[[Session], None]:
+        directed, radius = self._directed.value, self._radius.value
         cone, speed = math.radians(self._cone.value), self._speed.value or None
-        session.move_target(Target(target.position, self._radius.value, direction, cone, speed))
+
+        def ask(session: Session) -> None:
+            target = session.settings.target
+            direction = (target.direction or self._arrives) if directed else None  # as it arrives at present
+            session.move_target(Target(target.position, radius, direction, cone, speed))
+
+        return ask
 
     def _turned_by_widgets(self, session: Session) -> None:
         direction = _direction([math.radians(widget.value) for widget in self._angles])
@@ -157,7 +190,7 @@ class Panel:
             box = gui.add_checkbox(what, True)
             self._on(box, lambda shown, part=part: actions.show(part, shown))
         self._heat_note = gui.add_html("")
-        noise = gui.add_slider("errors of the arm, σ [rad, s]", 0.0, 0.05, 0.001, session.settings.noise)
+        self._noise = noise = gui.add_slider("errors of the arm, σ [rad, s]", 0.0, 0.05, 0.001, session.settings.noise)
         self._on(noise, lambda value: ask("noise", lambda s: s.set_noise(value)))
         self._spread_note = gui.add_html("")
         follows = gui.add_checkbox("aim again after each change", session.settings.follows)
@@ -173,16 +206,20 @@ class Panel:
         )
         self._sliders[group][knob.name] = slider
 
+    def show_outcome(self, *, computing: bool) -> None:
+        """Show the outcome of the last result, pale while something newer is computed."""
+        if self._said is not None:
+            self._outcome.content = bars_html(*self._said, computing=computing)
+
     def refresh(self, session: Session, shown: Shown, touched: set[str]) -> None:
         """Show a new result; widgets that the user has just changed are left as they are.
 
         Args:
             session: The session.
             shown: The result.
-            touched: Kinds of the requests that led to it.
+            touched: Kinds of the requests that led to it, and of those that wait.
         """
-        self._limits = session.striker.limits
-        self._outcome.content = bars_html(shown, outcome_bars(shown, self._limits))
+        self._said = shown, outcome_bars(shown, session.striker.limits)
         end = math.ceil(100 * float(shown.trajectory.t[-1]) - 1e-9) / 100
         if self.time.max != end:
             self.time.max = end
@@ -193,6 +230,8 @@ class Panel:
         for widget in (self._cone, *self._angles):
             widget.visible = settings.target.direction is not None
         self._refresh_target(settings.target, touched)
+        if "noise" not in touched:
+            _set(self._noise, settings.noise)
         self._refresh_law(session, settings.controller.law, touched)
         knobs = {"whip": whip_knobs(settings.base, settings.whip)}
         knobs["law"] = law_knobs(settings.controller.law, session.usual_law, shown.model)
@@ -207,6 +246,9 @@ class Panel:
             for widget, value in zip(self._place, target.position, strict=True):
                 _set(widget, round(value, 4))
             _set(self._directed, target.direction is not None)
+            _set(self._radius, target.hit_radius)
+            _set(self._cone, round(math.degrees(target.cone), 6))
+            _set(self._speed, target.speed or 0.0)
         if target.direction is not None and "angles" not in touched:
             for widget, angle in zip(self._angles, _angles(target.direction), strict=True):
                 _set(widget, round(math.degrees(angle)))

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Protocol
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
-from whiptool.live_page.gate import LOOPBACK, AccessGate, guarded
+from whiptool.live_page.gate import LOOPBACK, PORT, AccessGate, guarded
 from whiptool.live_page.page import Choices, Page
 from whiptool.live_page.panel import THEME
 
 if TYPE_CHECKING:
     from viser import ClientHandle
 
-PORT = 8080
 _ANYWHERE = ("0.0.0.0", "::")  # hosts that stand for all addresses of this machine
 _log = logging.getLogger(__name__)
 

@@ -110,6 +110,7 @@ class Session:
         target = usual_target(model) if target is None else target
         target.check_fits(model)
         self._count, self._source = 0, ""
+        self._found_for: tuple[Model, Controller] | None = None  # model and controller that a strike was found for
         self._drawn: np.ndarray | None = None
         self._sampled: Sampled | None = None
         self._heat: tuple[Sampled, HeatMap] | None = None
@@ -135,7 +136,7 @@ class Session:
             self.striker, self.settings.target, of_map=self.of_map, others=self.random_strikes, present=present
         )
         self.settings = replace(self.settings, strike=tuple(found.strike.tolist()))
-        self._source = found.source
+        self._source, self._found_for = found.source, (self.model, self.settings.controller)
 
     def move_target(self, target: Target) -> None:
         """Take another target, and find a strike for it."""
@@ -194,7 +195,10 @@ class Session:
             beyond = striker.limits.explain(trajectory, self.model.arm.joints, strike)
         hit = bool(settings.target.goals.hit_by(near)[0]) and beyond is None
         self._count += 1
-        return Shown(settings, self.model, trajectory, near, hit, beyond, self._source, self._count)
+        source = self._source
+        if self._found_for not in (None, (self.model, settings.controller)):
+            source += "; found for the whip or control law before, Aim again finds one for this"
+        return Shown(settings, self.model, trajectory, near, hit, beyond, source, self._count)
 
     def spread(self) -> TipSpread:
         """Return the errors of the tip if the strike is executed with errors."""
@@ -238,7 +242,8 @@ class Session:
 
     def _set_strike(self, vector: np.ndarray, source: str) -> None:
         self.striker.rollout.vectors(vector)
-        self.settings, self._source = replace(self.settings, strike=tuple(vector.tolist())), source
+        self.settings = replace(self.settings, strike=tuple(vector.tolist()))
+        self._source, self._found_for = source, None
 
 
 def _striker(settings: StudioSettings) -> Striker:

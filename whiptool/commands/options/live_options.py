@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -34,12 +35,25 @@ class LiveOptions(OptionGroup):
         if not self.live:
             yield
             return
+        from whiptool.live_page.gate import LOOPBACK
         from whiptool.rig.child_process import end_child, start_child
 
-        process, connection = start_child("whiptool.following", str(folder))
+        port = _free_port()
+        note(f"whiptool: watch the run at http://{LOOPBACK}:{port}/ as soon as its page answers, in some seconds")
+        process, connection = start_child("whiptool.following", str(folder), str(port))
         try:
             yield
         finally:
             connection.close()  # at which it ends, as it does if this process is killed
             end_child(process)
             note(f"whiptool: the page of the run is closed; python -m whiptool.studio {folder} opens it again")
+
+
+def _free_port() -> int:
+    """Return the port that the page will be served on: the first free one from the usual one on."""
+    from whiptool.live_page.gate import LOOPBACK, PORT
+
+    for port in range(PORT, PORT + 100):
+        with suppress(OSError), socket.create_server((LOOPBACK, port)):
+            return port
+    return PORT  # the page takes another one, and says which
