@@ -301,6 +301,16 @@ def test_what_the_model_does_not_explain_comes_with_a_warning(tracks, capsys, tm
     assert "do not rely on the values" in (tmp_path / "run" / "report.html").read_text()
 
 
+@pytest.mark.slow
+def test_a_fit_whose_errors_exceed_the_whip_is_no_success(tracks, capsys, tmp_path):
+    """A base that is 5 m above may be a whip of another length before a fit, not after it."""
+    dataclasses.replace(tracks[0], points=tracks[0].points - [0, 5.0]).save(tmp_path / "a.npz")
+    words = [str(tmp_path / "a.npz"), "--free", "k", "--starts", "1", "--json", "--out", str(tmp_path / "run")]
+    assert identify.main(words) == 1
+    said = re.search(r"the error is (\S+) times the whip's length: this is no fit", capsys.readouterr().err)
+    assert float(said[1]) == pytest.approx(5 / np.sqrt(2) / LEMON.whip.length, rel=0.1)  # RMS of both coordinates
+
+
 def test_markers_in_space_are_projected_on_their_plane(tracks, capsys, tmp_path):
     """The plane is turned by 20 deg about the vertical, leans by 1 deg, and lies 5 cm aside."""
     turn, lean, rng = math.radians(20), math.radians(1), np.random.default_rng(0)
@@ -485,6 +495,7 @@ def bare(tracks, tmp_path_factory):
     [
         ("", "recordings: .*one or more"),
         ("{good} --free kk", "--free: got 'kk'"),
+        ("{good} --free stiffness", r"did you mean k\?$"),
         ("{good} --free", "--free: .*one value or more"),
         ("{good} --held-out 1", "--held-out: .*fewer than all"),
         ("{good} --held-out {good}", "--held-out: .*fewer than all"),
@@ -492,7 +503,7 @@ def bare(tracks, tmp_path_factory):
         ("{bare}/none.csv", "none.csv.*exists"),
         ("{bare}/notes.txt", "one of the formats"),
         ("{bare}/broken.npz", "broken.npz"),
-        ("{bare}/tip.npz --drive joints", "measured joint angles"),
+        ("{bare}/tip.npz --drive joints", 'measured joint angles; name their log in the sidecar, as joints = "NAME'),
         ("{bare}/tip.npz --drive handle", "the handle among them"),
         ("{bare}/commandless.npz", "command"),
         ("{bare}/tip.npz {bare}/other.npz", "that of the other recordings"),

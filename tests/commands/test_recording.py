@@ -126,7 +126,7 @@ def test_what_is_converted_reads_back_the_same(tmp_path, changes):
 def test_no_file_is_overwritten_nor_given_the_sidecar_of_another(tmp_path):
     full().save(tmp_path / "a.npz")
     (tmp_path / "a.toml").write_text('units = "mm"')
-    assert_one_line(called("recording", "convert", "a.npz", "a.csv", cwd=tmp_path), "another name than a")
+    assert_one_line(called("recording", "convert", "a.npz", "a.csv", cwd=tmp_path), "such as a_converted.csv")
     assert_one_line(called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path), "a.toml: got 'a sidecar'")
     assert (tmp_path / "a.toml").read_text() == 'units = "mm"'
     (tmp_path / "a.toml").unlink()
@@ -157,6 +157,13 @@ def test_what_does_not_fit_into_csv_is_refused_and_leaves_nothing(tmp_path):
     done = called("recording", "convert", "a.npz", "b.csv", cwd=tmp_path)
     assert_one_line(done, "joint")
     assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_picture_that_is_drawn_over_an_older_one_is_said(tmp_path):
+    write_rows(tmp_path / "a.csv", plain_rows())
+    first, again = (called("recording", "show", "a.csv", cwd=tmp_path).stdout for _ in range(2))
+    assert first.endswith("drawn in recording.png\n")
+    assert again.endswith("drawn in recording.png, over an older picture\n")
 
 
 def test_images_have_nothing_to_convert(tmp_path):

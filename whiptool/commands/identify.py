@@ -307,6 +307,7 @@ class FitRun:
     def report(self, folder: RunFolder) -> int:
         """Write the fit and print it, then draw the report; return the exit status."""
         from whiptool.identification.plant import write_bare_arm
+        from whiptool.identification.summary import lost
         from whiptool.models.files import write_model
 
         plant, path = self.found.plant, folder.path
@@ -323,6 +324,8 @@ class FitRun:
             self._say(f"{number} of {tried} failed: they ended far above the best, which alone is judged")
         if self.warning is not None:
             self._say(self.warning)
+        if useless := lost(self.found):
+            self._say(useless)
         self.options.tell(summary, self._text(summary, path))
         note("drawing ...")
         from whiptool.identification.fit_report import sections
@@ -331,7 +334,7 @@ class FitRun:
         parts = sections(self.found, self.recordings, self.held_out, nodes=self.tried, chosen=self.N)
         title = f"Identified {'arm' if self.bare else 'whip'}"
         write_whole(path / REPORT, to_html(title, self._subtitle(), self._facts(), parts))
-        return 0 if self.found.converged else 1
+        return 0 if self.found.converged and not useless else 1
 
     def _say(self, line: str) -> None:
         print(f"whiptool: {line}", file=sys.stderr)
@@ -501,7 +504,7 @@ def resolved(options: IdentifyOptions) -> IdentifyOptions:
             raise InputError("--model", "recordings of runs with different models", "one model, given with --model")
         if tables and tables[0] != model_to_table(options.find_model()):
             words = " --mount ".join(map(_words, found[0].values()))
-            note(f"the model is that of the recording's run: --model {words}")
+            note(f"whiptool: the model is that of the recording's run: --model {words}")
             options = of_runs[0]
     return _with_parameters(options)
 
@@ -528,7 +531,10 @@ def _with_parameters(options: IdentifyOptions) -> IdentifyOptions:
             profile_from(whip)
         except InputError:
             return options  # a name of a node has to be given, as the error of --free says
-    note(f"--profile --free {' '.join(OF_PROFILE)} by default, as the model's whip has a value per node or a profile")
+    note(
+        f"whiptool: --profile --free {' '.join(OF_PROFILE)} by default, "
+        "as the model's whip has a value per node or a profile"
+    )
     return dataclasses.replace(options, profile=True, free=OF_PROFILE)
 
 
@@ -541,4 +547,4 @@ def _work(options: IdentifyOptions) -> int:
         return run.report(folder)
 
 
-main = cli.command(IdentifyOptions, "identify", _EXAMPLE, _work)  # 1 also where the fit did not converge
+main = cli.command(IdentifyOptions, "identify", _EXAMPLE, _work)  # 1 also where the fit did not converge or is lost

@@ -75,7 +75,7 @@ class ConvertOptions(JsonOptions):
         stem = self.out.with_suffix("")
         if stem.absolute() == Path(self.file).absolute().with_suffix(""):
             rule = f"another name than {stem.name}, whose sidecar {stem.name}.toml belongs to the recording"
-            raise InputError("OUT.csv", str(self.out), rule)
+            raise InputError("OUT.csv", str(self.out), rule, f"such as {stem.name}_converted.csv")
         there = [str(file) for ending in _WRITTEN if (file := self.out.with_suffix(ending)).exists()]
         if there:
             raise InputError("OUT.csv", str(self.out), f"a name for which {', '.join(there)} does not exist yet")
@@ -99,9 +99,10 @@ def _show(options: ShowOptions) -> int:
     if options.cameras is not None and not any(cameras):
         raise InputError("--cameras", str(options.cameras), "only with recordings in pixels")
     found = compared([understand(file, **given) for file, given in zip(options.files, cameras, strict=True)], arm)
+    over = ", over an older picture" * options.out.exists()
     draw(found, options.out)
     summary = {"files": [one.table for one in found], "picture": str(options.out)}
-    options.tell(summary, "\n\n".join([*map(_described, found), f"drawn in {options.out}"]))
+    options.tell(summary, "\n\n".join([*map(_described, found), f"drawn in {options.out}{over}"]))
     return 0
 
 

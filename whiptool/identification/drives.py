@@ -322,7 +322,7 @@ class SwingDrive(Drive):
                 "recording",
                 recording.called,
                 "a recording with measured joint angles",
-                "or choose the drive command or handle",
+                'name their log in the sidecar, as joints = "NAME.joints.csv"; or choose the drive command or handle',
             )
         arm, t = plant.model.arm, recording.joints_t
         check_covers(f"{recording.called}: joints", t, recording.joints_q, *_span(recording))
@@ -334,7 +334,7 @@ class SwingDrive(Drive):
 
     def _measured_hand(self, recording: StrikeRecording, plant: Plant, options: DriveOptions) -> BaseMotion:
         if recording.hand_t is None or recording.hand_pose is None:
-            fix = "or choose the drive joints or command"
+            fix = 'name their log in the sidecar, as hand = "NAME.hand.csv"; or choose the drive joints or command'
             raise InputError("recording", recording.called, "a recording with the hand's pose", fix)
         self._arm, joints = hand_joints(recording.hand_pose)
         check_covers(f"{recording.called}: hand", recording.hand_t, joints, *_span(recording))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +88,9 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     return fitted, others
 
 
+_WORDS = {"stiffness": "k", "damping": "b", "mass": "m", "length": "l", "density": "linear_density"}  # parameters
+
+
 def full_name(name: str, plant: Plant) -> str:
     """Return the full name of a parameter of a plant, or of a nuisance parameter: `whip.k` for `k`.
 
@@ -104,7 +108,14 @@ def full_name(name: str, plant: Plant) -> str:
     per_node = f"whip.{quantity}[0]"
     if per_node in found:
         raise InputError("free parameter", name, f"{per_node} and so on", "this model has a value per node")
-    raise InputError("free parameter", name, "one of " + ", ".join(found or known))
+    short = _WORDS.get(quantity, "")
+    fix = f"did you mean {short}?" if not found and names_of(short, known) else ""
+    raise InputError("free parameter", name, "one of " + ", ".join(found or _grouped(known)), fix)
+
+
+def _grouped(names: Iterable[str]) -> list[str]:
+    """Names without `whip.`, and those that differ in a number only as one."""
+    return list(dict.fromkeys(re.sub(r"\[\d+\]", "[i]", name.removeprefix("whip.")) for name in names))
 
 
 def profile_of(model: Model, name: str) -> WhipProfile:

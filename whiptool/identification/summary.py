@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.identification.plant import BareArm
 from whiptool.identification.results import DEPTH_AXIS, Fit, RecordingFit, root_mean_square
 from whiptool.identification.similarity import Similarity, similarity
 from whiptool.identification.time_base import DELAY, RATE, ClockFault
@@ -74,12 +75,15 @@ def misfit_line(fit: Fit) -> str:
 
 def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]:
     """Return as text which standard error would explain the residuals, if that of all recordings was assumed and is
-    far below them.
+    far below or far above them.
     """
     ((size, error, key), *others) = {(assumed_size(one), one.assumed_error, one.sigma_assumed) for one in recordings}
-    if not fit.explains or fit.misfit < ABOVE or not error or others:
+    if not fit.explains or 1 / ABOVE < fit.misfit < ABOVE or not error or others:
         return []
     found = f"{fit.misfit * error:.2g}"
+    if fit.misfit < 1:
+        said = f"{size} was assumed, {1 / fit.misfit:.2g} times as much as the readings scatter, so that intervals are"
+        return [f"{said} too wide; say {key} = {found}"]
     return [f"{size} was assumed; if the markers are as far off as the residuals, say {key} = {found}"]
 
 
@@ -105,6 +109,15 @@ def warning(fit: Fit) -> str | None:
         said = f"the model does not explain the recordings: the RMS residual is {largest:.1f} standard errors"
         said += _worst_words(fit)
     return f"{said}. Classes and intervals are withdrawn; do not rely on the values"
+
+
+def lost(fit: Fit) -> str:
+    """Return as text that a whip's fit is of no use, for its errors are larger than the whip; empty if they are not."""
+    error = root_mean_square(fit.recordings)
+    if isinstance(fit.plant.model, BareArm) or error is None or error < fit.model.whip.length:
+        return ""
+    times = f"{error / fit.model.whip.length:.3g} times the whip's length"
+    return f"the error is {times}: this is no fit; check units, axes, origin, and when the strike began"
 
 
 def _clock_words(fit: Fit, fault: ClockFault) -> str:

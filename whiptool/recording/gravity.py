@@ -70,6 +70,24 @@ def hanging(recording: StrikeRecording) -> list[Hanging]:
     return [one for one in found if one is not None]
 
 
+def folded(recording: StrikeRecording) -> str:
+    """Return which markers, of different places along the whip, are on one place while it is at rest and are apart
+    later, so that the vertical, along which a whip hangs, is not among the axes; empty if none are.
+    """
+    if recording.view is not None or recording.angular or recording.points.shape[2] != 2:
+        return ""
+    along = sorted((place, m) for m, name in enumerate(recording.markers) if not math.isnan(place := _place(name)))
+    for rest in rests(recording):
+        there = [m for _, m in along if recording.seen[rest, m].sum() >= FEWEST]
+        if len(there) < 2:
+            continue
+        apart = np.linalg.norm(recording.points[:, there[0]] - recording.points[:, there[-1]], axis=1)
+        limit = STILL * float(np.nanmedian(recording.sigma))
+        if np.nanmedian(apart[rest]) < limit and np.nanmax(apart) > 10 * limit:
+            return f"{recording.markers[there[0]]} and {recording.markers[there[-1]]}"
+    return ""
+
+
 def rests(recording: StrikeRecording) -> list[np.ndarray]:
     """Return masks (T,) of the frames at the start and the end in which all markers are at rest."""
     found, seen = [], recording.seen

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from whiptool.errors import InputError
+from whiptool.models.strike import refuse_far
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
 from whiptool.recording.gravity import gravity_findings
 from whiptool.recording.labels import check_labels
 from whiptool.recording.log_findings import of_logged, rate_of
 from whiptool.recording.logs import gaps, told_of_spans
 from whiptool.recording.readers import READERS
+from whiptool.recording.readers.sidecar import UNITS
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
 NOT_STATED = "the file does not"  # in a note of a reader on what it assumed
+NEAR = 0.01  # [m] from a laboratory's origin, within which no base is measured that is not on it
 IN_METRES = ("npz",)  # formats of whiptool, whose units and axes are fixed
 TABLES = (*IN_METRES, "csv")  # whose places are taken as they are, unless a sidecar says otherwise
 
@@ -104,7 +109,10 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
     low, high = np.nanmin(recording.points, axis=(0, 1)), np.nanmax(recording.points, axis=(0, 1))
     extent = ", ".join(f"{x} from {a:.3f} to {b:.3f} m" for x, a, b in zip("xyz", low, high, strict=False))
     reason = taken(notes, "units:").removeprefix("units: ")
-    if "units" in said:
+    if "units" in said and reason:
+        fix = "one of the two is wrong: correct units in the sidecar, or leave it out"
+        yield Finding("units", str(said["units"]), DOUBTFUL, reason, fix, {"units": said["units"]})
+    elif "units" in said:
         yield Finding("units", str(said["units"]), STATED, "key units", numbers={"units": said["units"]})
     elif reason or form in (*IN_METRES, "c3d"):
         how = ASSUMED if NOT_STATED in reason else STATED
@@ -112,6 +120,8 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
     else:
         fix = 'say units = "mm" (m, cm, in) in the sidecar if they are not metres'
         yield Finding("units", "m", ASSUMED, "neither file nor sidecar says it", fix, {"units": "m"})
+    taken_as = re.match(r"taken as (\w+)", reason)
+    unit = "pixels" if "scale" in said else said.get("units", taken_as[1] if taken_as else "m")
     yield Finding("extent", extent, MEASURED, numbers={"low": low.tolist(), "high": high.tolist()})
     reason = taken(notes, "axes:").removeprefix("axes: ")
     up = recording.up or {2: "y", 3: "z"}[d]
@@ -125,9 +135,25 @@ def _frame(recording: StrikeRecording, form: str, said: dict[str, Any], notes: l
     else:
         rest = "x forward, y up" if d == 2 else "x forward, y to the left, z up (for a model in the plane y up)"
         yield Finding("axes", rest, ASSUMED, reason or "neither file nor sidecar says it", numbers={"up": up})
-    if "origin" not in said and form not in IN_METRES:
-        where = "the shoulder" if d == 2 else "the arm's base"
-        yield Finding("origin", f"{where} is at the file's origin", ASSUMED, fix="say origin in the sidecar otherwise")
+    if form not in IN_METRES:
+        yield _origin(said, unit, "the shoulder" if d == 2 else "the arm's base")
+
+
+def _origin(said: dict[str, Any], unit: str, what: str) -> Finding:
+    """Where the shoulder or the arm's base, `what`, is in the file's axes and unit."""
+    if "origin" not in said:
+        return Finding("origin", f"{what} is at the file's origin", ASSUMED, fix="say origin in the sidecar otherwise")
+    given = np.array(said["origin"], float)
+    reason = f"key origin, in {unit}, in the file's axes"
+    if unit not in UNITS:
+        return Finding("origin", f"{what} is at {', '.join(f'{x:g}' for x in given)} {unit}", STATED, reason)
+    metres = given * UNITS[unit]
+    value = f"{what} is at {', '.join(f'{x:.4g}' for x in metres)} m"
+    if unit == "m" or not 0 < np.abs(metres).max() < NEAR:
+        return Finding("origin", value, STATED, reason, numbers={"origin": metres.tolist()})
+    in_unit = ", ".join(f"{x:g}" for x in np.round(given / UNITS[unit], 6))
+    fix = f"origin is in the file's unit, {unit}; if it was measured in m, say origin = [{in_unit}]"
+    return Finding("origin", value, DOUBTFUL, reason, fix, {"origin": metres.tolist()})
 
 
 def _labels(recording: StrikeRecording) -> Iterator[Finding]:
@@ -143,7 +169,14 @@ def _command(recording: StrikeRecording) -> Iterator[Finding]:
     """Yield what was commanded."""
     if (s := recording.strike) is not None:
         ends = "".join(f"; {name} {', '.join(f'{x:.3f}' for x in q)}" for name, q in (("from", s.q_i), ("to", s.q_f)))
-        yield Finding("strike", f"{counted(len(s.q_i), 'joint')} in {s.D:g} s{ends} rad")
+        value = f"{counted(len(s.q_i), 'joint')} in {s.D:g} s{ends} rad"
+        try:
+            refuse_far(
+                "strike", np.array([s.q_i, s.q_f]), [True] * len(s.q_i), [f"joint {k + 1}" for k in range(len(s.q_i))]
+            )
+            yield Finding("strike", value)
+        except InputError as error:
+            yield Finding("strike", value, DOUBTFUL, f"{error.given}; allowed: {error.allowed}", error.fix)
     else:
         fix = "say strike = {q_i, q_f, D} in the sidecar, or fit with --drive joints, hand, handle or passive"
         yield Finding("strike", "unknown", ASSUMED, "no file says what was commanded", fix)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
+from whiptool.recording.gravity import UPRIGHT, folded, hanging
 from whiptool.recording.log_findings import logs_in, of_logged, of_logs, rate_of
 from whiptool.recording.logs import ClocksApart, gaps
 from whiptool.recording.readers import READERS, VideoSource, find_format, log_alone, open_any, split_episode
@@ -75,7 +78,7 @@ def understand(path: str, **options: Any) -> Understood:
         reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
         findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
     if isinstance(found, StrikeRecording):
-        findings += of_tracks(found, form, said)
+        findings += _upright(of_tracks(found, form, said), found, path, options, said)
     elif isinstance(found, VideoSource):
         findings += _of_images(found)
     else:
@@ -85,6 +88,35 @@ def understand(path: str, **options: Any) -> Understood:
         logs = logs_in(vars(found.upright("z")))
         starts = {what: said.get(f"{what}_start", found.start) for what in LOGS}
     return Understood(path, form, found, tuple(findings), said, logs, starts)
+
+
+def _upright(
+    findings: Iterable[Finding], found: StrikeRecording, path: str, options: Mapping[str, Any], said: Mapping[str, Any]
+) -> Iterator[Finding]:
+    """Yield findings of tracks; where the axes that the sidecar states leave the vertical out, with the right ones."""
+    markers = folded(found) if "axes" in said else ""
+    for finding in findings:
+        if markers and finding.topic == "axes":
+            reason = f"{markers} are on one place while the whip hangs at rest: the vertical is not among them"
+            fix = _axes_with_vertical(path, options, list(said["axes"]))
+            yield replace(finding, certainty=DOUBTFUL, reason=reason, fix=fix)
+        elif markers and finding.topic == "labels" and finding.fix:
+            yield replace(finding, fix="correct the axes first")
+        else:
+            yield finding
+
+
+def _axes_with_vertical(path: str, options: Mapping[str, Any], axes: list[str]) -> str:
+    """What to state as axes, by how the whip hangs in the file's own axes."""
+    try:
+        whole = open_any(path, **{**options, "axes": ["x", "y", "z"]})
+        (up, off) = hanging(whole)[0].axis if isinstance(whole, StrikeRecording) else ("", math.pi)
+    except (InputError, IndexError):  # a file of two axes, or a whip that is not seen to hang
+        up, off = "", math.pi
+    forward = [axis for axis in axes if axis[-1] != up[-1:]]
+    if off > UPRIGHT or not forward:
+        return "name the file's axis that points up as the second of axes"
+    return f'say axes = ["{forward[0]}", "{up}"] in the sidecar'
 
 
 def _said(path: Path, episode: int) -> dict[str, Any]:

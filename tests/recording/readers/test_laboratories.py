@@ -194,6 +194,10 @@ def test_what_residuals_suggest_is_in_the_unit_and_under_the_key_of_what_was_ass
     assert other.startswith("1 mm was assumed")
     assert other.endswith("say sigma = 0.002")
     assert assumed_errors(fitted, [pixels, places]) == []
+    (said,) = assumed_errors(SimpleNamespace(explains=True, misfit=0.2), [pixels])
+    assert said.startswith("1 pixel was assumed, 5 times as much as the readings scatter")
+    assert said.endswith("say sigma_pixels = 0.2")
+    assert assumed_errors(SimpleNamespace(explains=True, misfit=0.9), [pixels]) == []
     assert assumed_errors(fitted, [replace(places, sigma=3e-3)]) == []
 
 

@@ -15,6 +15,7 @@ from whiptool.recording.readers import open_any, read_recording, write_csv
     ("side", "said"),
     [
         ({"colour": 1}, "colour.*one of the keys"),
+        ({"unit": "mm"}, r"unit: got 'mm'.*; did you mean units\?$"),
         ({"units": "ft"}, "one of m, cm, mm, in"),
         ({"strike": {"q_i": [1.0], "D": 1.0}}, "q_i, q_f and D"),
         ({"strike": {**TABLE, "D": -1.0}}, "strike.D"),

@@ -8,6 +8,7 @@ recording.
 
 from __future__ import annotations
 
+import glob
 import inspect
 import math
 import re
@@ -158,8 +159,21 @@ def find_format(path: Path | str) -> str:
             return name
     if installed := _installed_format(path, head):
         return installed
-    formats = "; ".join(f"{name}: {form.what}" for name, form in READERS.items())
-    raise InputError("recording", str(path), f"one of the formats {formats}", "or give the option format")
+    rule = "one of the formats of docs/file-formats.md: CSV, TSV, TRC, MAT, C3D, HDF5, NPZ, a film, a ROS bag, LeRobot"
+    raise InputError("recording", str(path), rule, _other_file(path))
+
+
+def _other_file(path: Path) -> str:
+    """What was probably meant by a path of unknown format; empty if that is unknown, too."""
+    if path.suffix == ".toml":
+        of = next((x.name for x in sorted(path.parent.glob(f"{glob.escape(path.stem)}.*")) if x.name != path.name), "")
+        return f"it is a sidecar, which is read with {of or 'its recording'}: leave it out"
+    if not (path / "config.toml").is_file():
+        return ""
+    for held, words in (("recording.npz", "recording.npz"), ("recordings", "recordings/*.npz")):
+        if (path / held).exists():
+            return f"it is a run folder; did you mean {path / words}?"
+    return "it is a run folder, which holds no recording"
 
 
 def _installed_format(path: Path, head: bytes) -> str | None:

@@ -99,6 +99,8 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
     if "units" not in side.table:
         stated = "for the file does not state them; else say units" if capture.assumed else "as the file states"
         notes.append(f"units: taken as {capture.units}, {stated}")
+    elif not capture.assumed and side.table["units"] != capture.units:
+        notes.append(f"units: taken as {side.table['units']}, as the sidecar says, but the file states {capture.units}")
     notes += [f"{counted(int(nowhere.sum()), 'point')} at (0, 0, 0) taken as missing"] if nowhere.any() else []
     read: dict[str, Any] = {
         "t": clock.times,
@@ -181,7 +183,7 @@ def unit_of(name: str, what: str, side: Sidecar) -> str:
         return units
     if "units" not in side.table:
         raise InputError(what, name, "one of " + ", ".join(UNITS), "state units in the sidecar file")
-    return "m"
+    return side.word("units", UNITS, "m")
 
 
 def rate_of(value: object, what: str) -> float:

@@ -42,7 +42,7 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, alike
 from whiptool.given_files import read_toml, sha256
 from whiptool.models.strike import Strike
 from whiptool.recording import homography
@@ -92,11 +92,12 @@ class Sidecar(LogKeys):
         file = file or path.with_suffix(".toml")
         if table is None:
             table = read_toml(file) if file.is_file() else {}
-        known = (*COMMON, *keys)
+        known = (*keys, *COMMON)
         for where, given in ((f"{file}: ", table), ("option ", options)):
             for key in given:
                 if key not in known:
-                    raise InputError(where + key, given[key], "one of the keys " + ", ".join(known))
+                    fix = f"did you mean {meant}?" if (meant := alike(key, known)) else ""
+                    raise InputError(where + key, given[key], "one of the keys " + ", ".join(known), fix)
         given = {key: value for key, value in options.items() if value is not None}
         return cls({**table, **given}, file.parent, f"{file if table else path}: ")
 
