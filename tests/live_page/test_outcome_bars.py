@@ -50,13 +50,13 @@ def test_a_miss_says_what_is_missed(planar):
     assert "✗ Miss" in bars_html(shown, [bar])
 
 
-def test_a_target_beyond_the_reach_is_named(planar):
-    session, reach = Session(wt.preset("lemon2024")), sum(x.length for x in wt.preset("lemon2024").arm.links) + 0.864
+def test_a_target_beyond_the_reach_is_named():
+    model, strike = wt.preset("lemon2024"), (-1.36, 0.47, 1.73, 1.41, 0.95)
+    reach = sum(link.length for link in model.arm.links) + 0.864
+    said = f"beyond the arm&#x27;s and whip&#x27;s reach of {reach:.3g} m"
     for x, far in ((reach + 0.061, True), (reach + 0.059, False)):  # of a hit radius of 0.06 m
-        session.move_target(wt.Target((x, 0.0)))
-        assert (
-            f"beyond the arm&#x27;s and whip&#x27;s reach of {reach:.3g} m" in bars_html(session.shown(), [])
-        ) == far
+        shown = Session(model, target=wt.Target((x, 0.0)), strike=strike).shown()
+        assert (said in bars_html(shown, [])) == far
 
 
 def test_an_older_outcome_has_no_verdict(planar):
