@@ -66,7 +66,7 @@ def test_short_names_are_looked_up():
         InputError, match=r"^free parameter: .* whip.k\[0\] and so on; this model has a value per node$"
     ):
         full_name("k", Plant(profiled.model))
-    with pytest.raises(InputError, match=r"^free parameter: got 'colour'; allowed: one of whip"):
+    with pytest.raises(InputError, match=r"^free parameter: got 'colour'; allowed: one of l, m, k, b, "):
         full_name("colour", PLANT)
 
 
