@@ -128,7 +128,7 @@ def test_names_of_joints_come_back_from_files(tmp_path):
     recording.save(tmp_path / "b.npz")
     write_csv(recording, tmp_path / "c.csv")
     for file in ("b.npz", "c.csv"):
-        same(read_recording(tmp_path / file), recording, but=("source", "sha256"))
+        same(read_recording(tmp_path / file), recording, but=("source", "sha256", "sigma_assumed"))
     with pytest.raises(InputError, match="joint_names"):
         StrikeRecording(recording.t, recording.points, recording.markers, joint_names=("a",))
 
