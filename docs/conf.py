@@ -32,7 +32,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     *(() if quick else ("sphinx.ext.viewcode",)),
 ]
-plot_gallery = not quick
+plot_gallery = str(not quick)
 exclude_patterns = ["_build", "_made", "gallery/*.ipynb", "gallery/*.py", "gallery/*.json"]
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3

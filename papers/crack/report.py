@@ -114,7 +114,7 @@ def _closed_forms(found: Found, falls: list[FoldedUnit], loops: list[LoopUnit]) 
         }
         shares = [np.abs(equal / exact - 1).max(), own, *list(errors.values())]
         pulls.append(f"{one['pull']:.0f}")
-        rows.append([str(n), *(f"{x:.2%}" if x > 1e-5 else f"{x:.0e}" for x in shares), pulls[-1]])
+        rows.append([str(n), *(f"{x:.2%}" if x > 1e-5 else "below 0.001%" for x in shares), pulls[-1]])
     fall = ratio  # with the most nodes
     loop_rows = [["taper", "tip speed", "closed form", "momentum left", "closed form"]]
     for taper, one in {unit.taper: found[unit.key] for unit in loops}.items():  # the last of each taper is the finest

@@ -84,7 +84,7 @@ def test_a_strike_from_the_command_line_is_the_one_from_python(run: Path, tmp_pa
 
 
 def test_mistakes_in_what_is_struck_from_are_one_line(capsys) -> None:
-    for words, said in (("strike", "RUN"), ("strike ur5e --target 1.2 0.3 0.5 --arrival-angle 400", "<= 360")):
+    for words, said in (("strike", "MAP"), ("strike ur5e --target 1.2 0.3 0.5 --arrival-angle 400", "<= 360")):
         assert command.main(words.split()) == 2
         told = capsys.readouterr().err
         assert told.count("\n") == 1

@@ -132,7 +132,7 @@ def test_a_command_in_the_plane_refuses_models_in_space(given, option, value):
     assert caught.value.allowed == "a model in the plane, for this command"
 
 
-@pytest.mark.parametrize(("given", "name"), [({"model": "ur10"}, "model"), ({"arm": "ur10"}, "--arm")])
+@pytest.mark.parametrize(("given", "name"), [({"model": "ur10"}, "--model"), ({"arm": "ur10"}, "--arm")])
 def test_models_that_there_are_none_of_are_named(given, name):
     with pytest.raises(InputError) as caught:
         SpaceOptions(**given).build_model()
