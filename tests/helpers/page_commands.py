@@ -17,7 +17,7 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md")), *sorted((DOCS / "how-to").glob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SPAN = re.compile(r"(?<!\})`([^`\n]+)`")  # code of a line; not a role such as {doc}
-INSTALL = re.compile(r"pip install 'whiptool\[([\w,]+)\]'")
+INSTALL = re.compile(r"pip install '(?:whiptool|\.)\[([\w,]+)\]'")
 OURS = "python -m whiptool."
 ELSEWHERE = ("make ", "git ", ". ", "cd ", "pip ", "ray ", "python benchmarks/")  # installs, or tested where they are
 # servos, robots and clusters that no test has
