@@ -17,7 +17,7 @@ from papers.crack.closed_forms import (
     loop_speed,
     lumped_frequencies,
 )
-from papers.crack.units import GRAVITY, FoldedUnit, LoopUnit, StrikeUnit
+from papers.crack.units import GRAVITY, FastestUnit, FoldedUnit, LoopUnit
 from whiptool import Controller, WhipParameters, WhipProfile, preset
 from whiptool.dynamics.modes import hanging_modes
 from whiptool.models.parameters import Model
@@ -72,7 +72,8 @@ def sections(context: Context) -> list[Section]:
         "the bullwhip fitted to people's throws": LoopUnit(nodes=base.nodes, speed=published.PEOPLE_HAND, **BULLWHIP),
     }
     robots = [
-        StrikeUnit(name=n, taper=t, trials=40 if context.quick else 600) for n, t in ROBOTS[: 1 if context.quick else 4]
+        FastestUnit(name=n, taper=t, trials=40 if context.quick else 600)
+        for n, t in ROBOTS[: 1 if context.quick else 4]
     ]
     found = context.results([*falls, *tapers, *cords, *others.values(), *robots], "crack")
     title = f"A loop in a whip of taper {TAPERS[1]:g}, no drag"
@@ -219,7 +220,7 @@ def _trust(found: Found, cords: list[LoopUnit]) -> Section:
     ])  # fmt: skip
 
 
-def _reached(found: Found, robots: list[StrikeUnit]) -> Section:
+def _reached(found: Found, robots: list[FastestUnit]) -> Section:
     rows = [["who", "hand [m/s]", "tip [m/s]", "Mach", "beyond the range of trust"]]
     speeds = {"people, measured": published.PEOPLE_TIP, "a cracking whip, measured": published.CRACK_SPEED}
     rows.append([

@@ -132,7 +132,7 @@ class LoopUnit(Unit):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrikeUnit(Unit):
+class FastestUnit(Unit):
     """The strike with the fastest tip that a search finds within an arm's limits, a work unit.
 
     Args:
