@@ -36,7 +36,7 @@ def aim(spread: float = SPREAD) -> Aim:
     """A target at rest near the point, its place known to `spread` in each coordinate."""
     track = TargetTrack(find_motion("still"), POINT, spread**2 * np.eye(2))
     striker = SimpleNamespace(rollout=Rollout(), t_stay=0.3, limits=AllLimits(None))
-    library: Any = SimpleNamespace(striker=striker)
+    library: Any = SimpleNamespace(striker=striker, points=POINT[None])
     return Aim(Interceptor(library, RADIUS), track, 0.0, 0.0, 2.0)
 
 

@@ -12,6 +12,8 @@ from command_line import called, whiptool
 from papers.parts import PARTS
 from whiptool.commands import papers
 
+SECTIONS = 10  # of all parts together, each with a picture
+
 
 @pytest.mark.slow
 def test_quick_form_of_everything(tmp_path):
@@ -26,8 +28,8 @@ def test_quick_form_of_everything(tmp_path):
     result = json.loads(done.stdout)
     page = (tmp_path / "run" / "report.html").read_text()
     assert len(result["claims"]) == page.count("<b class=") >= 13
-    assert page.count("<h2>") >= len(PARTS)
-    assert page.count("<img") >= len(PARTS)
+    assert page.count("<h2>") >= SECTIONS
+    assert page.count("<img") >= SECTIONS
     assert {claim["verdict"] for claim in result["claims"]} == {"no verdict"}  # of a quick form
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
     assert not re.search(r"\binf\b|\bnan\b|\b1 (strikes|targets|trials|seeds|episodes)\b|e-\d\d\b", _text_of(page))
