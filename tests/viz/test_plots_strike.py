@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import fields
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -168,7 +169,7 @@ def test_all_figures_of_a_run_and_a_reports_picture(model, tmp_path):
 
 def test_a_strike_that_diverged_is_drawn():
     path, target = struck(NAH)
-    cut = {x: getattr(path, x)[:40] for x in path.__dataclass_fields__ if x != "diverged"}
+    cut = {f.name: getattr(path, f.name)[:40] for f in fields(path) if f.name != "diverged"}
     ax = plots_strike.plot_strike(Trajectory(**cut, diverged=True), NAH, target)
     assert ax.figure.axes[0].get_title(loc="left").startswith("diverged at 0.0780 s")
     plt.close(ax.figure)
