@@ -54,8 +54,8 @@ class AimedSearch(Search):
         tried = self.refined(starts, effort.steps)
         kept = self.judge.keep(tried)
         if not (kept & self.striker.land(tried, self.goals(len(tried))).hit).any():
-            tried = np.vstack([tried, self._continued()])
-            kept = self.judge.keep(tried)
+            further = self._continued()
+            tried, kept = np.vstack([tried, further]), np.r_[kept, self.judge.keep(further)]
         return tried[kept] if kept.any() else tried, effort.pool + len(past)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
