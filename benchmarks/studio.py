@@ -317,6 +317,14 @@ def random_use(studio: PageServer, tab: Any, window: tuple[int, int], minutes: f
     }
 
 
+def _one_of(shown: Any, rng: np.random.Generator, first: int = 0) -> Any:
+    """Return a random one of the widgets that are shown, from a number on."""
+    count = shown.count()
+    if count <= first:
+        raise IndexError("no such widget is shown")
+    return shown.nth(int(rng.integers(first, count)))
+
+
 def _act(user: User, rng: np.random.Generator) -> None:
     """Do one random thing that a user can do."""
     tab = user.tab
@@ -335,16 +343,13 @@ def _act(user: User, rng: np.random.Generator) -> None:
     elif what == "tab":
         tab.get_by_role("tab", name=str(rng.choice(TABS))).click(timeout=2000)
     elif what == "slider":
-        thumbs = tab.locator("[role=slider]:visible")
-        thumbs.nth(int(rng.integers(thumbs.count()))).focus(timeout=2000)
+        _one_of(tab.locator("[role=slider]:visible"), rng).focus(timeout=2000)
         for _ in range(int(rng.integers(1, 30))):
             tab.keyboard.press(str(rng.choice(["ArrowRight", "ArrowLeft", "PageUp", "PageDown", "Home", "End"])))
     elif what == "box":
-        boxes = tab.locator("input[type=checkbox]:visible")
-        boxes.nth(int(rng.integers(boxes.count()))).click(timeout=2000, force=True)
+        _one_of(tab.locator("input[type=checkbox]:visible"), rng).click(timeout=2000, force=True)
     elif what == "number":
-        numbers = tab.locator("input[inputmode=decimal]:visible, input[type=text]:visible")
-        field = numbers.nth(int(rng.integers(1, numbers.count())))
+        field = _one_of(tab.locator("input[inputmode=decimal]:visible, input[type=text]:visible"), rng, first=1)
         field.fill(str(rng.choice(["0", "-1", "1e9", "1.1", "0.3", "nan", "-", ""])), timeout=2000)
         field.press("Enter", timeout=2000)
     elif what == "export":
@@ -355,8 +360,7 @@ def _act(user: User, rng: np.random.Generator) -> None:
             tab.get_by_role("tab", name="Arm").click(timeout=2000)
         fields = tab.locator("input[role=combobox]:visible, input[aria-haspopup=listbox]:visible")
         fields.nth(0 if what == "model" else fields.count() - 1).click(timeout=2000)
-        options = tab.locator("[role=option]:visible")
-        options.nth(int(rng.integers(options.count()))).click(timeout=2000)
+        _one_of(tab.locator("[role=option]:visible"), rng).click(timeout=2000)
     time.sleep(float(rng.uniform(0.0, 0.5)))
 
 
