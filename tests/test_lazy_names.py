@@ -15,6 +15,13 @@ def test_import_is_light():
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
+def test_readers_are_light():
+    """Each file of some formats is parsed in a process that imports them: SciPy would take it longer than the rest."""
+    heavy = "{'scipy', 'casadi', 'matplotlib', 'h5py', 'pandas'}"
+    program = f"import sys, whiptool.recording.readers; found = {heavy} & set(sys.modules); assert not found, found"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
 ID = "whiptool/WhipTarget-v0"
 FOUND = f"assert gymnasium.spec('{ID}').entry_point == 'whiptool.rl.environment:WhipEnv'"
 

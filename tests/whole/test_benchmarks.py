@@ -52,4 +52,4 @@ def answers() -> dict[str, tuple[str, str]]:
 def test_a_benchmark_starts(answers, script):
     said, failed = answers[str(FOLDER / script)]
     assert not failed
-    assert re.search(r"^ +--json\b", said, re.MULTILINE)
+    assert {"--json", "--quick"} <= set(re.findall(r"^ +(--[\w-]+)", said, re.MULTILINE))

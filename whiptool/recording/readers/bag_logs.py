@@ -12,15 +12,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from whiptool.errors import InputError
 from whiptool.recording.logs import Column, good_stamps
 from whiptool.recording.readers.bag_files import FRAMES, bag_messages, bag_topics, best_clock, stamp_of
 from whiptool.recording.readers.joint_log import JointLog, Logs, joint_log
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 STATE = "sensor_msgs/msg/JointState"
 POSE, ARRAY, MOVED, POINT = (
@@ -210,6 +212,8 @@ def _topic(path: Path | str, topic: str | None, kinds: Sequence[str], key: str, 
 
 def _along_frames(path: Path | str, base: str, hand: str) -> tuple[np.ndarray, np.ndarray, str]:
     """Times and poses of a frame in another, from the transforms between them."""
+    from scipy.spatial.transform import Rotation
+
     parents, samples = _transforms(path)
     chain, at = [], hand.lstrip("/")
     while at != base.lstrip("/"):
@@ -238,6 +242,8 @@ def _along_frames(path: Path | str, base: str, hand: str) -> tuple[np.ndarray, n
 
 def _between(t: np.ndarray, rows: np.ndarray, times: np.ndarray) -> tuple[Rotation, np.ndarray]:
     """Rotations and shifts (S, 3) at times (S,) of transforms (K, 7) at times t (K,)."""
+    from scipy.spatial.transform import Rotation, Slerp
+
     turned = Rotation.from_quat(rows[:, 3:])
     if len(t) == 1:
         return turned[np.zeros(len(times), int)], np.repeat(rows[:, :3], len(times), axis=0)

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.strike_recording import TURNED
@@ -61,6 +60,8 @@ def with_poses(
     Raises:
         InputError: The body was seen in fewer than two frames, or the axes are not three, right-handed.
     """
+    from scipy.spatial.transform import Rotation
+
     name, (places, turns) = side.table["hand"], body
     seen = np.isfinite(places).all(axis=1) & np.isfinite(turns).all(axis=1) & places.any(axis=1) & turns.any(axis=1)
     if seen.sum() < 2:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
 from whiptool.models.pose_columns import POSE
@@ -159,6 +158,8 @@ class LogKeys(Keys):
         Raises:
             InputError: `hand_axes` or `hand_offset` has a value that is not allowed.
         """
+        from scipy.spatial.transform import Rotation
+
         axes, offset = self.table.get("hand_axes"), self.array("hand_offset", 3)
         if axes is None and offset is None:
             return poses, [
