@@ -32,16 +32,15 @@ import whiptool as wt
 from whiptool.correction import AnyStart, Begun, Corrector, Disturbances, LinearStrike, Paths, Sensing, Submovements
 from whiptool.correction.corrector import Policy
 from whiptool.correction.disturbances import (
-    NUMBERS,
     PULSES,
-    changed,
     kick_directions,
     loads,
     moved,
     pulses,
     swing_directions,
 )
-from whiptool.correction.rolled import INTERVAL
+from whiptool.correction.linear import Estimate
+from whiptool.correction.rolled import INTERVAL, NUMBERS
 from whiptool.whole_files import write_whole
 
 STRIKES, EACH, CANDIDATES = 10, 20, 6
@@ -52,7 +51,8 @@ REGIONS = {"lemon2024": ((0.9, -0.3), (1.35, 0.5)), "ur5e": ((1.0, -0.4, 0.2), (
 SWINGS = {"lemon2024": 0.1, "ur5e": 0.03}  # [m]
 WORSE = 0.005  # [m]
 CHOSEN = 3  # planned strikes by which the rules of correction were chosen; they are not mixed with the others
-STEPS = 4  # of each search
+STEPS, SIDE = 4, 1e-3  # of each search, and of its differences [rad]
+FINE = {"lemon2024": 2, "ur5e": 1}  # steps of the simulation in a millisecond
 
 Truth = Callable[[Submovements], Paths]
 
@@ -64,13 +64,13 @@ class Disturbed:
     linear: LinearStrike
     x0: np.ndarray
     noise: Submovements
-    models: list[wt.Model]
+    off: np.ndarray
     kick_at: np.ndarray
     kick: np.ndarray
 
     def __call__(self, added: Submovements) -> Paths:
         simulator, target = self.linear.simulator, self.linear.target
-        begun = Begun(self.linear.strike, self.x0, self.noise.and_(added), self.linear.lasts, models=self.models)
+        begun = Begun(self.linear.strike, self.x0, self.noise.and_(added), self.linear.lasts, off=self.off)
         first = simulator.paths(begun, target)
         if not self.kick.any():
             return first
@@ -96,35 +96,29 @@ def drawn(linear: LinearStrike, by: Disturbances, count: int, rng: np.random.Gen
         model, np.repeat(linear.states[:1], count, axis=0), by.swing * rng.normal(size=(count, len(swings))) @ swings
     )
     sizes = by.hand * loads(simulator, linear.strike, linear.hit_at) * rng.normal(size=(count, PULSES, model.arm.n))
-    factors = 1 + rng.normal(size=(count, len(NUMBERS))) * [getattr(by, name) for name in NUMBERS]
-    models = [changed(model, dict(zip(NUMBERS, row, strict=True))) for row in factors]
+    off = rng.normal(size=(count, len(NUMBERS))) * [getattr(by, name) for name in NUMBERS]
     kick_at = linear.hit_at * rng.uniform(0.1, 0.9, count)
     return Disturbed(
-        linear, x0, pulses(sizes, linear.hit_at), models, kick_at, by.kick * rng.normal(size=(count, model.dimension))
+        linear, x0, pulses(sizes, linear.hit_at), off, kick_at, by.kick * rng.normal(size=(count, model.dimension))
     )
 
 
 def searching(corrector: Corrector) -> Policy:
-    """Simulate the rest of each strike from the estimated state, and improve the corrections until it hits."""
-    linear, simulator = corrector.linear, corrector.linear.simulator
-    firsts = [round(decision.at / INTERVAL) for decision in corrector.decisions]
-    slopes = [linear.state_slopes(first) for first in firsts]
-    expected = [getattr(linear.expected, name) for name in NUMBERS]
+    """Simulate each strike as it is estimated, with what corrections do to it, and improve them until it hits."""
+    linear, window = corrector.linear, corrector.window
 
-    def policy(k: int, z: np.ndarray, doubt: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-        first, before = firsts[k], corrector.added(sizes)
-        rest = np.repeat(linear.states[:1], len(z), axis=0)
-        now = simulator.rows(Begun(linear.strike, rest, before, linear.lasts), "x")[:, first]
-        factors = np.clip(1 + z[:, -len(NUMBERS) :] * expected, 0.5, 1.5)
-        models = [changed(simulator.model, dict(zip(NUMBERS, row, strict=True))) for row in factors]
-        begun = Begun(linear.strike, moved(simulator.model, now, z @ slopes[k].T), before, linear.lasts)
-        begun = replace(begun, lasts=linear.lasts - first * INTERVAL, since=first * INTERVAL, models=models)
-        window = slice(max(corrector.window.start - first, 0), corrector.window.stop - first)
-        by = np.zeros((len(z), len(firsts) - k, sizes.shape[2]))
+    def policy(k: int, estimate: Estimate, sizes: np.ndarray) -> np.ndarray:
+        B, _, a = sizes.shape
+        J = len(corrector.decisions) - k
+        by, sides = np.zeros((B, J, a)), np.concatenate([np.zeros((1, J * a)), SIDE * np.eye(J * a)])
         for _ in range(STEPS):
-            added = corrector.added(np.concatenate([sizes, by], axis=1))
-            path = simulator.paths(replace(begun, added=added), linear.target).tip[:, window]
-            by = corrector.solved(k, path, by, doubt)
+            every = (by + sides.reshape(-1, 1, J, a)).reshape(-1, J, a)
+            z, before = (np.concatenate([x] * len(sides)) for x in (estimate.z, sizes))
+            added = corrector.added(np.concatenate([before, every], axis=1))
+            tips = linear.paths(z, added, (window.stop - 1) * INTERVAL).tip[:, window]
+            tips = tips.reshape(len(sides), B, *tips.shape[1:])
+            effects = np.moveaxis((tips[1:] - tips[0]) / SIDE, 0, -1)
+            by = corrector.solved(k, tips[0], effects.reshape(*tips[0].shape, J, a), by, estimate)
         return by[:, 0] * corrector.allowed(k, by[:, 0], sizes)[:, None]
 
     return policy
@@ -208,7 +202,7 @@ def hits(arm: str, number: int) -> tuple[np.ndarray, list[wt.Strike]]:
 def linear_of(arm: str, number: int, robust: bool = False) -> LinearStrike:
     """A planned strike, linearised; `robust`: that whose miss the swings change least."""
     target, strikes = hits(arm, number)
-    simulator = AnyStart(wt.preset(arm))
+    simulator = AnyStart(wt.preset(arm), steps=FINE[arm])
     if not robust:
         return LinearStrike(simulator, strikes[0], target, Disturbances(swing=SWINGS[arm]))
     return min((LinearStrike(simulator, strike, target) for strike in strikes), key=_sensitivity)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from whiptool.correction.disturbances import Disturbances
-from whiptool.correction.linear import Estimator, LinearStrike, Sensing, across
+from whiptool.correction.linear import Estimate, Estimator, LinearStrike, Sensing, across
 from whiptool.correction.rolled import INTERVAL, AnyStart, Begun, Paths, Submovements
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
@@ -23,12 +23,13 @@ from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import JointLimits
 from whiptool.models.strike import Strike
 
-MOST = 8  # corrections of a strike
+USUAL, MOST = 5, 8  # corrections of a strike
 SIZE = 0.1  # [rad or m] of corrections for which the linear model is judged
 SHORTEST = 0.15  # [s] of a submovement
 _AROUND = 0.1  # [s] about the planned hit in which the closest approach is looked for
 _COST = 0.02  # [m] of miss that one radian of each joint has to be worth
 _PASSES = 3  # of finding the closest approach and the correction there
+_FIRST, _LATER = 4, 2  # passes of the first estimate of a strike, and of those that begin from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Decision:
     Args:
         at, lasts: When the correction begins, and how long it lasts [s].
         estimator: The estimate at that instant.
-        tip, arm: Derivatives of the tip (S, d, a) and of the arm's ends (S, a d, a) by the correction.
+        tip: Derivatives of the tip by the correction, (S, d, a).
         doubt: Error of the linear miss by a correction of each joint as large as `SIZE`, per size [m/rad or m/m], (a,).
         change: Derivatives of position, velocity, acceleration of the reference and of the torque by the correction,
             (S, 4 a, a).
@@ -48,12 +49,11 @@ class Decision:
     lasts: float
     estimator: Estimator
     tip: np.ndarray
-    arm: np.ndarray
     doubt: np.ndarray
     change: np.ndarray
 
 
-Policy = Callable[[int, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+Policy = Callable[[int, Estimate, np.ndarray], np.ndarray]
 
 
 class Corrector:
@@ -70,7 +70,7 @@ class Corrector:
     """
 
     def __init__(
-        self, linear: LinearStrike, *, sensing: Sensing | None = None, start: float = 0.2, count: int = MOST
+        self, linear: LinearStrike, *, sensing: Sensing | None = None, start: float = 0.2, count: int = USUAL
     ) -> None:
         expect(LinearStrike, linear=linear)
         self.linear, self.sensing, self.simulator = linear, sensing or Sensing(), linear.simulator
@@ -113,8 +113,8 @@ class Corrector:
         tips = self.simulator.paths(begun, linear.target).tip[:, hit] - linear.planned.tip[0, hit]
         bent = tips.reshape(2, a, -1).mean(axis=0) @ linear.across.T  # of second order
         doubt = np.linalg.norm(bent, axis=1) / SIZE
-        estimator, slopes = Estimator.at(linear, self.sensing, at), linear.of_submovements(at, lasts)
-        return Decision(at, lasts, estimator, *slopes, doubt, change.reshape(len(t), 4 * a, a))
+        estimator, slopes = Estimator(linear, self.sensing, at), linear.of_submovements(at, lasts)
+        return Decision(at, lasts, estimator, slopes, doubt, change.reshape(len(t), 4 * a, a))
 
     def added(self, sizes: np.ndarray) -> Submovements:
         """Return the first corrections as submovements, from their sizes (B, k, a)."""
@@ -122,45 +122,39 @@ class Corrector:
         times = np.array([[x.at, x.lasts] for x in self.decisions[:k]]).reshape(k, 2)
         return Submovements(np.tile(times[:, 0], (B, 1)), np.tile(times[:, 1], (B, 1)), sizes)
 
-    def estimate(self, k: int, tip: np.ndarray, arm: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the estimates of what disturbs B strikes at decision k, (B, m), in standard deviations, and how much
-        they leave unexplained, (B,), see `Estimator.mean`.
+    def estimate(
+        self, k: int, tip: np.ndarray, arm: np.ndarray, sizes: np.ndarray, z: np.ndarray | None = None
+    ) -> Estimate:
+        """Return the estimates of what disturbs B strikes at decision k, which begin from those of the decision before.
 
         Args:
             k: Number of the decision, from 0.
             tip: Filmed tips at all instants of a path (B, S, d) [m], of which only those that are at hand are read.
             arm: Ends of the arm's links by the joint log, (B, S, a, d) [m].
             sizes: Corrections that were made before, (B, k, a) [rad or m].
+            z: Means of the estimate before, (B, m); None: none.
         """
-        planned, B = self.linear.planned, len(tip)
-        tip, arm = tip - planned.tip, (arm - planned.arm).reshape(B, arm.shape[1], -1)
-        for i in range(k):
-            tip = tip - np.einsum("sda,ba->bsd", self.decisions[i].tip, sizes[:, i])
-            arm = arm - np.einsum("sda,ba->bsd", self.decisions[i].arm, sizes[:, i])
-        return self.decisions[k].estimator.mean(tip, arm)
+        first = np.zeros((len(tip), self.linear.tip.shape[2])) if z is None else z
+        lasts, passes = (self.window.stop - 1) * INTERVAL, _FIRST if z is None else _LATER
+        arm = arm.reshape(*arm.shape[:2], -1)
+        return self.decisions[k].estimator.estimate(tip, arm, self.added(sizes), first, lasts, passes)
 
-    def correction(self, k: int, z: np.ndarray, doubt: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    def correction(self, k: int, estimate: Estimate, sizes: np.ndarray) -> np.ndarray:
         """Return the correction of each strike at decision k that cancels the part of its predicted miss that is known,
         (B, a) [rad or m], within the joints' limits.
 
         Args:
             k: Number of the decision.
-            z, doubt: Estimates, (B, m), and what they leave unexplained, (B,), see `estimate`.
+            estimate: See `estimate`.
             sizes: Corrections that were made before, (B, k, a).
         """
-        window, a = self.window, sizes.shape[2]
-        path = self.linear.planned.tip[0, window] + np.einsum("sdm,bm->bsd", self.linear.tip[window], z)
-        for i in range(k):
-            path += np.einsum("sda,ba->bsd", self.decisions[i].tip[window], sizes[:, i])
-        by = np.zeros((len(z), len(self.decisions) - k, a))
+        path, by = estimate.tip[:, self.window], np.zeros((len(sizes), len(self.decisions) - k, sizes.shape[2]))
+        effects = np.stack([x.tip[self.window] for x in self.decisions[k:]], axis=2)
         for _ in range(_PASSES):
-            later = sum(np.einsum("sda,ba->bsd", x.tip[window], by[:, j]) for j, x in enumerate(self.decisions[k:]))
-            by = self.solved(k, path + later, by, doubt, self.linear.curved(z))
+            by = self.solved(k, path + np.einsum("wdja,bja->bwd", effects, by), effects, by, estimate)
         return by[:, 0] * self.allowed(k, by[:, 0], sizes)[:, None]
 
-    def solved(
-        self, k: int, path: np.ndarray, by: np.ndarray, doubt: np.ndarray, error: np.ndarray | float = 0.0
-    ) -> np.ndarray:
+    def solved(self, k: int, path: np.ndarray, effects: np.ndarray, by: np.ndarray, estimate: Estimate) -> np.ndarray:
         """Return this and later corrections that cancel the known part of a predicted miss, by least squares.
 
         What corrections do to the miss is linear only while they are small: their `doubt` counts as a miss, and what
@@ -169,9 +163,9 @@ class Corrector:
         Args:
             k: Number of the decision.
             path: Predicted tips at the instants of `window` with the corrections `by`, (B, W, d) [m].
+            effects: Derivatives of these tips by the corrections, (W, d, J, a), or (B, W, d, J, a).
             by: Corrections of decisions k to the last, (B, J, a) [rad or m].
-            doubt: As in `correction`.
-            error: Standard error of the predicted misses themselves [m], (B,).
+            estimate: By which the tips were predicted.
 
         Returns:
             Corrections, (B, J, a).
@@ -180,12 +174,11 @@ class Corrector:
         rows, target = np.arange(B), self.linear.target
         nearest = np.linalg.norm(path - target, axis=2).argmin(axis=1)
         sideways = across(path, nearest)  # (B, d - 1, d)
-        there = np.stack([x.tip[self.window][nearest] for x in self.decisions[k:]], axis=2)  # (B, d, J, a)
+        there = np.broadcast_to(effects, (*path.shape, J, a))[rows, nearest]  # (B, d, J, a)
         away = path[rows, nearest] - target - np.einsum("bdja,bja->bd", there, by)
         miss = np.einsum("bcd,bd->bc", sideways, away)
-        spread = sideways @ self.linear.tip[self.window][nearest]
-        unknown = np.einsum("bcm,mn,bcn->b", spread, self.decisions[k].estimator.covariance, spread)
-        unknown = unknown * np.maximum(doubt, 1) + error**2
+        spread = sideways @ estimate.slopes[:, self.window][rows, nearest]
+        unknown = np.einsum("bcm,bmn,bcn->b", spread, estimate.covariance, spread) * np.maximum(estimate.doubt, 1)
         known = np.maximum(1 - unknown / np.maximum((miss**2).sum(axis=1), 1e-12), 0)
         slope = (sideways @ there.reshape(B, -1, J * a)).transpose(0, 2, 1)
         cost = np.concatenate([x.doubt for x in self.decisions[k:]])
@@ -221,10 +214,10 @@ class Corrector:
         """
         a, B = self.simulator.model.arm.n, len(noise[0])
         sizes = np.zeros((B, 0, a))
-        paths = truth(self.added(sizes))
+        paths, z = truth(self.added(sizes)), None
         for k in range(len(self.decisions)):
-            z, doubt = self.estimate(k, paths.tip + noise[0], paths.arm + noise[1], sizes)
-            by = (policy or self.correction)(k, z, doubt, sizes)
+            estimate = self.estimate(k, paths.tip + noise[0], paths.arm + noise[1], sizes, z)
+            by, z = (policy or self.correction)(k, estimate, sizes), estimate.z
             if not np.isfinite(by).all():
                 raise InputError("correction", "not finite", "finite numbers", "the simulated strike diverged")
             sizes = np.concatenate([sizes, by[:, None]], axis=1)

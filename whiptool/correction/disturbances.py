@@ -15,7 +15,6 @@ from whiptool.models.strike import Strike
 
 MODES = 3  # of the swinging whip, in each direction
 PULSES = 8  # of the hand's noise in a strike
-NUMBERS = {"length": "whip.l", "mass": "whip.m", "stiffness": "whip.k"}
 
 
 @dataclass(frozen=True)
@@ -121,11 +120,3 @@ def loads(simulator: AnyStart, strike: Strike, end: float) -> np.ndarray:
     tau = np.abs(simulator.rows(Begun(strike, simulator.rest(strike)[None], none, end), "tau")[0])
     at = np.round((np.arange(PULSES) + 1) * end / PULSES / INTERVAL).astype(int).clip(max=len(tau) - 1)
     return tau[at] / np.maximum(tau.max(axis=0), 1e-12)
-
-
-def changed(model: Model, factors: dict[str, float]) -> Model:
-    """Return the model with numbers of the whip multiplied, each by the name of its error in `Disturbances`."""
-    if all(factor == 1 for factor in factors.values()):
-        return model
-    now = {name: model.whip.common(NUMBERS[name].removeprefix("whip.")) for name in factors}
-    return model.with_parameters({NUMBERS[name]: now[name] * factor for name, factor in factors.items()})

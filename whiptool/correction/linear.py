@@ -1,9 +1,10 @@
-"""A disturbed strike, linearised about the planned one by the engine's exact derivatives, and the estimate in it.
+"""A strike that is disturbed, and the estimate of what disturbs it.
 
 What disturbs the strike is a vector z of independent standard normal numbers, so many standard deviations of
-`Disturbances` each: swings, numbers of the whip, kicks at several instants, pulses of the hand. Tip, arm and state at
-any time are linear in z, and a reading that comes late is compared with what z means for its own time. With such a
-vector, a Kalman filter's prediction is the identity, and its estimate is that of least squares over all readings.
+`Disturbances` each: swings, kicks at several instants, pulses of the hand, numbers of the whip. The engine simulates
+the strike at any z, and a reading that comes late is compared with what z means for its own time. With such a vector, a
+Kalman filter's prediction is the identity, and its estimate is that of least squares over all readings, which is
+repeated about itself (Gauss and Newton, with Levenberg's damping).
 """
 
 from __future__ import annotations
@@ -14,25 +15,22 @@ from functools import cached_property
 import numpy as np
 
 from whiptool.correction.disturbances import (
-    NUMBERS,
     PULSES,
     Disturbances,
-    changed,
     kick_directions,
     loads,
     moved,
     pulses,
     swing_directions,
 )
-from whiptool.correction.rolled import INTERVAL, AnyStart, Begun, Submovements
+from whiptool.correction.rolled import INTERVAL, NUMBERS, AnyStart, Begun, Paths, Submovements
 from whiptool.errors import InputError, expect
 from whiptool.models.numbers import number
-from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike
 
 KICKS = 8  # instants of a strike at which the estimate looks for a kick
-_DRAWS = 32  # of disturbances, at which the linear miss is compared with the engine's
-_STEP = 1e-3  # of a standard deviation, for differences of states
+_STEP = 1e-2  # of a standard deviation, for differences
+_FARTHEST = 6.0  # standard deviations to which an estimate may go
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Sensing:
         joint_rate: Samples of the joint log per second.
         joint_noise: Standard deviation of each coordinate of the hand, and of the other links' ends, by the log [m].
         delay: Age of a reading when the arm first moves by it [s]: of camera, computation and servos together.
-        doubt: Error of the linear model as a share of what it expects of a reading, which counts as noise.
+        doubt: Error of what is linear (kicks) as a share of what it expects of a reading, which counts as noise.
 
     Raises:
         InputError: A number is out of range.
@@ -77,7 +75,7 @@ class _Columns:
 
 
 class LinearStrike:
-    """The tip, arm and state of a strike as linear functions of what disturbs it.
+    """A planned strike, and the same strike disturbed, with derivatives by what disturbs it.
 
     Args:
         simulator: Simulator of the model, see `AnyStart`.
@@ -93,7 +91,6 @@ class LinearStrike:
         tip: Derivatives of the tip by z [m], (S, d, m).
         arm: Derivatives of the arm's ends [m], (S, a d, m).
         hit_at: When the undisturbed tip is closest to the target [s].
-        error: Median error of the linear miss [m] per mean square of z, at swings and errors of the whip's numbers.
     """
 
     def __init__(
@@ -110,40 +107,52 @@ class LinearStrike:
         self.planned = simulator.paths(begun, target)
         self.states = simulator.rows(begun, "x")[0]
         self.hit_at = INTERVAL * int(np.linalg.norm(self.planned.tip[0] - target, axis=1).argmin())
-        c, names = self._columns, list(NUMBERS.values())
+        c = self._columns
         begun = Begun(strike, c.x0, pulses(0 * c.by, self.hit_at), lasts, c.since)
-        tip, arm = simulator.slopes(begun, dx0=c.dx0, dby=pulses(c.by, self.hit_at).by, names=names)
-        of_numbers = [getattr(self.expected, name) * self._number(name) for name in NUMBERS]
-        scale = np.r_[np.ones(len(c.x0) - len(names)), of_numbers]
+        tip, arm = simulator.slopes(begun, dx0=c.dx0, dby=pulses(c.by, self.hit_at).by, numbers=True)
+        scale = np.r_[np.ones(len(c.x0) - len(NUMBERS)), self._off]
         first = np.round(c.since / INTERVAL).astype(int)
         self.tip = self._shifted(tip, first, scale)
         self.arm = self._shifted(arm.reshape(*arm.shape[:2], -1), first, scale)
         self.across = across(self.planned.tip, np.array([round(self.hit_at / INTERVAL)]))[0]
-        self.error = self._error()
+        self.swung = np.flatnonzero(~c.by.any(axis=(1, 2)) & (c.since == 0))  # swings and numbers
+        self.kicked = np.flatnonzero(c.since > 0)
 
-    def curved(self, z: np.ndarray) -> np.ndarray:
-        """Return the expected errors of linear misses at estimates z (B, m) [m], (B,): they grow with z squared."""
-        return self.error * (z[:, self._drawn] ** 2).mean(axis=1)
+    def paths(self, z: np.ndarray, added: Submovements, lasts: float | None = None) -> Paths:
+        """Return the paths of strikes disturbed by z (B, m) that last so long [s], with submovements.
+
+        All but kicks are simulated; a kick does as much as to the planned strike.
+        """
+        c, lasts = self._columns, lasts or self.lasts
+        by = z[:, self.swung] @ c.dx0[self.swung]
+        x0 = moved(self.simulator.model, np.repeat(self.states[:1], len(z), axis=0), by)
+        noise = pulses(np.einsum("bm,mka->bka", z, c.by), self.hit_at)
+        off = np.maximum(z[:, -len(NUMBERS) :] * self._off, -0.5)
+        found = self.simulator.paths(Begun(self.strike, x0, noise.and_(added), lasts, off=off), self.target)
+        kicks, S = z[:, self.kicked].T, found.tip.shape[1]
+        tip, arm = ((x[:S, :, self.kicked] @ kicks).transpose(2, 0, 1) for x in (self.tip, self.arm))
+        return Paths(found.tip + tip, found.arm + arm.reshape(found.arm.shape), found.miss)
+
+    def about(self, z: np.ndarray, added: Submovements, lasts: float) -> tuple[np.ndarray, ...]:
+        """Return tips (B, S, d) and arm's ends (B, S, a d) at z (B, m), see `paths`, and their derivatives by z.
+
+        Those by swings and the whip's numbers are differences at z, the others the planned strike's.
+        """
+        (B, m), count = z.shape, 1 + len(self.swung)
+        every = np.concatenate([z, *(z + _STEP * row for row in np.eye(m)[self.swung])])
+        repeated = (np.concatenate([x] * count) for x in (added.since, added.lasts, added.by))
+        paths, found = self.paths(every, Submovements(*repeated), lasts), []
+        for seen, planned in ((paths.tip, self.tip), (paths.arm, self.arm)):
+            seen = seen.reshape(count, B, seen.shape[1], -1)
+            slopes = np.repeat(planned[None, : seen.shape[2]], B, axis=0)
+            slopes[..., self.swung] = np.moveaxis((seen[1:] - seen[0]) / _STEP, 0, -1)
+            found += [seen[0], slopes]
+        return found[0], found[2], found[1], found[3]
 
     @property
-    def _drawn(self) -> np.ndarray:
-        """Components of z that act from the beginning of a strike, without noise of the hand."""
-        c = self._columns
-        return np.flatnonzero(~c.by.any(axis=(1, 2)) & (c.since == 0))
-
-    def _error(self) -> float:
-        which, c, rng = self._drawn, self._columns, np.random.default_rng(0)
-        z = rng.standard_normal((_DRAWS, len(which)))
-        x0 = moved(self.simulator.model, np.repeat(self.states[:1], _DRAWS, axis=0), z @ c.dx0[which])
-        models = [_off(self.simulator.model, self.expected, row[-len(NUMBERS) :]) for row in z]
-        none = Submovements.none(_DRAWS, self.simulator.model.arm.n)
-        true = self.simulator.paths(Begun(self.strike, x0, none, self.lasts, models=models), self.target)
-        hit = round(self.hit_at / INTERVAL)
-        off = true.tip[:, hit] - self.planned.tip[0, hit] - z @ self.tip[hit][:, which].T
-        return float(np.median(np.linalg.norm(off @ self.across.T, axis=1) / (z**2).mean(axis=1)))
-
-    def _number(self, name: str) -> float:
-        return self.simulator.model.whip.common(NUMBERS[name].removeprefix("whip."))
+    def _off(self) -> np.ndarray:
+        """Standard deviations of the whip's numbers, (3,)."""
+        return np.array([getattr(self.expected, name) for name in NUMBERS])
 
     @cached_property
     def _columns(self) -> _Columns:
@@ -169,82 +178,96 @@ class LinearStrike:
             column[begins:] = factor * values[: len(values) - begins]
         return found.transpose(1, 2, 0)
 
-    def of_submovements(self, since: float, lasts: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of tip (S, d, a) and arm (S, a d, a) by the size of a submovement of each joint."""
+    def of_submovements(self, since: float, lasts: float) -> np.ndarray:
+        """Return the derivatives of the tip (S, d, a) by the size of a submovement of each joint."""
         a = self.simulator.model.arm.n
         added = Submovements(np.full((a, 1), since), np.full((a, 1), lasts), np.zeros((a, 1, a)))
         begun = Begun(self.strike, np.tile(self.states[0], (a, 1)), added, self.lasts)
-        tip, arm = self.simulator.slopes(begun, dby=np.eye(a)[:, None])
-        return tip.transpose(1, 2, 0), arm.reshape(*arm.shape[:2], -1).transpose(1, 2, 0)
-
-    def state_slopes(self, at: int) -> np.ndarray:
-        """Return the derivatives of the state at an instant by z, (2 n, m), by differences of the engine's states."""
-        c, ends, model = self._columns, [], self.simulator.model
-        steps = np.maximum(at - np.round(c.since / INTERVAL).astype(int), 0)
-        later = at * INTERVAL >= c.since
-        for side in (-_STEP, _STEP):
-            others = [_off(model, self.expected, row) for row in side * np.eye(len(NUMBERS))]
-            models = [model] * (len(c.x0) - len(others)) + others
-            x0, noise = moved(model, c.x0, side * c.dx0), pulses(side * c.by, self.hit_at)
-            begun = Begun(self.strike, x0, noise, max(at, 1) * INTERVAL, c.since, models)
-            ends.append(self.simulator.rows(begun, "x")[np.arange(len(steps)), steps])
-        return (later[:, None] * (ends[1] - ends[0]) / (2 * _STEP)).T
+        return self.simulator.slopes(begun, dby=np.eye(a)[:, None])[0].transpose(1, 2, 0)
 
 
 @dataclass(frozen=True, eq=False)
-class Estimator:
-    """The estimate of z from the readings that are at hand at one instant; its gains do not depend on them.
+class Estimate:
+    """What is known of B disturbed strikes at one instant.
 
     Args:
-        frames, samples: Instants of the filmed tips and of the joint log, indices of a path.
-        H: Derivatives of all readings by z, (r, m).
-        variance: Of their errors [m^2], (r,).
-        gains: Estimate per reading, (m, r).
-        covariance: Of the estimate, (m, m).
+        z: Means, (B, m), in standard deviations.
+        covariance: Of z, (B, m, m).
+        doubt: Mean squares of what z leaves unexplained of the readings, in units of their variances, (B,): about 1 if
+            the model holds.
+        tip: Tips at z with the corrections that were made [m], (B, S, d).
+        slopes: Their derivatives by z, (B, S, d, m).
     """
 
-    frames: np.ndarray
-    samples: np.ndarray
-    H: np.ndarray
-    variance: np.ndarray
-    gains: np.ndarray
+    z: np.ndarray
     covariance: np.ndarray
+    doubt: np.ndarray
+    tip: np.ndarray
+    slopes: np.ndarray
 
-    @classmethod
-    def at(cls, linear: LinearStrike, sensing: Sensing, time: float) -> Estimator:
-        """Return the estimator at a time of the strike [s]."""
-        last = time - sensing.delay
-        frames, samples = (
+
+class Estimator:
+    """Estimates z from the readings that are at hand at one instant.
+
+    Args:
+        linear: The planned strike.
+        sensing: What is measured.
+        time: Of the strike [s].
+
+    Attributes:
+        frames, samples: Instants of the filmed tips and of the joint log, indices of a path.
+        variance: Of the readings' errors [m^2], (r,).
+    """
+
+    def __init__(self, linear: LinearStrike, sensing: Sensing, time: float) -> None:
+        self.linear, last = linear, time - sensing.delay
+        self.frames, self.samples = (
             np.round(np.arange(max(0, int(last * rate + 1e-9) + 1)) / rate / INTERVAL).astype(int)
             for rate in (sensing.rate, sensing.joint_rate)
         )
-        tip, arm = linear.tip[frames], linear.arm[samples]
-        H = np.concatenate([x.reshape(-1, x.shape[2]) for x in (tip, arm)])
+        tip, arm = linear.tip[self.frames], linear.arm[self.samples]
         noise = np.repeat([sensing.tip_noise, sensing.joint_noise], [tip[..., 0].size, arm[..., 0].size])
-        variance = noise**2 + sensing.doubt**2 * (H**2).sum(axis=1)
-        weighted = H.T / variance
-        covariance = np.linalg.inv(np.eye(H.shape[1]) + weighted @ H)
-        return cls(frames, samples, H, variance, covariance @ weighted, covariance)
+        kicks = self._readings(linear.tip[None, ..., linear.kicked], linear.arm[None, ..., linear.kicked])[0]
+        self.variance = noise**2 + sensing.doubt**2 * (kicks**2).sum(axis=1)
 
-    def mean(self, tip: np.ndarray, arm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the estimates of z, (B, m), and the mean squares of what they leave unexplained of the readings, in
-        units of their variances, (B,): about 1 if the linear model holds.
+    def estimate(
+        self, tip: np.ndarray, arm: np.ndarray, added: Submovements, z: np.ndarray, lasts: float, passes: int
+    ) -> Estimate:
+        """Return the best of so many estimates, each by least squares about the best before.
 
         Args:
-            tip: Filmed tips minus what they would be without disturbances, on all instants (B, S, d) [m]; only frames
-                that are at hand are looked at.
-            arm: Likewise the arm's ends by the joint log, (B, S, a d) [m].
+            tip, arm: Filmed tips on all instants (B, S, d), of which only those at hand are read, and the arm's ends by
+                the joint log (B, S, a d) [m].
+            added: Corrections that were made.
+            z: Estimates from which it begins, (B, m).
+            lasts: Time for which tips are predicted [s].
+            passes: At least 1, that of z itself.
         """
-        B = len(tip)
-        readings = [tip[:, self.frames].reshape(B, -1), arm[:, self.samples].reshape(B, -1)]
-        y = np.hstack(readings)
-        z = y @ self.gains.T
-        return z, ((y - z @ self.H.T) ** 2 / self.variance).mean(axis=1)
+        B, m = z.shape
+        measured = self._readings(tip[..., None], arm[..., None])[..., 0]
+        least, damping = np.full(B, np.inf), np.zeros(B)
+        best: list[np.ndarray] = []
+        for _ in range(passes):
+            tips, arms, tip_slopes, arm_slopes = self.linear.about(z, added, lasts)
+            left = measured - self._readings(tips[..., None], arms[..., None])[..., 0]
+            H = self._readings(tip_slopes, arm_slopes)
+            cost = np.nan_to_num((left**2 / self.variance).sum(axis=1) + (z**2).sum(axis=1), nan=np.inf)
+            better, new = cost < least, [z, left, H, tips, tip_slopes]
+            pairs = zip(new, best or new, strict=True)
+            best = [np.where(better.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in pairs]
+            least, damping = np.minimum(cost, least), np.where(better, damping / 4, np.maximum(8 * damping, 3))
+            weighted = best[2].transpose(0, 2, 1) / self.variance
+            information = np.eye(m) + weighted @ best[2]
+            step = (weighted @ best[1][..., None])[..., 0] - best[0]
+            step = np.linalg.solve(information + damping[:, None, None] * np.eye(m), step[..., None])[..., 0]
+            z = np.clip(best[0] + step, -_FARTHEST, _FARTHEST)
+        doubt = (best[1] ** 2 / self.variance).mean(axis=1)
+        return Estimate(best[0], np.linalg.inv(information), doubt, best[3], best[4])
 
-
-def _off(model: Model, expected: Disturbances, z: np.ndarray) -> Model:
-    """The model whose numbers are so many standard deviations off, (3,)."""
-    return changed(model, {name: 1 + getattr(expected, name) * x for name, x in zip(NUMBERS, z, strict=True)})
+    def _readings(self, tip: np.ndarray, arm: np.ndarray) -> np.ndarray:
+        """Rows of the readings at hand, (B, r, ...), of what is (B, S, d, ...) and (B, S, a d, ...)."""
+        both = tip[:, self.frames], arm[:, self.samples]
+        return np.concatenate([x.reshape(len(x), -1, x.shape[3]) for x in both], axis=1)
 
 
 def across(path: np.ndarray, at: np.ndarray) -> np.ndarray:

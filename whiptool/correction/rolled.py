@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from whiptool.dynamics.posture import start_posture
 from whiptool.dynamics.structure import outcome_columns, parameter_directions, row_columns
 from whiptool.errors import InputError
 from whiptool.impedance.controller import Controller, default_controller
+from whiptool.models.numbers import whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import Strike, strike_names
 from whiptool.models.trajectory import Trajectory
@@ -20,10 +21,9 @@ from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.engine import find_engine
 from whiptool.rollout.interface import time_grid
 
-TIMESTEP = 2.5e-4  # [s]
-STRIDE = 4  # steps between the instants of a path
-INTERVAL = STRIDE * TIMESTEP  # [s]
+INTERVAL = 1e-3  # [s] between the instants of a path
 SLOTS = 24  # submovements of a strike
+NUMBERS = {"length": "whip.l", "mass": "whip.m", "stiffness": "whip.k"}  # of the whip, that may be off
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Begun:
         added: Submovements of each strike.
         lasts: Time that is simulated [s].
         since: Time after the beginning of the strike at which the states are taken [s], (B,) or for all.
-        models: Model of each strike, with the terms of the simulator's; None: that one.
+        off: Relative errors of the whip's `NUMBERS` in each strike, (B, 3); None: none.
     """
 
     strike: Strike
@@ -69,7 +69,7 @@ class Begun:
     added: Submovements
     lasts: float
     since: np.ndarray | float = 0.0
-    models: Sequence[Model] | None = None
+    off: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,19 +117,20 @@ class AnyStart:
     Args:
         model: Model of arm and whip.
         controller: Controller of the joints; default: `default_controller`.
+        steps: Steps of the simulation between the instants of paths.
 
     Raises:
         InputError: The controller controls the hand, or holds its torque for a period.
     """
 
-    def __init__(self, model: Model, controller: Controller | None = None) -> None:
+    def __init__(self, model: Model, controller: Controller | None = None, *, steps: int = 2) -> None:
         controller = default_controller(model) if controller is None else controller
         if controller.hand is not None or controller.control_period is not None:
             rule = "a continuous controller of the joints"
             raise InputError("controller", "one of the hand, or with a control period", rule)
         controller.check_fits(model.arm)
-        self.model, self.controller = model, controller
-        self.structure = replace(stepped(model, controller, timestep=TIMESTEP), submovements=SLOTS)
+        self.model, self.controller, self.steps = model, controller, whole("steps", steps, low=1)
+        self.structure = replace(stepped(model, controller, timestep=INTERVAL / steps), submovements=SLOTS)
         d, a = model.dimension, model.arm.n
         self._observed = np.r_[np.arange(d * a), d * (a + model.whip.N - 1) + np.arange(d)]  # the arm's ends, the tip
 
@@ -141,7 +142,7 @@ class AnyStart:
     def paths(self, begun: Begun, target: np.ndarray) -> Paths:
         """Return the paths of strikes at a target, (d,) [m]."""
         batch = self._batch(begun, target)
-        batch.columns, batch.stride = self._observed, STRIDE
+        batch.columns, batch.stride = self._observed, self.steps
         rolled = find_engine(self.structure, forward=False, rung=None)(batch)
         distance = outcome_columns(self.model.arm.n, self.model.dimension)["distance"]
         return Paths(*self._split(np.stack(rolled.observed()[0])), rolled.out[:, distance.start])
@@ -153,18 +154,21 @@ class AnyStart:
         rolled = find_engine(self.structure, forward=False, rung=None)(batch)
         assert rolled.rows is not None
         columns = row_columns(self.structure.n, self.model.arm.n, self.model.dimension)[name]
-        return rolled.rows[:, columns].reshape(len(batch.p), -1, columns.stop - columns.start)[:, ::STRIDE]
+        return rolled.rows[:, columns].reshape(len(batch.p), -1, columns.stop - columns.start)[:, :: self.steps]
 
     def trajectory(self, begun: Begun) -> Trajectory:
         """Return the whole trajectory of one strike (B = 1) from its beginning, at the instants of paths."""
         x, tau = self.rows(begun, "x")[0], self.rows(begun, "tau")[0]
         n = self.structure.n
         states = States(INTERVAL * np.arange(len(x)), x[:, :n], x[:, n:], tau)
-        model = begun.models[0] if begun.models else self.model
-        return complete_trajectory(model, self.controller, _Corrected(begun.strike, begun.added), states)
+        off = dict(zip(NUMBERS.values(), () if begun.off is None else begun.off[0], strict=False))
+        now = {path: self.model.whip.common(path.removeprefix("whip.")) * (1 + x) for path, x in off.items()}
+        return complete_trajectory(
+            self.model.with_parameters(now), self.controller, _Corrected(begun.strike, begun.added), states
+        )
 
     def slopes(
-        self, begun: Begun, *, dx0: np.ndarray | None = None, dby: np.ndarray, names: Sequence[str] = ()
+        self, begun: Begun, *, dx0: np.ndarray | None = None, dby: np.ndarray, numbers: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the exact derivatives of the paths of m strikes, each along its own direction, by forward mode.
 
@@ -172,7 +176,7 @@ class AnyStart:
             begun: The strikes.
             dx0: Directions of the states, (m, 2 n); default: zero.
             dby: Directions of the submovements' sizes, (m, K, a).
-            names: Parameters of the model along which the last strikes' derivatives are taken, one each.
+            numbers: Whether the last strikes' derivatives are taken along relative errors of `NUMBERS`, one each.
 
         Returns:
             Derivatives of the tip (m, S, d), and of the arm's ends (m, S, a, d).
@@ -183,32 +187,35 @@ class AnyStart:
         batch.dp, batch.dh, batch.dh_last = np.zeros_like(batch.p), np.zeros(m), np.zeros(m)
         block = self.structure.columns("by").start
         batch.dp[:, block : block + dby[0].size] = dby.reshape(m, -1)
-        if names:
-            columns = {name: i for i, name in enumerate(strike_names(self.model.arm))}
-            known = self.structure, self.model, self.controller
-            batch.dp[m - len(names) :] = parameter_directions(*known, names, columns)
-        batch.columns, batch.stride = self._observed, STRIDE
+        if numbers:
+            batch.dp[m - len(NUMBERS) :] = self._numbers
+        batch.columns, batch.stride = self._observed, self.steps
         return self._split(np.stack(find_engine(self.structure, forward=True, rung=None)(batch).observed()[1]))
+
+    @cached_property
+    def _numbers(self) -> np.ndarray:
+        """Changes of the packed parameters by relative errors of `NUMBERS`, which are linear, (3, P)."""
+        columns = {name: i for i, name in enumerate(strike_names(self.model.arm))}
+        now = np.array([self.model.whip.common(path.removeprefix("whip.")) for path in NUMBERS.values()])
+        known = self.structure, self.model, self.controller
+        return now[:, None] * parameter_directions(*known, list(NUMBERS.values()), columns)
 
     def _split(self, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         d = self.model.dimension
         return seen[..., -d:], seen[..., :-d].reshape(*seen.shape[:2], -1, d)
 
     def _batch(self, begun: Begun, target: np.ndarray | None = None) -> Batch:
-        B, a, added, models = len(begun.x0), self.model.arm.n, begun.added, begun.models
+        B, a, added = len(begun.x0), self.model.arm.n, begun.added
         left = SLOTS - added.since.shape[1]
         if left < 0:
             raise InputError("submovements", added.since.shape[1], f"at most {SLOTS}")
         every = added.and_(Submovements(np.zeros((B, left)), np.ones((B, left)), np.zeros((B, left, a))))
         since = np.broadcast_to(begun.since, B)[:, None]
         numbers = [np.tile(begun.strike.vector, (B, 1)), since, every.since, every.lasts, every.by.reshape(B, -1)]
-        rows = np.hstack(numbers)
-        if models is None or all(model is models[0] for model in models):
-            p = self.structure.pack(models[0] if models else self.model, self.controller, rows)
-        else:
-            each = zip(models, rows[:, None], strict=True)
-            p = np.concatenate([self.structure.pack(model, self.controller, row) for model, row in each])
+        p = self.structure.pack(self.model, self.controller, np.hstack(numbers))
+        if begun.off is not None:
+            p = p + begun.off @ self._numbers
         lasts = np.full(B, INTERVAL * round(begun.lasts / INTERVAL))
         targets = np.zeros((B, self.model.dimension)) if target is None else np.tile(target, (B, 1))
-        grid = time_grid(lasts, timestep=TIMESTEP, control_period=None)
+        grid = time_grid(lasts, timestep=INTERVAL / self.steps, control_period=None)
         return Batch(p, np.ascontiguousarray(begun.x0), targets, *grid)
