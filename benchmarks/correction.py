@@ -6,8 +6,8 @@ tip: `without` correction; with `gains` that are computed before the strike; wit
 strike, on the compiled engine and from the same estimates. Medians, 90th percentiles, and the share of strikes that
 corrections make worse by more than 5 % and 5 mm, of the three planned strikes by which the rules of correction were
 chosen and of the others apart. `robust`: of several strikes that hit, the one whose miss the swings
-change least. `capsules`: the truth is a chain of capsules in MuJoCo with another controller
-(`tests/helpers/foreign_whip.py`).
+change least. `capsules` and `rods`: the truth is a chain of capsules in MuJoCo with another controller, or a Cosserat
+rod in PyElastica (`benchmarks/correction_twins.py`).
 
     python benchmarks/correction.py [--arms ARM ...] [--parts PART ...] [--quick] [--json] [--folder FOLDER]
 
@@ -18,12 +18,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -43,14 +41,16 @@ from whiptool.correction.linear import Estimate
 from whiptool.correction.rolled import INTERVAL, NUMBERS
 from whiptool.whole_files import write_whole
 
-STRIKES, EACH, CANDIDATES = 10, 20, 6
+EACH, CANDIDATES = 20, 6
 DELAYS, STARTS = (0.0, 0.03, 0.06, 0.1), (0.2, 0.4, 0.6, 0.8)
 KINDS = tuple(field.name for field in fields(Disturbances))
-PARTS = ("swing", "kinds", "search", "robust", "capsules")
+TWINS, TWIN_STRIKES = ("capsules", "rods"), 3
+PARTS = ("swing", "kinds", "search", "robust", *TWINS)
 REGIONS = {"lemon2024": ((0.9, -0.3), (1.35, 0.5)), "ur5e": ((1.0, -0.4, 0.2), (1.5, 0.4, 0.9))}
 SWINGS = {"lemon2024": 0.1, "ur5e": 0.03}  # [m]
 WORSE = 0.005  # [m]
 CHOSEN = 3  # planned strikes by which the rules of correction were chosen; they are not mixed with the others
+STRIKES = (*range(CHOSEN), *range(10, 17))  # 3 to 9 showed what was wrong with rules before these
 STEPS, SIDE = 4, 1e-3  # of each search, and of its differences [rad]
 FINE = {"lemon2024": 2, "ur5e": 1}  # steps of the simulation in a millisecond
 
@@ -119,65 +119,9 @@ def searching(corrector: Corrector) -> Policy:
             tips = tips.reshape(len(sides), B, *tips.shape[1:])
             effects = np.moveaxis((tips[1:] - tips[0]) / SIDE, 0, -1)
             by = corrector.solved(k, tips[0], effects.reshape(*tips[0].shape, J, a), by, estimate)
-        return by[:, 0] * corrector.allowed(k, by[:, 0], sizes)[:, None]
+        return corrector.tried(k, by, estimate, sizes)
 
     return policy
-
-
-class Capsules:
-    """The true course by capsules in MuJoCo, whose arm, controller and whip are other code; swings only."""
-
-    def __init__(self, linear: LinearStrike, swing: float, count: int, rng: np.random.Generator) -> None:
-        sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-        from foreign_whip import STEP, ForeignPort, ForeignWhip
-
-        model, self.linear, self.step = linear.simulator.model, linear, STEP
-        whip, stiffness = model.whip, float(model.whip.per_node("k")[1])
-        radius = 0.007
-        density = whip.mass / whip.length / (np.pi * radius**2)
-        loss = float(whip.per_node("b")[1]) / stiffness
-        masses = tuple(link.mass for link in model.arm.links)
-        bending = stiffness * float(whip.per_node("l")[1])
-        numbers = {"length": whip.length, "thick": radius, "thin": radius, "density": density, "stiffness": bending}
-        own = ForeignWhip(**numbers, loss=loss, friction=0.0, first=1e-6, masses=masses, gain=1.0, late=0.0)
-        self.port = ForeignPort(own, tuple(linear.target))
-        swings, a = swing_directions(model, linear.strike), model.arm.n
-        z = swing * rng.normal(size=(count, len(swings)))
-        places, nodes = (np.arange(40) + 0.5) / 40, (np.arange(whip.N) + 0.5) / whip.N
-        self.changes = []
-        for row in z @ swings:  # of absolute angles of the nodes to those of the capsules
-            both = [np.cumsum(x[a:]) for x in np.split(row, 2)]
-            self.changes.append([np.diff(np.interp(places, nodes, x), prepend=0.0) for x in both])
-
-    def __call__(self, added: Submovements) -> Paths:
-        import mujoco
-
-        found, strike = [], self.linear.strike
-        for i, (dq, dv) in enumerate(self.changes):
-            parts = list(zip(added.since[i], added.lasts[i], added.by[i], strict=True))
-            wanted = SimpleNamespace(q_i=strike.q_i, q_f=strike.q_f, D=strike.D, added=parts)
-            rest = self.port._rest(strike).copy()
-            data = mujoco.MjData(self.port._mj)
-            data.qpos[:], data.qvel[2:] = rest, dv
-            data.qpos[2:] += dq
-            tip, elbow, hand = [], [], []
-            every = round(INTERVAL / self.step)
-            for k in range(every * (self.linear.planned.tip.shape[1] - 1) + 1):
-                if k % every == 0:
-                    mujoco.mj_kinematics(self.port._mj, data)
-                    tip.append(data.site_xpos[self.port._tip, ::2].copy())
-                    elbow.append(data.xpos[2, ::2].copy())
-                    hand.append(data.xpos[3, ::2].copy())
-                self.port._step(data, wanted, k * self.step)
-            found.append((np.array(tip), np.stack([elbow, hand], axis=1)))
-        tips, arms = (np.stack(x) for x in zip(*found, strict=True))
-        return Paths(tips, arms, np.array([_closest(x, self.linear.target) for x in tips]))
-
-
-def _closest(tip: np.ndarray, target: np.ndarray) -> float:
-    from whiptool.models.trajectory import closest_on_segments
-
-    return float(closest_on_segments(tip, target).distance)
 
 
 @lru_cache
@@ -230,7 +174,7 @@ def misses(corrector: Corrector, truth: Truth, count: int, seed: int, searched: 
 def cases(arms: list[str], parts: list[str], quick: bool) -> Iterator[dict[str, Any]]:
     """All cases, those of one planned strike after the other."""
     for arm in arms:
-        for number in range(1 if quick else STRIKES):
+        for number in STRIKES[: 1 if quick else None]:
             usual = {"arm": arm, "number": number, "kind": "swing", "delay": 0.03, "start": 0.4, "part": "swing"}
             if "swing" in parts:
                 yield from (usual | {"delay": x, "start": y} for x in DELAYS for y in STARTS)
@@ -240,19 +184,28 @@ def cases(arms: list[str], parts: list[str], quick: bool) -> Iterator[dict[str, 
                 yield from (usual | {"part": "search", "start": y} for y in (0.4, 0.8))
             if "robust" in parts and arm == "lemon2024":
                 yield usual | {"part": "robust"}
-            if "capsules" in parts and arm == "lemon2024" and number < 5:
-                yield from (usual | {"part": "capsules", "start": y} for y in (0.4, 0.8))
+            for twin in TWINS if arm == "lemon2024" and number in STRIKES[CHOSEN : CHOSEN + TWIN_STRIKES] else ():
+                if twin in parts:
+                    yield usual | {"part": twin}
 
 
 def measured(case: dict[str, Any], count: int) -> dict[str, Any]:
     """One case: a planned strike, disturbed so many times."""
     linear = linear_of(case["arm"], case["number"], case["part"] == "robust")
-    corrector = Corrector(linear, sensing=Sensing(delay=case["delay"]), start=case["start"])
     rng = np.random.default_rng([case["number"], KINDS.index(case["kind"])])
-    make = Capsules if case["part"] == "capsules" else drawn
-    by = linear.expected.swing if make is Capsules else linear.expected.only(case["kind"])
-    count = min(count, 4) if make is Capsules else count
-    truth = make(linear, by, count, rng)
+    if case["part"] in TWINS:
+        import correction_twins
+
+        make, count = (
+            {"capsules": correction_twins.Capsules, "rods": correction_twins.Rods}[case["part"]],
+            min(count, 4),
+        )
+        still, truth = (make(linear, size, n, rng) for size, n in ((0.0, 1), (linear.expected.swing, count)))
+        rehearsed = still(Submovements.none(1, 2))
+        linear = LinearStrike(linear.simulator, linear.strike, linear.target, linear.expected, rehearsed)
+    else:
+        truth = drawn(linear, linear.expected.only(case["kind"]), count, rng)
+    corrector = Corrector(linear, sensing=Sensing(delay=case["delay"]), start=case["start"])
     return case | misses(corrector, truth, count, case["number"], case["part"] == "search")
 
 

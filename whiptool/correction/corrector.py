@@ -28,6 +28,7 @@ SIZE = 0.1  # [rad or m] of corrections for which the linear model is judged
 SHORTEST = 0.15  # [s] of a submovement
 _AROUND = 0.1  # [s] about the planned hit in which the closest approach is looked for
 _COST = 0.02  # [m] of miss that one radian of each joint has to be worth
+_SHARES = (0.0, 0.25, 0.5, 1.0)  # of corrections, the best of which is made
 _PASSES = 3  # of finding the closest approach and the correction there
 _FIRST, _LATER = 4, 2  # passes of the first estimate of a strike, and of those that begin from it
 
@@ -110,7 +111,7 @@ class Corrector:
         ends = self.simulator.rows(begun, "tau").reshape(2, a, len(t), a)
         change[:, 3] = ((ends[1] - ends[0]) / (2 * SIZE)).transpose(1, 2, 0)
         hit = round(linear.hit_at / INTERVAL)
-        tips = self.simulator.paths(begun, linear.target).tip[:, hit] - linear.planned.tip[0, hit]
+        tips = self.simulator.paths(begun, linear.target).tip[:, hit] - (linear.planned.tip - linear.beside[0])[0, hit]
         bent = tips.reshape(2, a, -1).mean(axis=0) @ linear.across.T  # of second order
         doubt = np.linalg.norm(bent, axis=1) / SIZE
         estimator, slopes = Estimator(linear, self.sensing, at), linear.of_submovements(at, lasts)
@@ -141,7 +142,7 @@ class Corrector:
 
     def correction(self, k: int, estimate: Estimate, sizes: np.ndarray) -> np.ndarray:
         """Return the correction of each strike at decision k that cancels the part of its predicted miss that is known,
-        (B, a) [rad or m], within the joints' limits.
+        (B, a) [rad or m], within the joints' limits, or as much of it as brings the estimated strike nearest.
 
         Args:
             k: Number of the decision.
@@ -152,7 +153,7 @@ class Corrector:
         effects = np.stack([x.tip[self.window] for x in self.decisions[k:]], axis=2)
         for _ in range(_PASSES):
             by = self.solved(k, path + np.einsum("wdja,bja->bwd", effects, by), effects, by, estimate)
-        return by[:, 0] * self.allowed(k, by[:, 0], sizes)[:, None]
+        return self.tried(k, by, estimate, sizes)
 
     def solved(self, k: int, path: np.ndarray, effects: np.ndarray, by: np.ndarray, estimate: Estimate) -> np.ndarray:
         """Return this and later corrections that cancel the known part of a predicted miss, by least squares.
@@ -184,6 +185,21 @@ class Corrector:
         cost = np.concatenate([x.doubt for x in self.decisions[k:]])
         inner = slope @ slope.transpose(0, 2, 1) + np.diag(cost**2 + _COST**2)
         return -np.linalg.solve(inner, slope @ (known[:, None] * miss)[..., None]).reshape(B, J, a)
+
+    def tried(self, k: int, by: np.ndarray, estimate: Estimate, sizes: np.ndarray) -> np.ndarray:
+        """Return the correction of decision k, (B, a), within the limits, and as large a share of it as simulated best.
+
+        Args:
+            k, estimate, sizes: As in `correction`.
+            by: Corrections of decisions k to the last, (B, J, a) [rad or m]; shares of them are simulated.
+        """
+        B, window, count = len(by), self.window, len(_SHARES)
+        by = np.concatenate([by[:, :1] * self.allowed(k, by[:, 0], sizes)[:, None, None], by[:, 1:]], axis=1)
+        every = np.concatenate([np.concatenate([sizes, share * by], axis=1) for share in _SHARES])
+        z, lasts = np.concatenate([estimate.z] * count), (window.stop - 1) * INTERVAL
+        tips = self.linear.paths(z, self.added(every), lasts).tip[:, window]
+        nearest = np.linalg.norm(tips - self.linear.target, axis=2).min(axis=1).reshape(count, B)
+        return np.array(_SHARES)[nearest.argmin(axis=0), None] * by[:, 0]
 
     def allowed(self, k: int, by: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         """Largest share of corrections (B, a) within the limits, (B,), at most 1."""

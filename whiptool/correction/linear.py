@@ -82,19 +82,27 @@ class LinearStrike:
         strike: Planned strike, in joint space.
         target: A `Target`, or its position (d,) [m].
         expected: Standard deviations of what is expected to disturb the strike; default: `Disturbances()`.
+        rehearsed: Measured paths of the undisturbed strike (B = 1), if it was made before; how far they are from the
+            model's is added to all that the model predicts.
 
     Raises:
-        InputError: The target has another dimension.
+        InputError: The target has another dimension, or the paths have not as many instants as the model's.
 
     Attributes:
-        planned: Paths of the undisturbed strike (B = 1).
+        planned: Paths of the undisturbed strike (B = 1), as it was rehearsed.
+        beside: How far its tip and arm are from the model's [m], (1, S, d) and (1, S, a, d).
         tip: Derivatives of the tip by z [m], (S, d, m).
         arm: Derivatives of the arm's ends [m], (S, a d, m).
         hit_at: When the undisturbed tip is closest to the target [s].
     """
 
     def __init__(
-        self, simulator: AnyStart, strike: Strike, target: object, expected: Disturbances | None = None
+        self,
+        simulator: AnyStart,
+        strike: Strike,
+        target: object,
+        expected: Disturbances | None = None,
+        rehearsed: Paths | None = None,
     ) -> None:
         expect(AnyStart, simulator=simulator)
         expect(Strike, strike=strike)
@@ -104,7 +112,11 @@ class LinearStrike:
         rest = simulator.rest(strike)[None]
         lasts = self.lasts
         begun = Begun(strike, rest, self.none, lasts)
-        self.planned = simulator.paths(begun, target)
+        model = simulator.paths(begun, target)
+        self.planned = rehearsed or model
+        if self.planned.tip.shape != model.tip.shape:
+            raise InputError("rehearsed", self.planned.tip.shape, model.tip.shape)
+        self.beside = self.planned.tip - model.tip, self.planned.arm - model.arm
         self.states = simulator.rows(begun, "x")[0]
         self.hit_at = INTERVAL * int(np.linalg.norm(self.planned.tip[0] - target, axis=1).argmin())
         c = self._columns
@@ -121,7 +133,7 @@ class LinearStrike:
     def paths(self, z: np.ndarray, added: Submovements, lasts: float | None = None) -> Paths:
         """Return the paths of strikes disturbed by z (B, m) that last so long [s], with submovements.
 
-        All but kicks are simulated; a kick does as much as to the planned strike.
+        All but kicks are simulated; a kick does as much as to the planned strike. The miss is that of the simulation.
         """
         c, lasts = self._columns, lasts or self.lasts
         by = z[:, self.swung] @ c.dx0[self.swung]
@@ -131,7 +143,8 @@ class LinearStrike:
         found = self.simulator.paths(Begun(self.strike, x0, noise.and_(added), lasts, off=off), self.target)
         kicks, S = z[:, self.kicked].T, found.tip.shape[1]
         tip, arm = ((x[:S, :, self.kicked] @ kicks).transpose(2, 0, 1) for x in (self.tip, self.arm))
-        return Paths(found.tip + tip, found.arm + arm.reshape(found.arm.shape), found.miss)
+        tip, arm = (x + y[:, :S] for x, y in zip((tip, arm.reshape(found.arm.shape)), self.beside, strict=True))
+        return Paths(found.tip + tip, found.arm + arm, found.miss)
 
     def about(self, z: np.ndarray, added: Submovements, lasts: float) -> tuple[np.ndarray, ...]:
         """Return tips (B, S, d) and arm's ends (B, S, a d) at z (B, m), see `paths`, and their derivatives by z.
