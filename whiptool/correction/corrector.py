@@ -81,7 +81,8 @@ class Corrector:
         left = (1 - start) * hit_at * (1 - np.arange(count) / count) ** 2
         times = INTERVAL * np.round((hit_at - left) / INTERVAL)
         around = round(_AROUND / INTERVAL)
-        self.window = slice(max(round(hit_at / INTERVAL) - around, 0), round(hit_at / INTERVAL) + around)
+        hit, end = round(hit_at / INTERVAL), len(linear.states)
+        self.window = slice(max(hit - around, 0), min(hit + around, end))
         self._low, self._high, self._now = self._bounds(strike)
         self.decisions = [self._decision(float(at), max(strike.D - at, SHORTEST)) for at in times]
 
