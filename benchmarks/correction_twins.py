@@ -1,7 +1,7 @@
 """Truths of other code for `benchmarks/correction.py`, in the plane: a chain of capsules in MuJoCo, and Cosserat rods.
 
-Only swings disturb them. The chain of capsules has another controller and an arm of its own (`foreign_whip.py` of the
-tests' helpers). The rods of PyElastica, which share no formula with our whip, hang on the hand of our arm.
+Only swings disturb them. The chain of capsules has another controller and another arm (`foreign_whip.py` of the tests'
+helpers). The rods of PyElastica, which share no formula with our whip, hang on the hand of our arm.
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ class LinearStrike:
         model = simulator.paths(begun, target)
         self.planned = rehearsed or model
         if self.planned.tip.shape != model.tip.shape:
-            raise InputError("rehearsed", self.planned.tip.shape, model.tip.shape)
+            raise InputError("rehearsed", self.planned.tip.shape, f"tips {model.tip.shape}")
         self.beside = self.planned.tip - model.tip, self.planned.arm - model.arm
         self.states = simulator.rows(begun, "x")[0]
         self.hit_at = INTERVAL * int(np.linalg.norm(self.planned.tip[0] - target, axis=1).argmin())
@@ -260,6 +260,7 @@ class Estimator:
         measured = self._readings(tip[..., None], arm[..., None])[..., 0]
         least, damping = np.full(B, np.inf), np.zeros(B)
         best: list[np.ndarray] = []
+        information = np.empty((B, m, m))
         for _ in range(passes):
             tips, arms, tip_slopes, arm_slopes = self.linear.about(z, added, lasts)
             left = measured - self._readings(tips[..., None], arms[..., None])[..., 0]
