@@ -119,6 +119,7 @@ def searching(corrector: Corrector) -> Policy:
             z, before = (np.concatenate([x] * len(sides)) for x in (estimate.z, sizes))
             added = corrector.added(np.concatenate([before, every], axis=1))
             tips = linear.paths(z, added, (window.stop - 1) * INTERVAL).tip[:, window]
+            tips = np.nan_to_num(tips)  # what diverges is not improved
             tips = tips.reshape(len(sides), B, *tips.shape[1:])
             effects = np.moveaxis((tips[1:] - tips[0]) / SIDE, 0, -1)
             by = corrector.solved(k, tips[0], effects.reshape(*tips[0].shape, J, a), by, estimate)

@@ -200,7 +200,8 @@ class Corrector:
         z, lasts = np.concatenate([estimate.z] * count), (window.stop - 1) * INTERVAL
         tips = self.linear.paths(z, self.added(every), lasts).tip[:, window]
         nearest = np.linalg.norm(tips - self.linear.target, axis=2).min(axis=1).reshape(count, B)
-        return np.array(_SHARES)[nearest.argmin(axis=0), None] * by[:, 0]
+        best = np.where(np.isfinite(nearest), nearest, np.inf).argmin(axis=0)  # what diverges is not finite
+        return np.array(_SHARES)[best, None] * by[:, 0]
 
     def allowed(self, k: int, by: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         """Largest share of corrections (B, a) within the limits, (B,), at most 1."""
