@@ -68,6 +68,8 @@ def test_a_number_that_is_not_allowed_leaves_everything_as_it_was(session):
     session.choose_law("constant")
     kept = session.settings
     for change in (
+        lambda: session.turn_law("K[2]", 5.0),  # of an arm with more joints
+        lambda: session.turn_law("a", 0.25),  # of the law before, whose slider was moved as the law was chosen
         lambda: session.turn_law("K[0]", -5.0),
         lambda: session.turn_whip("length", -1.0),
         lambda: session.turn_strike("D", 0.0),

@@ -216,9 +216,12 @@ def changed_law(law: Law, name: str, value: float) -> Law:
     """Return a law with one number of `law_knobs` changed.
 
     Raises:
-        InputError: The value is not allowed.
+        InputError: The value is not allowed, or the law has no such number, as where a slider of the law before moves.
     """
     field, _, index = name.rstrip("]").partition("[")
+    side = math.isqrt(len(law.parameters().get(field, ())))
+    if int(index or 0) >= side:
+        raise InputError(f"number of the law {law.kind}", name, ", ".join(law.parameters()) or "none")
     if not index:
         return replace(law, **{field: value})
     matrix = np.array(getattr(law, field), float)
