@@ -26,6 +26,8 @@ from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.viz.report import Picture, Section, Table, Text, to_html
 
+pytestmark = pytest.mark.figures
+
 MODEL, CONTROLLER = preset("lemon2024"), Controller(oiac_preset("table4"))
 TARGET = Target((1.2, 0.1), 0.06)
 STRIKE = Strike((-1.0, 0.5), (2.0, 0.8), 0.8)

@@ -34,6 +34,7 @@ def test_names_of_one_link_and_of_all():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recorded pendulum in {DATA}")
+@pytest.mark.figures
 def test_a_real_double_pendulum_from_the_command_line(tmp_path, capsys):
     """Three pieces of a second each, one more held out: as many unseen directions as the chain has, and the angles,
     of radians, predicted to 10 mrad (from 22 longer pieces: `test_pendulum_data`)."""

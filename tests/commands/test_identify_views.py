@@ -42,6 +42,7 @@ def lab(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.figures
 def test_a_table_for_each_camera_and_their_file_give_the_whip(lab, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(lab)
     files = [f"strike{i}-{name}.csv" for i in range(2) for name in ("left", "right")]

@@ -45,6 +45,7 @@ KEYS = {
 }
 
 
+@pytest.mark.figures
 def test_optimize_hits_the_default_target(tmp_path):
     """The main job, with figures and video."""
     done = called("optimize", "--json", "--out", "run", cwd=tmp_path)

@@ -91,6 +91,7 @@ def test_a_strike_in_space_is_written_and_looked_at(tmp_path, capsys):
     assert "53 coordinates" in capsys.readouterr().err
 
 
+@pytest.mark.figures
 def test_without_a_display_files_are_written_and_named(run, tmp_path, capsys, monkeypatch):
     folder = tmp_path / "run"
     shutil.copytree(run, folder)

@@ -17,7 +17,6 @@ import pytest
 from page_commands import NEEDS_HARDWARE, PAGES, Command, commands_of, name_of
 from page_files import provide, provide_for
 from processes import HANG
-from undrawn import leave_out_pictures
 
 from whiptool.runs import RunFolder
 
@@ -36,8 +35,13 @@ def first_of_its_line(command: Command) -> bool:
 
 def cases(commands: list[Command]) -> list:
     """Commands to run to their ends; what is long, or stands on a page before, is run by `make docs-commands` alone."""
-    marks = [pytest.mark.slow if first_of_its_line(c) and not c.long else pytest.mark.hours for c in commands]
-    return [pytest.param(c, id=str(c), marks=mark) for c, mark in zip(commands, marks, strict=True)]
+    return [pytest.param(c, id=str(c), marks=marks_of(c)) for c in commands]
+
+
+def marks_of(command: Command) -> list[pytest.MarkDecorator]:
+    """Long ones draw their pictures, too, and so do those of the page on pictures."""
+    drawn = [pytest.mark.figures] if command.long or command.page.stem == "pictures" else []
+    return [pytest.mark.slow if first_of_its_line(command) and not command.long else pytest.mark.hours, *drawn]
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +61,7 @@ def folder_of(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", cases(OURS))
-def test_a_command_runs_as_it_is_typed(command, folder_of, monkeypatch):
-    if not command.long and command.page.stem != "pictures":
-        leave_out_pictures(monkeypatch)
+def test_a_command_runs_as_it_is_typed(command, folder_of):
     folder = folder_of(command)
     provide_for(command, folder)
     done = command.run(folder)

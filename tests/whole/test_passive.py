@@ -92,6 +92,7 @@ def assert_found(result: dict, held: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.figures
 def test_stiffness_and_damping_from_the_command_line(tracks, capsys, tmp_path):
     held, recordings = tracks
     names = [tmp_path / f"swing{i}.csv" for i in range(3)]

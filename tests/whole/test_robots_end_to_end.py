@@ -51,7 +51,7 @@ def franka(home):
 def struck(model: str, address: str, folder: Path, capsys, camera: str) -> dict:
     """Find a strike, and make it; return the result."""
     target = ["--target", *TARGETS[model]]
-    assert optimize.main(["--model", model, *target, "--out", str(folder / "found"), "--json"]) == 0
+    assert optimize.main(["--model", model, *target, "--out", str(folder / "found"), "--no-video", "--json"]) == 0
     capsys.readouterr()
     words = [str(folder / "found"), "--robot", address, "--camera", camera, "--yes", "--json"]
     status = robot.main(["strike", *words, "--out", str(folder / "struck")])

@@ -40,7 +40,7 @@ def test_a_killed_search_in_space_resumes_to_the_same_trials(tmp_path):
     assert trials.read_text().count("\n") < 150
     with trials.open("a") as file:
         file.write("999,0.1,0.")
-    assert called("optimize", "--resume", "killed", cwd=tmp_path).returncode == 0
+    assert called("optimize", "--resume", "killed", "--no-video", cwd=tmp_path).returncode == 0
     assert trials.read_text() == (tmp_path / "whole" / "trials.csv").read_text()
     results = [json.loads((tmp_path / run / "result.json").read_text()) for run in ("whole", "killed")]
     for result in results:
@@ -80,7 +80,7 @@ def test_a_strike_in_space_for_people_and_as_mjcf(tmp_path):
 def test_a_policy_and_a_comparison_in_space(tmp_path):
     few = ["--episodes", "3", "--random-episodes", "1", "--trials", "8", "--hindsight", "1"]
     ball = [*NAH, "--target", "1.7", "0.3", "0.2", "--hit-radius", "1.0"]  # soon hit
-    done = called("train", *ball, *few, "--tests", "4", "--json", "--out", "policy", cwd=tmp_path)
+    done = called("train", *ball, *few, "--tests", "4", "--no-video", "--json", "--out", "policy", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result["zone_volume"] == pytest.approx(4 / 3 * np.pi * 0.1**3)
