@@ -41,7 +41,7 @@ def test_benchmarks_run(words):
         assert result["command_scans_found"] == result["tries"] == 1
         assert result["lockstep_repeats"]
     elif script == "replan.py":
-        assert result["kin"]["number"] == (1 if options else 2)
+        assert result["kin"]["number"] == 1
         assert 0 < result["kin"]["learn"] < result["kin"]["both"]
     elif script == "rig_stops.py":
         assert result["armed_after_a_stop"] == result["violations"] == 0
