@@ -173,7 +173,7 @@ def sections(context: Context) -> list[Section]:
             ],
         ),
         Section(
-            "Does the planner know what it does not know?",
+            "Stated probabilities and misses, scored",
             [
                 Text(_CALIBRATION),
                 Table(
@@ -288,6 +288,6 @@ def _scored(known: Sequence[Forecast]) -> list[str]:
     s = Scores.of(known)
     stated, hit = (np.array([getattr(f, name) for f in known]) for name in ("probability", "hit"))
     said = [str(s.count), *(f"{100 * x:.0f} %" for x in (stated.mean(), s.hits))]
-    said += [f"{x:.3f}" for x in (reliability(stated, hit), s.brier, s.brier_constant, s.log, s.log_constant)]
+    said += [f"{x + 0.0:.3f}" for x in (reliability(stated, hit), s.brier, s.brier_constant, s.log, s.log_constant)]
     said += [f"{1e3 * x:.1f}" for x in (s.crps, s.crps_constant)]
     return [*said, *(f"{100 * x:.0f} %" for x in (*s.within, s.beyond))]

@@ -30,10 +30,10 @@ def test_the_page_is_whole_and_escapes_what_it_shows():
     figure = Figure()
     figure.subplots().plot([0, 1])
     claim = Claim("a < b", "1 %", "2 %", report.NOT_REPRODUCED, "2 > 1")
-    parts = [Text("<b>"), Table([["a", "b"], ["x", "&"]], "c"), Picture(figure, "line"), Claims([claim])]
+    parts = [Text("<b> `<c>`"), Table([["a", "b"], ["x", "&"]], "c"), Picture(figure, "line"), Claims([claim])]
     page = to_html("title", "sub", {"code": "1"}, [Section("one", parts)])
     assert page == to_html("title", "sub", {"code": "1"}, [Section("one", parts)])
-    assert "&lt;b&gt;" in page
+    assert "&lt;b&gt; <code>&lt;c&gt;</code>" in page
     assert "a &lt; b" in page
     assert "1 claim: 1 not reproduced." in page
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
