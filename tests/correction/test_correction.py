@@ -204,6 +204,15 @@ def test_a_swinging_whip_hits_better_with_corrections(simulator, linear):
     assert added.since.shape == (B, len(corrector.decisions))
 
 
+def test_before_the_first_reading_nothing_is_corrected(linear):
+    corrector = Corrector(linear, sensing=Sensing(delay=0.5), start=0.3, count=1)
+    planned, none = linear.planned, np.zeros((1, 0, 2))
+    estimate = corrector.estimate(0, planned.tip, planned.arm, none)
+    assert not estimate.z.any()
+    assert estimate.doubt == 0
+    assert not corrector.correction(0, estimate, none).any()
+
+
 def test_a_correction_is_made_only_as_far_as_the_simulation_hits_better(corrector):
     """The best of 0, 1/4, 1/2 and all of a correction to the one side; none of one to the other side."""
     linear, m = corrector.linear, corrector.linear.tip.shape[2]

@@ -207,7 +207,7 @@ class Estimate:
         z: Means, (B, m), in standard deviations.
         covariance: Of z, (B, m, m).
         doubt: Mean squares of what z leaves unexplained of the readings, in units of their variances, (B,): about 1 if
-            the model holds.
+            the model holds, 0 without readings.
         tip: Tips at z with the corrections that were made [m], (B, S, d).
         slopes: Their derivatives by z, (B, S, d, m).
     """
@@ -275,7 +275,7 @@ class Estimator:
             step = (weighted @ best[1][..., None])[..., 0] - best[0]
             step = np.linalg.solve(information + damping[:, None, None] * np.eye(m), step[..., None])[..., 0]
             z = np.clip(best[0] + step, -_FARTHEST, _FARTHEST)
-        doubt = (best[1] ** 2 / self.variance).mean(axis=1)
+        doubt = (best[1] ** 2 / self.variance).sum(axis=1) / max(len(self.variance), 1)
         return Estimate(best[0], np.linalg.inv(information), doubt, best[3], best[4])
 
     def _readings(self, tip: np.ndarray, arm: np.ndarray) -> np.ndarray:
