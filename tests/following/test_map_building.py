@@ -25,7 +25,7 @@ def test_answers_are_counted_part_by_part(tmp_path: Path) -> None:
     run = FollowedMap(tmp_path, "a map", building)
     first = run.look()
     assert first is not None
-    assert (first.chosen, first.charts) == (None, ())
+    assert (first.facts, first.chosen, first.charts) == ({"parts": "0 of 3", "answers": "0"}, None, ())
     save_part(tmp_path, 0, part(7))
     run.look()
     save_part(tmp_path, 1, part(4))

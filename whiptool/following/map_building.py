@@ -36,7 +36,7 @@ class FollowedMap(Followed):
         return bool(new)
 
     def _view(self, finished: bool) -> RunView:
-        counts, plan = np.array([len(part) for part in self._parts]), self._building.plan
+        counts, plan = np.array([len(part) for part in self._parts], int), self._building.plan
         facts = {"parts": f"{len(counts)} of {plan.parts}", "answers": str(counts.sum())}
         if not len(counts):
             return RunView(self.heading, finished, facts, ())
