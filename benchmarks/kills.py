@@ -38,7 +38,7 @@ COMMANDS = {
     "adapt": "adapt --target 1.2 0.1 --camera tip --family kin --seed 5 --whip uniform --preset table4 --max-strikes 2 "
     "--starts 1 --no-still",
     "identify": "identify ../strike1.npz ../strike2.npz ../strike3.npz --starts 2 --free k m",
-    "learn": "rig learn --camera points --method cmaes --max-trials 3 --settle 0.1 --approach-speed 1 "
+    "learn": "rig learn --camera points --method cmaes --max-trials 2 --settle 0.1 --approach-speed 1 "
     "--hit-radius 0.001 --lower -0.7 0.1 0.6 2.0 1.1 --upper -0.5 0.3 0.8 2.2 1.3",
 }
 ASIDE = ("wall_time", "fit_time", "seconds", "version")  # what a clock says, and the code's own state
