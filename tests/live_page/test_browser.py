@@ -49,55 +49,61 @@ def test_ten_minutes_of_random_use():
         assert after < 1.5 * before + 100
 
 
-@browser
-@pytest.mark.slow
-def test_names_are_text_and_errors_end_nothing(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARK.parent))
-    import studio as bench
+BAD = "<img src=x onerror=alert(1)>"  # the name of a model
 
+
+@pytest.fixture(scope="module")
+def opened():
+    """The benchmark, and a studio with a tab of a browser, which takes seconds to start; every model is the paper's."""
     import whiptool as wt
     from whiptool.live_page.page import Choices
-
-    bad = "<img src=x onerror=alert(1)>"
 
     def load(name: str):
         if name == "broken":
             raise ValueError("it cannot be loaded")
         return wt.preset("lemon2024"), None
 
-    monkeypatch.setattr(bench, "Choices", lambda *_: Choices(load, (bad, "broken")))
-    with bench.used((bad,), (1000, 700), DETAIL) as (studio, tab, errors):
-        user = bench.User(tab, studio.pages[0], (1000, 700))
-        user.settle()
-        assert tab.locator("img[src=x]").count() == 0
-        assert bad in tab.evaluate("[...document.querySelectorAll('input')].map(each => each.value)")
-        assert tab.evaluate("document.documentElement.innerHTML").count("<img src=x") == 0
-        page = studio.pages[0]
-        page._worker.ask("model", lambda: page._open("broken"))
-        tab.get_by_text("it cannot be loaded").wait_for(timeout=1e3 * bench.LONGEST)
-        page._ask("strike D", lambda session: session.turn_strike("D", -1.0))
-        tab.get_by_text("Not possible").first.wait_for(timeout=1e3 * bench.LONGEST)
-        page._ask("whip k", lambda session: session.turn_whip("k", 0.5))
-        assert user.wait(lambda: page.shown.model.whip.k == 0.5)
-        assert np.isfinite(page.shown.trajectory.tip).all()
-        assert errors == []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARK.parent))
+        import studio as bench
+
+        patch.setattr(bench, "Choices", lambda *_: Choices(load, (BAD, "broken")))
+        with bench.used((BAD,), (1000, 700), DETAIL) as used:
+            yield bench, *used
 
 
 @browser
 @pytest.mark.slow
-def test_each_browser_has_its_own_session(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARK.parent))
-    import studio as bench
+def test_names_are_text_and_errors_end_nothing(opened):
+    bench, studio, tab, errors = opened
+    page = studio.pages[0]
+    user = bench.User(tab, page, (1000, 700))
+    user.settle()
+    assert tab.locator("img[src=x]").count() == 0
+    assert BAD in tab.evaluate("[...document.querySelectorAll('input')].map(each => each.value)")
+    assert tab.evaluate("document.documentElement.innerHTML").count("<img src=x") == 0
+    page._worker.ask("model", lambda: page._open("broken"))
+    tab.get_by_text("it cannot be loaded").wait_for(timeout=1e3 * bench.LONGEST)
+    page._ask("strike D", lambda session: session.turn_strike("D", -1.0))
+    tab.get_by_text("Not possible").first.wait_for(timeout=1e3 * bench.LONGEST)
+    page._ask("whip k", lambda session: session.turn_whip("k", 0.5))
+    assert user.wait(lambda: page.shown.model.whip.k == 0.5)
+    assert np.isfinite(page.shown.trajectory.tip).all()
+    assert errors == []
 
-    with bench.used(("lemon2024",), (800, 600), DETAIL) as (studio, tab, errors):
-        other = tab.context.browser.new_page(viewport={"width": 400, "height": 300})
-        other.goto(f"{studio.address}?fixedDpr={DETAIL}")
-        other.wait_for_selector(".outcome", timeout=1e3 * bench.LONGEST)
-        first, second = studio.pages
-        first._ask("whip length", lambda session: session.turn_whip("length", 1.2))
-        bench.User.wait(lambda: first.session.model.whip.length > 1.1)
-        assert second.session.model.whip.length == pytest.approx(0.864)
-        other.close()
-        assert bench.User.wait(lambda: studio.pages == [first])
-        assert bench.User.wait(lambda: not second._worker._thread.is_alive())
-        assert errors == []
+
+@browser
+@pytest.mark.slow
+def test_each_browser_has_its_own_session(opened):
+    bench, studio, tab, errors = opened
+    other = tab.context.browser.new_page(viewport={"width": 400, "height": 300})
+    other.goto(f"{studio.address}?fixedDpr={DETAIL}")
+    other.wait_for_selector(".outcome", timeout=1e3 * bench.LONGEST)
+    first, second = studio.pages
+    first._ask("whip length", lambda session: session.turn_whip("length", 1.2))
+    assert bench.User.wait(lambda: first.session.model.whip.length > 1.1)
+    assert second.session.model.whip.length == pytest.approx(0.864)
+    other.close()
+    assert bench.User.wait(lambda: studio.pages == [first])
+    assert bench.User.wait(lambda: not second._worker._thread.is_alive())
+    assert errors == []
