@@ -7,7 +7,7 @@ before the strike, and the engine says where the disturbed strike passes; with a
 too, from the same estimates. Medians, 90th percentiles, and the share of strikes that corrections make worse by more
 than 5 % and 5 mm, of the three planned strikes by which the rules of correction were chosen and of the others apart.
 `robust`: of several strikes that hit, the one whose miss the swings change least. `capsules` and `rods`: the truth is a
-chain of capsules in MuJoCo with another controller, or a Cosserat rod in PyElastica (`benchmarks/correction_twins.py`),
+chain of capsules in MuJoCo with another controller, or a Cosserat rod in PyElastica (`peers/correction_twins.py`),
 four times each, of strikes that were rehearsed once.
 
     python benchmarks/correction.py [--arms ARM ...] [--parts PART ...] [--quick] [--json] [--folder FOLDER]
@@ -199,7 +199,7 @@ def measured(case: dict[str, Any], count: int) -> dict[str, Any]:
     linear = linear_of(case["arm"], case["number"], case["part"] == "robust")
     rng = np.random.default_rng([case["number"], KINDS.index(case["kind"])])
     if case["part"] in TWINS:
-        import correction_twins
+        from peers import correction_twins
 
         make, count = (
             {"capsules": correction_twins.Capsules, "rods": correction_twins.Rods}[case["part"]],

@@ -91,7 +91,14 @@ def test_slopes_are_those_of_differences(name, drag):
         assert found.slopes[0, :, k] == pytest.approx(np.concatenate(seen), rel=1e-5, abs=1e-5)
 
 
-def test_the_miss_is_continuous_where_things_begin_to_reach_the_plane():
+def test_a_thing_that_stays_below_the_plane_is_not_in_the_box_however_near_it_comes():
+    opening = Opening(np.array([[1.0, 0.0]]), np.array([0.0, 1.0]), np.zeros(2), radius=0.1)
+    found = land(np.array([[1.0, -0.05 - 0.2, 0.0, np.sqrt(2 * G * 0.2)]]), opening, gravity=G, drag=0.0)
+    assert found.velocity[0] == pytest.approx([0.0, 0.0], abs=1e-12)  # its highest point, 5 cm below the centre
+    assert np.linalg.norm(found.offset[0]) == pytest.approx(0.05 + 0.1)
+
+
+def test_without_a_radius_the_miss_is_continuous_where_things_begin_to_reach_the_plane():
     opening = Opening(np.tile([1.8, -0.5], (2, 1)), np.array([0.0, 1.0]), np.zeros(2))
     reaching = np.sqrt(2 * G * 0.4)  # from 0.4 m below
     states = np.array([[0.3, -0.9, 4.0, reaching + by] for by in (-1e-7, 1e-7)])

@@ -62,11 +62,13 @@ class Opening:
         centres: Centres of the openings, (R, d) [m].
         normal: Unit vector out of the box, (d,), with an upward component.
         drift: Velocity of the box, (d,) [m/s].
+        radius: Radius of the openings [m].
     """
 
     centres: np.ndarray
     normal: np.ndarray
     drift: np.ndarray
+    radius: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class Landing:
     """Where R things cross the plane of an opening into the box; those that stay below it: their highest point.
 
     Args:
-        offset: Position relative to the centre of the opening at that instant, (R, d) [m].
+        offset: Position relative to the centre of the opening at that instant, (R, d) [m]; of those that stay below,
+            lowered by the opening's radius.
         velocity: Velocity, (R, d) [m/s].
         time: Time since release, (R,) [s].
         slopes: Derivatives of offset and velocity by position and velocity at release, and by drag per mass,
@@ -95,8 +98,8 @@ def land(
     """Return where things land that are released in given states.
 
     Seen from the box, a thing first rises to its highest point over the opening's plane, and then falls through it. A
-    thing that does not rise above the plane does not enter; it counts with its highest point, so that its distance from
-    the opening changes continuously.
+    thing that does not rise above the plane does not enter, however near it comes: it counts with its highest point,
+    lowered by the opening's radius.
 
     Args:
         states: Positions and velocities at release, (R, 2 d) [m, m/s].
@@ -124,7 +127,9 @@ def land(
         flight.go(np.where(above, (-speed - fall) / (down @ n) * longer, 0.0), steps)
         for _ in range(_NEWTON if drag else 1):
             flight.go(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0), 1)
-    offset = flight.place - opening.centres - u * flight.time[:, None]
+    offset = (
+        flight.place - opening.centres - u * flight.time[:, None] - np.where(above, 0.0, opening.radius)[:, None] * n
+    )
     if not slopes:
         return Landing(offset, flight.velocity, flight.time)
     fixed = flight.slopes()  # at a fixed time of flight

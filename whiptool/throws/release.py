@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -142,7 +142,7 @@ class Release:
     def landing(self, states: np.ndarray, rows: np.ndarray, times: np.ndarray, **how) -> Landing:
         """Return the landings of things released in states (R, 2 d) at times (R,) [s]; `how` is passed on to `land`."""
         centres = self.opening.centres[rows] + self.opening.drift * times[:, None]
-        opening = Opening(centres, self.opening.normal, self.opening.drift)
+        opening = replace(self.opening, centres=centres)
         return land(states, opening, gravity=self.gravity, drag=self.drag, **how)
 
     def _land(self, rows: np.ndarray, times: np.ndarray, **how) -> Landing:

@@ -214,7 +214,7 @@ class ThrowRollout(Rollout):
         states, slopes, base = self.rollout.release_path(
             vectors, t_stay=t_stay, rate=RATE, names=inner, by_hand=self.place == "hand"
         )
-        opening = Opening(np.array(centres), np.array(self.box.normal), self.box.drift)
+        opening = Opening(np.array(centres), np.array(self.box.normal), self.box.drift, self.box.hit_radius)
         release = Release(states, opening, self.model.gravity, self.thing.drag_per_mass, self.release_noise)
         if RELEASE in names:
             if self.release_time is None:

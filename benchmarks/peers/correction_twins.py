@@ -57,7 +57,7 @@ class Capsules:
     """The true course by capsules in MuJoCo, whose arm, controller and whip are other code; swings only."""
 
     def __init__(self, linear: LinearStrike, swing: float, count: int, rng: np.random.Generator) -> None:
-        sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+        sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "helpers"))
         from foreign_whip import STEP, ForeignPort, ForeignWhip
 
         model, self.linear, self.step = linear.simulator.model, linear, STEP
