@@ -138,17 +138,16 @@ def main() -> None:
             units = [ReplayUnit(model=name, target=i, method="gradient", noise=0.0) for i in range(replays)]
             apart = [row["difference"] for row in store.results(units, desc=f"{name} MuJoCo").values()]
             known = [x for x in apart if x is not None]
-            if known:
-                report[f"{name} mujoco"] = {"replays": len(known), "largest_difference": max(known)}
+            if apart:
+                largest = max(known, default=None)
+                report[f"{name} mujoco"] = {"replays": len(apart), "landed": len(known), "largest_difference": largest}
     if arguments.json:
         print(json.dumps({"width": WIDTH, "noise": NOISE, "draws": DRAWS, "max_trials": TRIALS, **report}))
         return
     for name, r in report.items():
         if "replays" in r:
-            print(
-                f"{name}: {r['replays']} replays, landing points differ by at most "
-                f"{1e3 * r['largest_difference']:.2f} mm"
-            )
+            print(f"{name}: {r['landed']} of {r['replays']} replays land", end="")
+            print(f", landing points differ by at most {1e3 * r['largest_difference']:.2f} mm" if r["landed"] else "")
             continue
         print(
             f"{name}: {r['hits']} of {r['boxes']} boxes; trials median {r['median_trials']:g}, time median "

@@ -112,7 +112,7 @@ class Corrector:
         ends = self.simulator.rows(begun, "tau").reshape(2, a, len(t), a)
         change[:, 3] = ((ends[1] - ends[0]) / (2 * SIZE)).transpose(1, 2, 0)
         hit = round(linear.hit_at / INTERVAL)
-        tips = self.simulator.paths(begun, linear.target).tip[:, hit] - (linear.planned.tip - linear.beside[0])[0, hit]
+        tips = self.simulator.paths(begun, linear.target).tip[:, hit] - (linear.planned.tip - linear.offset[0])[0, hit]
         bent = tips.reshape(2, a, -1).mean(axis=0) @ linear.across.T  # of second order
         doubt = np.linalg.norm(bent, axis=1) / SIZE
         estimator, slopes = Estimator(linear, self.sensing, at), linear.of_submovements(at, lasts)

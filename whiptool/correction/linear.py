@@ -4,7 +4,7 @@ What disturbs the strike is a vector z of independent standard normal numbers, s
 `Disturbances` each: swings, kicks at several instants, pulses of the hand, numbers of the whip. The engine simulates
 the strike at any z, and a reading that comes late is compared with what z means for its own time. With such a vector, a
 Kalman filter's prediction is the identity, and its estimate is that of least squares over all readings, which is
-repeated about itself (Gauss and Newton, with Levenberg's damping).
+repeated about itself (Gauss-Newton, with Levenberg's damping).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class LinearStrike:
 
     Attributes:
         planned: Paths of the undisturbed strike (B = 1), as it was rehearsed.
-        beside: How far its tip and arm are from the model's [m], (1, S, d) and (1, S, a, d).
+        offset: How far its tip and arm are from the model's [m], (1, S, d) and (1, S, a, d).
         tip: Derivatives of the tip by z [m], (S, d, m).
         arm: Derivatives of the arm's ends [m], (S, a d, m).
         hit_at: When the undisturbed tip is closest to the target [s].
@@ -116,7 +116,7 @@ class LinearStrike:
         self.planned = rehearsed or model
         if self.planned.tip.shape != model.tip.shape:
             raise InputError("rehearsed", self.planned.tip.shape, f"tips {model.tip.shape}")
-        self.beside = self.planned.tip - model.tip, self.planned.arm - model.arm
+        self.offset = self.planned.tip - model.tip, self.planned.arm - model.arm
         self.states = simulator.rows(begun, "x")[0]
         self.hit_at = INTERVAL * int(np.linalg.norm(self.planned.tip[0] - target, axis=1).argmin())
         c = self._columns
@@ -143,7 +143,7 @@ class LinearStrike:
         found = self.simulator.paths(Begun(self.strike, x0, noise.and_(added), lasts, off=off), self.target)
         kicks, S = z[:, self.kicked].T, found.tip.shape[1]
         tip, arm = ((x[:S, :, self.kicked] @ kicks).transpose(2, 0, 1) for x in (self.tip, self.arm))
-        tip, arm = (x + y[:, :S] for x, y in zip((tip, arm.reshape(found.arm.shape)), self.beside, strict=True))
+        tip, arm = (x + y[:, :S] for x, y in zip((tip, arm.reshape(found.arm.shape)), self.offset, strict=True))
         return Paths(found.tip + tip, found.arm + arm, found.miss)
 
     def about(self, z: np.ndarray, added: Submovements, lasts: float) -> tuple[np.ndarray, ...]:

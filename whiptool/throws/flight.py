@@ -127,9 +127,8 @@ def land(
         flight.go(np.where(above, (-speed - fall) / (down @ n) * longer, 0.0), steps)
         for _ in range(_NEWTON if drag else 1):
             flight.go(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0), 1)
-    offset = (
-        flight.place - opening.centres - u * flight.time[:, None] - np.where(above, 0.0, opening.radius)[:, None] * n
-    )
+    lowered = np.where(above, 0.0, opening.radius)[:, None] * n
+    offset = flight.place - opening.centres - u * flight.time[:, None] - lowered
     if not slopes:
         return Landing(offset, flight.velocity, flight.time)
     fixed = flight.slopes()  # at a fixed time of flight
