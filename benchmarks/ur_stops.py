@@ -30,9 +30,10 @@ from whiptool.objective import Objective
 from whiptool.optimizers import search
 from whiptool.rig.robots.robot import Sample
 from whiptool.rig.robots.ur import UniversalRobot
-from whiptool.rig.stops import SafetyError, StopSignals
+from whiptool.rig.stops import SafetyError
 from whiptool.rig.ur_emulator import UrEmulator, UrFault, UrOptions
 from whiptool.rollout import CompiledRollout
+from whiptool.stop_signals import StopSignals
 
 MODEL = wt.preset("ur5e")
 ARM, PERIOD, RESTS = MODEL.arm, 0.002, 1e-3  # [s], [rad/s] of a joint at rest

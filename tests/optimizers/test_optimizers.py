@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -304,6 +305,24 @@ def test_the_best_strike_hits_or_misses():
     assert (result(0.3, 0.05).hit, result(0.3, 0.05).miss_distance) == (True, 0.05)
     assert (result(0.3, 0.1).hit, result(0.3, 0.1).miss_distance) == (False, 0.1)
     assert (result().hit, result().miss_distance) == (False, float("inf"))
+
+
+@pytest.mark.parametrize("step", ["ask", "tell"])
+def test_a_signal_within_a_library_that_catches_everything_ends_the_search(step, monkeypatch):
+    import cma
+
+    own, calls = getattr(cma.CMAEvolutionStrategy, step), []
+
+    def interrupted(self, *args, **kwargs):
+        calls.append(step)
+        if len(calls) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return own(self, *args, **kwargs)
+
+    monkeypatch.setattr(cma.CMAEvolutionStrategy, step, interrupted)
+    result = search(Objective(Bowl(), bounds=UNIT, max_trials=300), "cmaes")
+    assert result.status is Status.INTERRUPTED
+    assert len(calls) == 3
 
 
 def test_an_interrupted_search_ends_the_work_it_is_part_of():

@@ -21,6 +21,7 @@ from pretended_rig import Pretend
 from repository import ROOT
 
 import whiptool as wt
+from whiptool import stop_signals
 from whiptool.commands import rig as command
 from whiptool.commands.options.rig_options import mark_of_port
 from whiptool.errors import InputError, WhiptoolError
@@ -66,7 +67,7 @@ MODEL, CONTROLLER = wt.preset("lemon2024"), Controller(OIAC())
 @pytest.fixture(autouse=True)
 def usual_signals():
     """As in a terminal: who starts tests in the background may have them ignore signals."""
-    before = {n: signal.signal(n, signal.default_int_handler) for n in stops.SIGNALS}
+    before = {n: signal.signal(n, signal.default_int_handler) for n in stop_signals.SIGNALS}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -185,10 +186,10 @@ def test_torque_is_told_in_words() -> None:
 # -- signals -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", stops.SIGNALS)
+@pytest.mark.parametrize("number", stop_signals.SIGNALS)
 def test_signals_are_noted_and_none_of_many_raises(number: int) -> None:
     before = signal.getsignal(number)
-    with stops.StopSignals() as signals:
+    with stop_signals.StopSignals() as signals:
         for _ in range(3):
             os.kill(os.getpid(), number)
         assert signals.received == signal.Signals(number).name
@@ -204,7 +205,7 @@ def test_signals_wait_for_a_block_and_then_come() -> None:
     done = []
 
     def off() -> None:
-        with stops.signals_held():
+        with stop_signals.signals_held():
             for _ in range(3):
                 os.kill(os.getpid(), signal.SIGINT)
             done.append("torque off")
@@ -214,7 +215,7 @@ def test_signals_wait_for_a_block_and_then_come() -> None:
     assert done == ["torque off"]
 
 
-class Handlers(stops.Listener):
+class Handlers(stop_signals.Listener):
     """Of a program around a strike; they note what they are told."""
 
     def __init__(self) -> None:
@@ -230,14 +231,14 @@ class Handlers(stops.Listener):
 def test_a_signal_that_is_answered_is_noted_outside_and_another_comes_again() -> None:
     outside = Handlers()
     signal.signal(signal.SIGINT, outside.on_signal)
-    with stops.StopSignals() as signals:
+    with stop_signals.StopSignals() as signals:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGINT)
         signals.answered = True
     assert outside.noted == [signal.SIGINT]
 
     def unanswered() -> None:
-        with stops.StopSignals():
+        with stop_signals.StopSignals():
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):

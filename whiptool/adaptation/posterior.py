@@ -44,7 +44,7 @@ class Starts:
         same: Difference in cost (a log likelihood) up to which two fits count as the same.
     """
 
-    explained: float = 0.9
+    explained: float = 1.0
     near: float = 0.0075
     close: float = 3e-3
     valley: float = 0.02

@@ -31,7 +31,7 @@ from whiptool.commands.run_folders import as_plain, options_of_run
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import require
 from whiptool.progress import Progress
-from whiptool.rig.stops import Listener
+from whiptool.stop_signals import Listener
 from whiptool.version import __version__
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Interruptions(Listener):
 
     The first signal raises KeyboardInterrupt. A second one, while the command saves and ends, ends the process at once;
     an exception would interrupt the clean-up with a traceback. Signals of the same kind that arrive together with the
-    first count as one. While servos may be on, the handlers of `whiptool.rig.stops` replace these, so that
+    first count as one. While servos may be on, the handlers of `whiptool.stop_signals` replace these, so that
     torque-off is completed; they call `note`.
 
     Args:

@@ -14,6 +14,7 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.models.numbers import number, whole
 from whiptool.objective import Objective
+from whiptool.stop_signals import signals_held
 
 
 def random_search(objective: Objective, *, seed: int) -> None:
@@ -197,13 +198,15 @@ def _evolve(
     box = Problem(n_var=len(lower), n_obj=1, xl=np.zeros(len(lower)), xu=np.ones(len(lower)))
     algorithm.setup(box, seed=int(rng.integers(1, 2**31)), verbose=False)
     while algorithm.has_next():
-        generation = algorithm.ask()
+        with signals_held():  # pymoo's CMA-ES catches a KeyboardInterrupt, and the search would go on
+            generation = algorithm.ask()
         if generation is None or len(generation) == 0:
             return
         strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
         costs = np.array([outcome.cost for outcome in objective.batch(strikes)])
         Evaluator().eval(StaticProblem(box, F=minimised(costs)[:, None]), generation)
-        algorithm.tell(infills=generation)
+        with signals_held():
+            algorithm.tell(infills=generation)
 
 
 BATCH = 10  # strikes between updates

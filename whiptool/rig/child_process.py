@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.rig.stops import signals_held
+from whiptool.stop_signals import signals_held
 
 _ENDING = 5.0  # [s] that a process may take to end
 

@@ -22,8 +22,9 @@ from whiptool.rig.dynamixel.joints import Guards, Joints, JointSample, Watch
 from whiptool.rig.dynamixel.line import NoReply, Refused, Unplugged
 from whiptool.rig.loop_options import CappedLoop, LoopOptions
 from whiptool.rig.safety import Safety, State
-from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
+from whiptool.rig.stops import SafetyError, StrikeRefused
 from whiptool.rig.struck import Run
+from whiptool.stop_signals import StopSignals
 
 
 class Clock(Protocol):

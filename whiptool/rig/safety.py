@@ -17,7 +17,8 @@ from whiptool.models.numbers import number
 from whiptool.rig.dynamixel.control_table import CURRENT_MODE, WATCHDOG_UNIT, in_words, register
 from whiptool.rig.dynamixel.joints import Joints, JointSample, check_registers
 from whiptool.rig.dynamixel.line import BusError, NoReply, Refused, Unplugged
-from whiptool.rig.stops import Interlock, SafetyError, signals_held, torque_in_words
+from whiptool.rig.stops import Interlock, SafetyError, torque_in_words
+from whiptool.stop_signals import signals_held
 
 
 class State(IntEnum):

@@ -26,7 +26,7 @@ from whiptool.rig.emulator.physics import TwinOptions, TwinTruth
 from whiptool.rig.emulator.process import Emulator
 from whiptool.rig.loop_options import LoopOptions
 from whiptool.rig.safety import Safety
-from whiptool.rig.stops import Interlock, NotConfirmed, StopSignals, StrikeInterrupted, StrikeRefused, StrikeStopped
+from whiptool.rig.stops import Interlock, NotConfirmed, StrikeInterrupted, StrikeRefused, StrikeStopped
 from whiptool.rig.struck import (
     Attempt,
     Motion,
@@ -40,6 +40,7 @@ from whiptool.rig.struck import (
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.completed import States, complete_trajectory
 from whiptool.rollout.interface import Rollout, Strikes, joined
+from whiptool.stop_signals import StopSignals
 from whiptool.vision.source import Frame
 
 CYCLES, RECORDING = "cycles.log", "recording.npz"

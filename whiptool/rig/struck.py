@@ -28,7 +28,8 @@ from whiptool.recording.filmed_approach import (
 )
 from whiptool.recording.strike_recording import ENCODERS, StrikeRecording
 from whiptool.rig.cyclelog import Cycles, Phase
-from whiptool.rig.stops import SafetyError, StopSignals, StrikeInterrupted, StrikeStopped
+from whiptool.rig.stops import SafetyError, StrikeInterrupted, StrikeStopped
+from whiptool.stop_signals import StopSignals
 
 
 @dataclass(frozen=True)

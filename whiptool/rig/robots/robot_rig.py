@@ -31,10 +31,11 @@ from whiptool.rig.robots.addresses import state_file
 from whiptool.rig.robots.robot import Robot, Sample, payload_of
 from whiptool.rig.safety import State
 from whiptool.rig.session import FilmedRig
-from whiptool.rig.stops import SafetyError, StopSignals, StrikeRefused
+from whiptool.rig.stops import SafetyError, StrikeRefused
 from whiptool.rig.struck import Attempt, Motion, Run, Struck
 from whiptool.rig.virtual_film import VirtualFilm
 from whiptool.rollout.servo_replay import replay_trajectory
+from whiptool.stop_signals import StopSignals
 from whiptool.whole_files import write_whole
 
 LAG = "lag.json"

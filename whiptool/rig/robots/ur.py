@@ -24,7 +24,8 @@ from whiptool.models.spatial_arm import JointLimits
 from whiptool.rig.child_process import end_child, start_child
 from whiptool.rig.robots.robot import Payload, Record, Robot, Stop
 from whiptool.rig.robots.ur_client import RATE, Servoing
-from whiptool.rig.stops import SafetyError, signals_held
+from whiptool.rig.stops import SafetyError
+from whiptool.stop_signals import signals_held
 
 LOOKAHEAD, GAIN = 0.1, 300.0  # defaults of URScript's servoj
 PATIENCE = 0.05  # [s] without a state after which the connection is taken to be lost
