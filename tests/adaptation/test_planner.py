@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from whiptool.adaptation import plan_search, planner
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
-from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, PlanarSearch, plan, surest
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, PlanarSearch, plan
 from whiptool.adaptation.prior import Belief
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
@@ -397,17 +397,20 @@ def test_where_no_aimed_strike_may_be_made_a_random_one_is():
         ([(None, True), (0.1, True), (0.3, True)], 2, 3),
     ],
 )
-def test_the_surest_of_several_searches_is_taken(looks, best, number):
+def test_the_surest_of_several_searches_is_taken(looks, best, number, monkeypatch):
     asked = []
 
-    def look(effort: PlanningEffort) -> Plan:
-        asked.append(effort)
+    def search(one: object, believed: object, rng: object, past: object, effort: PlanningEffort) -> Plan:
+        asked.append((one, effort))
         probability, allowed = looks[len(asked) - 1]
         return Plan((float(len(asked)),), probability, None, None, None, "a strike", 100.0, allowed)
 
-    found = surest(look, [NEXT, FIRST, FIRST])
+    monkeypatch.setattr("whiptool.adaptation.planner._searched", search)
+    rng = np.random.default_rng(0)
+    found = plan(belief(0.02), Target(1.2, 0.1), rng=rng, effort=NEXT, retries=[FIRST, FIRST], enough=UNSURE)
     assert found.strike == (best + 1.0,)
-    assert asked == [NEXT, FIRST, FIRST][:number]
+    assert [effort for _, effort in asked] == [NEXT, FIRST, FIRST][:number]
+    assert len({id(one) for one, _ in asked}) == 1  # what does not depend on the effort is worked out once
     assert found.wall_time < 100.0  # of all searches, here of none
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from whiptool.adaptation.first_look import Sag, choose_wiggle, expected_sag, hanging
 from whiptool.adaptation.plan_search import Demands, Plan, PlanningEffort
-from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan, surest
+from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan
 from whiptool.adaptation.posterior import AFTER, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief, Learned
 from whiptool.adaptation.steps import Seen, Step, Steps, checked, judge, judge_seen, seen_of
@@ -318,10 +318,17 @@ class Adapter:
             return self.steps[-1].plan
         if number == 1 and self.opening is not None:
             return self.opening
-        sag = self._expected_sag()
-        efforts = (o.later if self._taught else o.first, *[o.first] * o.retries)
-        enough = UNSURE if self._taught else 0.0  # before the first recording whatever may be made is enough
-        found = surest(lambda effort: self._sought(rng, effort, sag, o), efforts, enough=enough)
+        found = plan(
+            self.belief,
+            self.target,
+            rng=rng,
+            past=self._past,
+            demands=o.demands(self.belief.at().model),
+            effort=o.later if self._taught else o.first,
+            retries=[o.first] * o.retries,
+            enough=UNSURE if self._taught else 0.0,  # before the first recording whatever may be made is enough
+            sag=self._expected_sag(),
+        )
         if not found.allowed:
             raise NoPlan(number, found.reason)
         return found
@@ -330,10 +337,6 @@ class Adapter:
         controller = self.prior.plant.controller
         assert controller is not None
         return None if controller.prescribed else expected_sag(controller.law, self._recordings)
-
-    def _sought(self, rng: np.random.Generator, effort: PlanningEffort, sag: Sag | None, o: Options) -> Plan:
-        demands = o.demands(self.belief.at().model)
-        return plan(self.belief, self.target, rng=rng, past=self._past, demands=demands, effort=effort, sag=sag)
 
     def _judged(self, chosen: Plan, seen: Seen, learned: Learned | None) -> Judgement | None:
         recording = seen.recording

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from whiptool.adaptation.continuation import continued
 from whiptool.adaptation.plan_search import PlanningEffort, Search
 from whiptool.goals.goals import Goals
+from whiptool.goals.target import Target
 from whiptool.models.whip import WhipParameters
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.strike_map.answers import Front
@@ -54,8 +55,8 @@ class AimedSearch(Search):
         tried = self.refined(starts, effort.steps)
         kept = self.judge.keep(tried)
         if not (kept & self.striker.land(tried, self.goals(len(tried))).hit).any():
-            further = self._continued()
-            tried, kept = np.vstack([tried, further]), np.r_[kept, self.judge.keep(further)]
+            tried = np.vstack([tried, self.followed])
+            kept = np.r_[kept, self.judge.keep(self.followed)]
         return tried[kept] if kept.any() else tried, effort.pool + len(past)
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
@@ -102,13 +103,12 @@ class AimedSearch(Search):
         strikes = np.unique(answers.strikes[near], axis=0)  # many are there at several instants
         return self._wrapped(self.front.strikes(strikes, np.repeat(angle, len(strikes))))
 
-    def _continued(self) -> np.ndarray:
+    @cached_property
+    def followed(self) -> np.ndarray:
         """The map's strikes that hit the goal, followed from the map's whip to the belief's mean, (B, m)."""
         if self.map is None:
             return np.empty((0, len(self.striker.lower)))
-        known = self.map.candidates(self.goal)
-        found = refine(self.map.striker, self.goals(len(known.strikes)), known.strikes, known.slopes)
-        hits = self._wrapped(found.strikes[found.struck.hit])[:_FOLLOWED]
+        hits = self._wrapped(_hits_of_map(self.map, self.target))[:_FOLLOWED]
         return continued(
             hits, self.map.striker.rollout.model.whip, self.rollout.model.whip, self.goal, self._striker_of
         )
@@ -148,3 +148,13 @@ class AimedSearch(Search):
     def goals(self, count: int) -> Goals:
         """Return the goal, repeated for `count` strikes."""
         return self.goal.rows(np.zeros(count, int))
+
+
+@lru_cache(maxsize=8)
+def _hits_of_map(strike_map: StrikeMap, target: Target) -> np.ndarray:
+    """Strikes that hit a target with the map's whip, (B, m), refined from the map's; kept for the next plan at the same
+    target."""
+    known = strike_map.candidates(target.goals)
+    goals = target.goals.rows(np.zeros(len(known.strikes), int))
+    found = refine(strike_map.striker, goals, known.strikes, known.slopes)
+    return found.strikes[found.struck.hit]

@@ -167,7 +167,7 @@ class Search(ABC):
         )
         self.striker = Striker(rough, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
         self.judge = Striker(self.rollout, bounds=demands.bounds, limits=demands.limits, t_stay=demands.t_stay)
-        self.goal, self.error = target.goals, belief.model_error
+        self.target, self.goal, self.error = target, target.goals, belief.model_error
         self.check = None if demands.check is None else cache(demands.check)  # a rehearsal takes seconds
         self.margins = self.margins if demands.limits else self.margins[:1]
         self.margin = self.margins[0]

@@ -7,7 +7,7 @@ Candidates for a planar arm are random strikes that are refined along derivative
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -141,28 +141,6 @@ NEXT_IN_SPACE = PlanningEffort(pool=512, steps=20)
 RETRIES_IN_SPACE = 1  # with the first effort, while the hit probability is below 50 %
 
 
-def surest(
-    look: Callable[[PlanningEffort], Plan], efforts: Iterable[PlanningEffort], *, enough: float = UNSURE
-) -> Plan:
-    """Return the best plan of successive searches; these end at an allowed plan whose hit probability is high enough.
-
-    After several searches the stated probability is the largest of several estimates, each over 64 sampled whips, and
-    is therefore a few percent too high.
-
-    Args:
-        look: Function that searches for a strike with a given effort.
-        efforts: Efforts of the searches, at least one.
-        enough: Hit probability at which they end.
-    """
-    began, found = time.perf_counter(), list[Plan]()
-    for effort in efforts:
-        found.append(look(effort))
-        if found[-1].allowed and (found[-1].probability or 0.0) >= enough:
-            break
-    best = max(found, key=lambda x: (x.allowed, x.probability or 0.0))
-    return replace(best, wall_time=time.perf_counter() - began)
-
-
 def plan(
     belief: Belief,
     target: Target,
@@ -171,6 +149,8 @@ def plan(
     past: Sequence[Sequence[float]] = (),
     demands: Demands | None = None,
     effort: PlanningEffort = NEXT,
+    retries: Sequence[PlanningEffort] = (),
+    enough: float = UNSURE,
     sag: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Plan:
     """Return the strike with the largest probability of a hit over whips sampled from a belief.
@@ -180,7 +160,8 @@ def plan(
     miss with each sample is smoothed by the belief's model error (`ModelError.hit_probability`), in the search by at
     least 5 mm. If limits or `check` forbid all of them, the best of random strikes that may be made is returned, which
     hardly hits, but from which the whip is learned; the plan is not `allowed` if none may be made.
-    Probability and expected miss are computed with samples that the search has not used.
+    Probability and expected miss are computed with samples that the search has not used. After several searches the
+    probability is the largest of several estimates, each over 64 sampled whips, and is a few percent too high.
 
     Args:
         belief: Distribution of the whip's parameters; an arm in space has to follow its command exactly.
@@ -189,6 +170,8 @@ def plan(
         past: Strikes that were tried before; they are candidates, too.
         demands: Further requirements of the strike.
         effort: Amount of computation.
+        retries: Amounts of computation of further searches, made until a strike is allowed and likely enough to hit.
+        enough: Hit probability from which no further search is made.
         sag: Predicted deviation of the arm from the commanded start posture, see `expected_sag`; None: none.
 
     Raises:
@@ -197,6 +180,20 @@ def plan(
     began = time.perf_counter()
     kind = AimedSearch if belief.plant.model.dimension == 3 else PlanarSearch
     search = kind(belief, target, demands or Demands(), sag)
+    found = list[Plan]()
+    for one in (effort, *retries):
+        found.append(_searched(search, belief, rng, past, one))
+        if found[-1].allowed and (found[-1].probability or 0.0) >= enough:
+            break
+    best = max(found, key=lambda x: (x.allowed, x.probability or 0.0))
+    return replace(best, wall_time=time.perf_counter() - began)
+
+
+def _searched(
+    search: Search, belief: Belief, rng: np.random.Generator, past: Sequence[Sequence[float]], effort: PlanningEffort
+) -> Plan:
+    """The best strike of one search."""
+    began = time.perf_counter()
     whips = belief.sample(rng, effort.whips)
     first, chosen, tried = None, None, 0
     for margin in search.margins:
