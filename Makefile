@@ -55,7 +55,7 @@ $(VENV)/.python:
 
 $(VENV)/.core: $(VENV)/.python pyproject.toml requirements.lock
 	@echo "installing whiptool into $(VENV) ..."
-	$(INSTALL) --editable .
+	$(INSTALL) --no-compile --editable .
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.core
