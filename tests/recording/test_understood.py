@@ -70,6 +70,11 @@ def test_axes_without_the_vertical_are_doubted_with_the_right_ones(up, axes, rig
     assert wrong["axes"].certainty == "doubtful"
     assert wrong["axes"].fix == 'say axes = ["{}", "{}"] in the sidecar'.format(*right)
     assert wrong["labels"].fix in ("", "correct the axes first")
+    (aside,) = set("xyz") - {axis[-1] for axis in right}
+    across = findings(tmp_path / "a.csv", axes=[aside, right[1]])["axes"]
+    assert across.certainty == "doubtful"
+    assert across.reason == f"the markers move farther along {right[0]}, which is left out, than along {aside}"
+    assert across.fix == wrong["axes"].fix
     good = findings(tmp_path / "a.csv", axes=right)
     assert good["axes"].certainty == "stated"
     assert good["up"].numbers["angle"] < math.radians(1)

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
 from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
@@ -93,12 +95,18 @@ def understand(path: str, **options: Any) -> Understood:
 def _upright(
     findings: Iterable[Finding], found: StrikeRecording, path: str, options: Mapping[str, Any], said: Mapping[str, Any]
 ) -> Iterator[Finding]:
-    """Yield findings of tracks; where the axes that the sidecar states leave the vertical out, with the right ones."""
+    """Yield findings of tracks; where the axes that the sidecar states leave out the vertical, or the direction of the
+    motion, with the right ones."""
     markers = folded(found) if "axes" in said else ""
+    moves = "" if markers else _moves_across(path, options, list(said.get("axes", ())))
     for finding in findings:
         if markers and finding.topic == "axes":
             reason = f"{markers} are on one place while the whip hangs at rest: the vertical is not among them"
             fix = _axes_with_vertical(path, options, list(said["axes"]))
+            yield replace(finding, certainty=DOUBTFUL, reason=reason, fix=fix)
+        elif moves and finding.topic == "axes":
+            fix = f'say axes = ["{moves}", "{said["axes"][1]}"] in the sidecar'
+            reason = f"the markers move farther along {moves}, which is left out, than along {said['axes'][0]}"
             yield replace(finding, certainty=DOUBTFUL, reason=reason, fix=fix)
         elif markers and finding.topic == "labels" and finding.fix:
             yield replace(finding, fix="correct the axes first")
@@ -117,6 +125,22 @@ def _axes_with_vertical(path: str, options: Mapping[str, Any], axes: list[str]) 
     if off > UPRIGHT or not forward:
         return "name the file's axis that points up as the second of axes"
     return f'say axes = ["{forward[0]}", "{up}"] in the sidecar'
+
+
+def _moves_across(path: str, options: Mapping[str, Any], axes: list[str]) -> str:
+    """The axis of a file in space that two stated axes leave out, if its markers move farther along it than along the
+    first of the two; empty otherwise."""
+    if len(axes) != 2:
+        return ""
+    try:
+        whole = open_any(path, **{**options, "axes": ["x", "y", "z"]})
+    except InputError:  # a file of two axes
+        return ""
+    if not isinstance(whole, StrikeRecording) or whole.points.shape[2] != 3:
+        return ""
+    way = np.nanstd(whole.points, axis=(0, 1))
+    (out,) = set("xyz") - {axis[-1] for axis in axes}
+    return out if way["xyz".index(out)] > way["xyz".index(axes[0][-1])] else ""
 
 
 def _said(path: Path, episode: int) -> dict[str, Any]:
