@@ -45,9 +45,14 @@ class Told(Adapter):
     probability = 0.9
     efforts: list[PlanningEffort]
 
-    def _sought(self, rng, effort: PlanningEffort, sag, o):
-        self.__dict__.setdefault("efforts", []).append(effort)
-        return dataclasses.replace(PLAN, probability=self.probability)
+    def _searched(self, o):
+        def search(one, believed, rng, past, effort: PlanningEffort) -> Plan:
+            self.__dict__.setdefault("efforts", []).append(effort)
+            return dataclasses.replace(PLAN, probability=self.probability)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("whiptool.adaptation.planner._searched", search)
+            return super()._searched(o)
 
 
 def told(

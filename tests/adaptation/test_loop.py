@@ -91,7 +91,7 @@ def test_a_refused_strike_is_told_and_the_next_one_is_made() -> None:
 def test_a_strike_that_must_not_be_made_is_not_handed_over(tmp_path: Path, monkeypatch) -> None:
     """The run ends in one line, and nothing counts."""
     planned = [replace(PLAN, probability=0.9, reason="below the floor", allowed=False)] * 3
-    monkeypatch.setattr(adapter, "plan", lambda *args, **named: planned.pop())
+    monkeypatch.setattr("whiptool.adaptation.planner._searched", lambda *_: planned.pop())
     port, options = Robot(Seen(None, None)), Options(still=False, adapt=False, retries=2)
     run = wt.Adaptation(default_prior(MODEL, CONTROLLER), port, TARGET, options, tmp_path)
     with pytest.raises(NoPlan, match="no plan for strike 1, which is not made: below the floor"):

@@ -24,8 +24,10 @@ TARGET = Target((0.5, 0.5), 0.001)
 class Narrowing(Adapter):
     """An adapter whose belief halves its errors with each strike, without a simulation."""
 
-    def _sought(self, rng, effort, sag, o):
-        return PLANNED
+    def _searched(self, o):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("whiptool.adaptation.planner._searched", lambda *_: PLANNED)
+            return super()._searched(o)
 
     def _update(self, recordings, contacts) -> Learned:
         covariance = self.prior.covariance / 4.0 ** len(recordings)

@@ -300,7 +300,7 @@ def test_an_allowed_strike_goes_before_a_surer_one(prior, monkeypatch):
     """A second, harder search follows a doubtful plan; what the rig would refuse is no gain."""
     doubtful = Plan(tuple(STRIKE.vector), 0.4, 0.1, 0.1, 1.2, "", 1.0, allowed=False)
     found = iter([doubtful, dataclasses.replace(doubtful, probability=0.3, usage=0.8, allowed=True)])
-    monkeypatch.setattr(adapter, "plan", lambda *args, **more: next(found))
+    monkeypatch.setattr("whiptool.adaptation.planner._searched", lambda *_: next(found))
     options = Options(max_strikes=1, first=QUICK, later=dataclasses.replace(QUICK, pool=90))
     (step,) = Adaptation(prior, port_of(5), Target(TARGET), options, known=prior).run()
     assert step.plan.allowed
