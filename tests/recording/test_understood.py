@@ -75,6 +75,10 @@ def test_axes_without_the_vertical_are_doubted_with_the_right_ones(up, axes, rig
     assert across.certainty == "doubtful"
     assert across.reason == f"the markers move farther along {right[0]}, which is left out, than along {aside}"
     assert across.fix == wrong["axes"].fix
+    seen = np.column_stack([T, tip + noise[:, 3:]])
+    np.savetxt(tmp_path / "tip.csv", seen, header="t,tip_x,tip_y,tip_z", comments="", delimiter=",")
+    alone = findings(tmp_path / "tip.csv", axes=[aside, right[1]])["axes"]
+    assert alone.fix == "state as axes the one along which the whip moves, then the one that points up"
     good = findings(tmp_path / "a.csv", axes=right)
     assert good["axes"].certainty == "stated"
     assert good["up"].numbers["angle"] < math.radians(1)

@@ -106,6 +106,8 @@ def _upright(
             yield replace(finding, certainty=DOUBTFUL, reason=reason, fix=fix)
         elif moves and finding.topic == "axes":
             fix = f'say axes = ["{moves}", "{said["axes"][1]}"] in the sidecar'
+            if len(found.markers) == 1:  # which shows no vertical
+                fix = "state as axes the one along which the whip moves, then the one that points up"
             reason = f"the markers move farther along {moves}, which is left out, than along {said['axes'][0]}"
             yield replace(finding, certainty=DOUBTFUL, reason=reason, fix=fix)
         elif markers and finding.topic == "labels" and finding.fix:
