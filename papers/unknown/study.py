@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from whiptool import Adaptation, CompiledRollout, Controller, Model, Strike, Target, WhipProfile, draw_twin
-from whiptool.adaptation.adapter import PLAN
+from whiptool.adaptation.adapter import PLAN, NoPlan
 from whiptool.adaptation.materials import USUAL, stock_of_material
 from whiptool.adaptation.plan_search import PlanningEffort
 from whiptool.adaptation.ports import TipPort
@@ -244,17 +244,21 @@ def pool(model: str) -> Goals:
 
 
 def struck(adaptation: Adaptation) -> Iterator[dict[str, Any]]:
-    """Strike until the true whip hits, or until the adaptation ends by itself: it claims a hit, or gives up.
+    """Strike until the true whip hits, or until the adaptation ends by itself: it claims a hit, gives up, or finds no
+    strike that may be made.
 
     Yields:
         What was stated of each strike, and how the true whip passed; the look before the first strike is left out.
     """
     adapter, port = adaptation.adapter(), adaptation.port
-    while (strike := adapter.ask()) is not None:
-        assert adapter.place is not None
+    while True:
         try:
+            strike = adapter.ask()
+            if strike is None:
+                return
+            assert adapter.place is not None
             seen = port.strike(strike, adapter.number, adapter.place, adapter.belief.at().model)
-        except StrikeStopped:
+        except (NoPlan, StrikeStopped):
             return
         if adapter.number:
             plan = read_json(adapter.place / PLAN)

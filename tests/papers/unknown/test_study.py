@@ -21,8 +21,10 @@ from papers.unknown.study import (
     drawn_profile,
     drawn_rope,
     pool,
+    struck,
 )
 from whiptool.adaptation import TipPort
+from whiptool.adaptation.adapter import Adapter, NoPlan
 from whiptool.commands.adapt import prepare
 from whiptool.commands.options.rig_options import AdaptOptions
 from whiptool.goals.target import Target
@@ -68,6 +70,17 @@ def test_a_whip_is_looked_at_once_and_struck_until_it_hits():
         assert 0 <= last["probability"] <= 1
     alone = replace(unit, goals=1)
     assert alone.run(None, None)["trials"][0]["struck"][0]["strike"] == first["struck"][0]["strike"]
+
+
+def test_where_no_strike_may_be_made_the_trial_ends_without_a_hit(monkeypatch):
+    """The other goals and whips are struck nevertheless."""
+
+    def ask(adapter):
+        raise NoPlan(1, "below the floor")
+
+    monkeypatch.setattr(Adapter, "ask", ask)
+    unit = WhipUnit(model=PLANE, family="kin", seed=5, goals=2)
+    assert [list(struck(unit.prepared(number))) for number in unit.within()[:2]] == [[], []]
 
 
 def test_goals_are_within_the_whips_reach():
