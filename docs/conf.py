@@ -40,7 +40,7 @@ nb_execution_mode = "off"  # the tests execute the notebooks; here they come wit
 
 autodoc_default_options = {"members": True, "ignore-module-all": True}
 autodoc_member_order = "bysource"
-autodoc_preserve_defaults = True
+autodoc_preserve_defaults = not quick  # a tenth of the time
 autodoc_use_type_comments = False  # the code has no such comments, and the search for them parses every function
 # of the extra `oracle`, which a base class comes from
 autodoc_mock_imports = [name for name in ("elastica", "numba") if find_spec(name) is None]

@@ -27,7 +27,7 @@ from whiptool.errors import InputError
 from whiptool.goals.goals import PACE
 from whiptool.goals.target import Target
 from whiptool.identification.plant import Plant
-from whiptool.limits.all_limits import limits_given
+from whiptool.limits.all_limits import AllLimits, limits_given
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.models import preset
@@ -116,6 +116,30 @@ def test_where_no_candidate_hits_a_strike_of_the_map_is_followed_to_the_whip():
     near = CompiledRollout(search.rollout.model, CONTROLLER, timestep=1e-4).approach(found[None], goal[0])
     assert target.goals.hit_by(near)[0]
     assert search.judge.keep(found[None])[0]
+
+
+def test_limits_judge_the_whip_that_was_identified():
+    """Strikes that a whip of 0.7 m makes clear of arm and floor, with limits that were given for one of 1 m."""
+    model = preset("ur5e")
+    nylon = WhipProfile(0.70, 0.045382, 0.0012339, 1.6392e-5, drag=0.005831)
+    short = dataclasses.replace(model, whip=nylon.lump(model.whip.N, joints="rod"))
+    target = Target((1.29049, 1.62954, 0.189824), 0.05, direction=(0.785, -0.609, -0.114), speed=1.0)
+    of_model, of_short = (limits_given("default", of, prescribed=True) for of in (model, short))
+    search = AimedSearch(default_prior(short, CONTROLLER), target, Demands(limits=of_model))
+    strikes = search.starts(np.random.default_rng(0), PlanningEffort(pool=128, polished=4))
+    paths = search.rollout.trajectories(strikes)
+    by_short, by_model = ([AllLimits(of).violation(x) <= 0 for x in paths] for of in (of_short, of_model))
+    assert search.judge.keep(strikes).tolist() == by_short
+    assert by_short != by_model
+
+
+def test_strikes_to_learn_from_are_within_the_limits_first(prior):
+    """However near to the goal others pass."""
+    search = AimedSearch(prior, Target((1.6, 0.2, 0.3), 0.05), Demands(limits=Clearance(MODEL, 0.0)))
+    effort = PlanningEffort(pool=64, polished=4)
+    near, spare = (way(np.random.default_rng(0), effort) for way in (search.starts, search.spare))
+    assert not search.striker.paths(near, rate=100.0)[0].all()
+    assert search.striker.paths(spare, rate=100.0)[0].all()
 
 
 @pytest.mark.parametrize("family", FAMILIES)

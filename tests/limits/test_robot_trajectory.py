@@ -41,6 +41,17 @@ def test_the_slowest_swing_is_that_of_a_hanging_chain():
     assert swing_period(preset("ur5e")) == pytest.approx(chain, rel=5e-3)
 
 
+def test_a_strike_is_judged_with_the_whip_that_was_identified():
+    """Its own length counts, not that of the whip that the limits were given for."""
+    model = preset("ur5e")
+    long = dataclasses.replace(model, whip=dataclasses.replace(model.whip, l=model.whip.per_node("l") * 1.5))
+    start = (0.1, -1.9, 1.2, -0.9, 0.3, 0.0)
+    strike, limits = Strike(start, (0.12, *start[1:]), 0.6), default_limits(long, prescribed=True)
+    execution = Execution(posture=start)
+    assert "below the floor" in (execution.judged(long, strike, 0.2, limits)[1] or "")
+    assert execution.judged(long, strike, 0.2, limits, believed=model)[1] is None
+
+
 def test_what_is_beyond_a_limit_is_said():
     model = preset("ur5e")
     limits = default_limits(model, prescribed=True)

@@ -65,11 +65,19 @@ class AimedSearch(Search):
 
     def spare(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
         """Return the random strikes that pass the goal best, those within the limits first; see `Search.spare`."""
-        return self.starts(rng, effort)
+        strikes, cost, inside = self._drawn(rng, effort)
+        return strikes[np.lexsort((cost, ~inside))[: effort.polished]]
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
-        """Return the strikes whose tips pass the goal best with the belief's mean, those within the limits first, (B,
-        m): of random ones and, if a map comes with the package for this arm, as many of the map's.
+        """Return the drawn strikes whose tips pass the goal best with the belief's mean, (B, m); how far strikes beyond
+        the limits pass counts as much larger."""
+        strikes, cost, inside = self._drawn(rng, effort)
+        worst = cost + np.where(inside, 0.0, self.goal.largest_cost)
+        return strikes[np.argsort(worst)[: effort.polished]]
+
+    def _drawn(self, rng: np.random.Generator, effort: PlanningEffort) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Random strikes, of which half are the map's if one comes with the package for this arm, (B, m); how far their
+        tips pass the goal with the belief's mean [m], (B,); and whether they are within the limits, (B,).
 
         The map's strikes keep the limits with another whip, and are fast. If the first joint rotates the whole arm
         about the vertical, every sample of a tip path is rotated to the goal's direction.
@@ -89,8 +97,7 @@ class AimedSearch(Search):
         angles = np.nan_to_num(np.remainder(turned.reshape(cost.shape)[rows, when] + np.pi, 2 * np.pi) - np.pi)
         ready = self._wrapped(self.front.strikes(pool, angles))
         inside = keep & striker.inside(ready)
-        worst = cost[rows, when] + np.where(inside, 0.0, goal.largest_cost)
-        return ready[np.argsort(worst)[: effort.polished]]
+        return ready, cost[rows, when], inside
 
     def _known(self, count: int) -> np.ndarray:
         """The strikes of the arm's map that come closest to the goal with the whip that the map is of, (B, m), at most

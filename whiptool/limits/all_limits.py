@@ -115,7 +115,7 @@ def floor_height(given: str | float) -> float | None:
 
 
 def limits_given(given: Given | Literal["default"], model: Model, *, prescribed: bool) -> Given:
-    """Return the given limits, or `default_limits` for "default".
+    """Return the given limits as those of a model, or `default_limits` for "default".
 
     Args:
         given: One limit or several, None for none, or "default".
@@ -126,7 +126,7 @@ def limits_given(given: Given | Literal["default"], model: Model, *, prescribed:
         InputError: Another word is given.
     """
     if not isinstance(given, str):
-        return given
+        return [x.of_model(model) if isinstance(x, Limits) else x for x in AllLimits(given).members]
     if given != "default":
         rule = "'default', None, or MotorLimits, ArmLimits or Clearance, one or several"
         motor = as_named(given, LIMITS)

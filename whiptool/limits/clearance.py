@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -177,6 +177,10 @@ class Clearance(Limits):
         object.__setattr__(self, "least", metres("least", self.least, longest=LARGEST_GAP, strict=False))
         if not self.is_of(self.model) and self.floor is None:
             raise InputError("clearance", "an arm without capsules, and no floor", "an arm with capsules, or a floor")
+
+    def of_model(self, model: Model) -> Clearance:
+        """Return the same distance for another model, whose whip may be longer or shorter; see `Limits.of_model`."""
+        return self if model == self.model else replace(self, model=model)
 
     @property
     def of_candidates(self) -> bool:

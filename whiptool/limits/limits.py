@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.limits.slowing import Slowing
 from whiptool.models.excess import Excess
+from whiptool.models.parameters import Model
 from whiptool.models.spatial_arm import JointLimits, limit_unit
 from whiptool.models.strike import FASTEST, LARGEST_ACCELERATION, LARGEST_JERK, Strike
 from whiptool.models.trajectory import Approach, Trajectory
@@ -227,6 +228,10 @@ class Limits(ABC):
     @abstractmethod
     def words(self) -> str:
         """Name of the limits for people, such as "the arm's limits"."""
+
+    def of_model(self, model: Model) -> Limits:
+        """Return these limits for the strikes of another model, of an identified whip for instance."""
+        return self
 
     @property
     def command(self) -> Commanded | None:

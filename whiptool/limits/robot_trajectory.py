@@ -12,7 +12,7 @@ import numpy as np
 from whiptool.dynamics.modes import hanging_modes
 from whiptool.impedance.controller import Controller
 from whiptool.impedance.laws import PositionControl
-from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.all_limits import AllLimits, limits_given
 from whiptool.limits.arm_limits import ArmLimits
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
@@ -124,10 +124,12 @@ class Execution:
         """
         found, said = self.of_strike(model, strike, t_stay, limits, believed=believed)
         if said is None and limits:
-            path = _followed(believed or model).trajectory(strike, t_stay=t_stay)
+            simulated = believed or model
+            path = _followed(simulated).trajectory(strike, t_stay=t_stay)
             if path.diverged:
                 return found, "the simulation diverged"
-            beyond = AllLimits(limits).worst(path, model.arm.joints, strike)
+            kept = AllLimits(limits_given(limits, simulated, prescribed=True))
+            beyond = kept.worst(path, model.arm.joints, strike)
             said = None if beyond is None else beyond.by_parts(0.0)
         return found, said
 
