@@ -120,7 +120,7 @@ def test_where_no_candidate_hits_a_strike_of_the_map_is_followed_to_the_whip():
 
 
 def test_limits_judge_the_whip_that_was_identified():
-    """Strikes that a whip of 0.7 m makes clear of arm and floor, with limits that were given for one of 1 m."""
+    """A whip of 0.7 m keeps clear of arm and floor where the whip of 1 m, for which the limits were given, does not."""
     model = preset("ur5e")
     nylon = WhipProfile(0.70, 0.045382, 0.0012339, 1.6392e-5, drag=0.005831)
     short = dataclasses.replace(model, whip=nylon.lump(model.whip.N, joints="rod"))

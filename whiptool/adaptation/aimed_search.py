@@ -69,8 +69,8 @@ class AimedSearch(Search):
         return strikes[np.lexsort((cost, ~inside))[: effort.polished]]
 
     def starts(self, rng: np.random.Generator, effort: PlanningEffort) -> np.ndarray:
-        """Return the drawn strikes whose tips pass the goal best with the belief's mean, (B, m); how far strikes beyond
-        the limits pass counts as much larger."""
+        """Return the drawn strikes whose tips pass the goal best with the belief's mean, (B, m); those beyond the
+        limits are ranked by their cost plus the goal's `largest_cost`."""
         strikes, cost, inside = self._drawn(rng, effort)
         worst = cost + np.where(inside, 0.0, self.goal.largest_cost)
         return strikes[np.argsort(worst)[: effort.polished]]
