@@ -212,10 +212,11 @@ def hits_table(model: str, found: ByWay) -> list[list[str]]:
     """Return hits by strike and the misses of first strikes, by way and family."""
     near = Target(hit_radius=REGIONS[model].hit_radius).goals.hit
     head = ["way", "family", "trials", *(f"hit by {i + 1}" for i in range(SHOWN))]
-    rows = [[*head, "first strike by distance alone", "its miss: median, 95 % [mm]", "never hit", "plan [s]"]]
+    rows = [[*head, "first strike by distance alone", "its miss: median, 95 % [mm]", "never hit"]]
+    rows[0].append("plan of the first strike: median, 90 % [s]")
     for (way, family), trials in found.items():
         first = 1e3 * misses(trials)
-        seconds = [x["seconds"] for struck in trials for x in struck]
+        seconds = [struck[0]["seconds"] for struck in trials if struck]
         rows.append(
             [
                 way,
@@ -225,7 +226,7 @@ def hits_table(model: str, found: ByWay) -> list[list[str]]:
                 f"{100 * np.mean(near(1e-3 * first)):.0f} %",
                 ", ".join(fixed(x, 1) for x in (np.median(first), np.percentile(first, 95, method="higher"))),
                 str(sum(not any(x["hit"] for x in struck) for struck in trials)),
-                rounded(float(np.median(seconds)), 2) if seconds else "",
+                ", ".join(rounded(float(x), 2) for x in np.percentile(seconds, (50, 90))) if seconds else "",
             ]
         )
     return rows

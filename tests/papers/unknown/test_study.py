@@ -108,7 +108,8 @@ def test_a_hit_is_of_point_and_direction():
 
 def test_shares_of_hits_and_misses():
     row = {"miss": 0.01, "angle": None, "hit": True, "probability": 1.0, "seconds": 1.0}
-    trials = [[row], [row | {"miss": 0.08, "hit": False}, row], [row | {"miss": None, "hit": False}], []]
+    trials = [[row], [row | {"miss": 0.08, "hit": False}, row | {"seconds": 50.0}]]
+    trials += [[row | {"miss": None, "hit": False, "seconds": 6.0}], []]
     assert [hit_by(trials, i) for i in (1, 2, 3)] == [0.25, 0.5, 0.5]
     head, told = hits_table(PLANE, {("still", "kin"): trials})
     table = dict(zip(head, told, strict=True))
@@ -116,6 +117,7 @@ def test_shares_of_hits_and_misses():
     assert table["hit by 2"] == "50 %"
     assert table["first strike by distance alone"] == "25 %"
     assert table["never hit"] == "2"
+    assert table["plan of the first strike: median, 90 % [s]"] == "1, 5"
 
 
 def test_cosserat_ropes_are_drawn_by_seed():
