@@ -192,6 +192,13 @@ def test_a_trajectory_begins_where_the_robot_stands_by_the_robots_own_names_and_
     assert told.joints[:3] == ("left_shoulder_pan_joint", "left_shoulder_lift_joint", "left_elbow_joint")
     assert told.t[1] == pytest.approx(1 / 500)
     assert told.strike_begins > 3 + 2 * 1.669  # the rest, and two periods of the rope's slowest swing
+    whip = UR5E.whip
+    quarter = dataclasses.replace(whip, l=whip.per_node("l") / 4)  # swings in half the time: 0.83 s
+    short = dataclasses.replace(UR5E, whip=quarter)
+    with pytest.raises(AwaitsRecording) as other:
+        port.strike(STRIKE_ROBOT_PORT, 2, tmp_path, short)
+    sooner = told.strike_begins - JointTrajectory.load_csv(other.value.trajectory).strike_begins
+    assert sooner == pytest.approx(2 * 1.669 / 2, abs=0.1)
     below = RobotPort(UR5E, Target((1.0, 0.2, 0.6)), execution=Execution(posture=(0.4, 1.5, 0.0, 0.0, 0.0, 0.0)))
     with pytest.raises(InputError, match=r"^posture: got .*straight line of the joints.*below the floor"):
         below.strike(STRIKE_ROBOT_PORT, 2, tmp_path)

@@ -49,7 +49,7 @@ def test_a_strike_is_judged_with_the_whip_that_was_identified():
     strike, limits = Strike(start, (0.12, *start[1:]), 0.6), default_limits(long, prescribed=True)
     execution = Execution(posture=start)
     assert "below the floor" in (execution.judged(long, strike, 0.2, limits)[1] or "")
-    assert execution.judged(long, strike, 0.2, limits, believed=model)[1] is None
+    assert execution.judged(model, strike, 0.2, limits)[1] is None
 
 
 def test_what_is_beyond_a_limit_is_said():

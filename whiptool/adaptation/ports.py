@@ -263,7 +263,7 @@ class RobotPort:
     ) -> tuple[JointTrajectory, str | None]:
         """The trajectory of a strike, and what it exceeds."""
         how = execution or self.execution
-        return how.judged(self.model, strike, self.t_stay, self._limits, believed=believed)
+        return how.judged(believed or self.model, strike, self.t_stay, self._limits)
 
     @cached_property
     def _limits(self) -> list[Limits]:

@@ -58,13 +58,7 @@ class Execution:
         return None if beyond is None else f"where the robot stands {beyond.words}: move it by hand to another posture"
 
     def of_strike(
-        self,
-        model: Model,
-        strike: StrikePath,
-        t_stay: float,
-        limits: Sequence[Limits] = (),
-        *,
-        believed: Model | None = None,
+        self, model: Model, strike: StrikePath, t_stay: float, limits: Sequence[Limits] = ()
     ) -> tuple[JointTrajectory, str | None]:
         """Return the trajectory of a strike, and a description of what it exceeds.
 
@@ -72,11 +66,10 @@ class Execution:
         strike's start the hanging whip does to the floor; the motion of the whip in the strike is not checked.
 
         Args:
-            model: Model of arm and whip, whose arm's limits always count.
+            model: Model of arm and whip, of an unknown whip its posterior mean; its arm's limits always count.
             strike: The strike.
             t_stay: Time after the strike [s].
             limits: Further limits.
-            believed: The posterior mean of whip and arm, of the whip that hangs; default: the model.
 
         Raises:
             InputError: A value is out of range, or the posture has another number of joints.
@@ -104,31 +97,29 @@ class Execution:
             return found, beyond.by_parts(begins)
         way = found.t <= (begins if self.posture is not None else 0.0)
         way = np.flatnonzero(way)[:: max(1, round(WAY / float(found.t[1])))]
-        of_whip = (x.whip_on_way(found.t[way], found.q[way], believed or model) for x in clearances)
+        of_whip = (x.whip_on_way(found.t[way], found.q[way], model) for x in clearances)
         low = next((one for one in of_whip if one is not None), None)
         cure = "" if self.posture is None else f"; {LIFTED}"
         return found, None if low is None else low.by_parts(begins) + cure
 
     def judged(
-        self, model: Model, strike: Strike, t_stay: float, limits: Sequence[Limits], *, believed: Model | None = None
+        self, model: Model, strike: Strike, t_stay: float, limits: Sequence[Limits]
     ) -> tuple[JointTrajectory, str | None]:
         """Return the trajectory of a strike and a description of what it exceeds as `of_strike` does, and judge the
         simulated strike, too.
 
         Args:
             model, strike, t_stay, limits: As for `of_strike`.
-            believed: The posterior mean of whip and arm, with which the strike is simulated; default: the model.
 
         Raises:
             InputError: As `of_strike`.
         """
-        found, said = self.of_strike(model, strike, t_stay, limits, believed=believed)
+        found, said = self.of_strike(model, strike, t_stay, limits)
         if said is None and limits:
-            simulated = believed or model
-            path = _followed(simulated).trajectory(strike, t_stay=t_stay)
+            path = _followed(model).trajectory(strike, t_stay=t_stay)
             if path.diverged:
                 return found, "the simulation diverged"
-            kept = AllLimits(limits_given(limits, simulated, prescribed=True))
+            kept = AllLimits(limits_given(limits, model, prescribed=True))
             beyond = kept.worst(path, model.arm.joints, strike)
             said = None if beyond is None else beyond.by_parts(0.0)
         return found, said

@@ -122,7 +122,7 @@ class RobotRig(FilmedRig):
         """The movement from a posture, and what it exceeds."""
         o, limits = self.options, self.limits.members
         execution = Execution(posture=tuple(posture.tolist()), rate=self.robot.rate, rest=o.settle)
-        trajectory, said = execution.judged(self.model, strike, o.t_stay, limits, believed=believed)
+        trajectory, said = execution.judged(believed or self.model, strike, o.t_stay, limits)
         if said is None and (beyond := trajectory.beyond(self.robot.limits)):
             said = beyond.by_parts(beginning(strike, trajectory, o.t_stay))
         return trajectory, said
