@@ -10,12 +10,14 @@ from films import film
 from pendulum_swing import pendulum, swing
 from scipy.optimize import least_squares
 from scipy.stats import binom
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from whiptool.dynamics.structure import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
-from whiptool.identification.fit import FitOptions, best_nodes, fit
+from whiptool.identification.fit import FitOptions, best_nodes, fit, predict
 from whiptool.identification.plant import Plant
+from whiptool.identification.problem import Problem
 from whiptool.identification.readings import Samples
 from whiptool.identification.solver import Block, Ending, Loss, solve
 from whiptool.identification.variables import Prior
@@ -315,6 +317,26 @@ def test_the_number_of_nodes_is_chosen_by_what_was_held_out():
     assert best_nodes(fits) == 12
     assert fits[5].plant.model.whip.length == pytest.approx(LEMON.whip.length)
     assert fits[5].held_out[0].chi > 1.5 * fits[12].held_out[0].chi
+
+
+def test_matrices_of_a_fit_are_the_work_of_one_thread(monkeypatch):
+    """Also where more are usual, which they are again afterwards."""
+
+    def blas():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    seen, recording, within = [], film(LEMON, STRIKES[0], timestep=1e-3), {}
+    for name in ("solve", "compare"):
+        within[name] = getattr(Problem, name)
+        monkeypatch.setattr(
+            Problem, name, lambda *args, name=name, **given: seen.append(blas()) or within[name](*args, **given)
+        )
+    with threadpool_limits(2, "blas"):
+        usual = blas()
+        found = fit([recording], PLANT, ["k"])
+        predict([recording], found.plant, {}, FitOptions())
+        assert blas() == usual
+    assert seen == [{1}, {1}, {1}]
 
 
 def test_bad_input_is_named():

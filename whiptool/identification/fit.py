@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from whiptool.errors import InputError, expect
 from whiptool.identification.beginnings import check_beginnings
@@ -24,6 +25,8 @@ from whiptool.models.parameters import Model
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
+
+_BLAS_THREADS = 1  # more of them wait for each other most of the time, as the matrices are small
 
 __all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "fit", "predict"]
 
@@ -68,12 +71,13 @@ def fit(
     variables = variables_of(
         {**plant.values(), **NEUTRAL}, free, options.bounds, units(plant.model.arm, plant.controller, free)
     )
-    problem = Problem(recordings, plant, free, variables, options)
-    remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
-    starts = _starts(problem)
-    runs = _solved(problem, starts)
-    fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check else None
-    return _found(problem, runs, held_out, clock_fault=fault, remarks=remarks, began=began)
+    with threadpool_limits(_BLAS_THREADS, "blas"):
+        problem = Problem(recordings, plant, free, variables, options)
+        remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
+        starts = _starts(problem)
+        runs = _solved(problem, starts)
+        fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check else None
+        return _found(problem, runs, held_out, clock_fault=fault, remarks=remarks, began=began)
 
 
 def _as_plant(plant: Plant | Model | BareArm, recordings: Sequence[StrikeRecording]) -> Plant:
@@ -214,7 +218,8 @@ def predict(
     """
     variables = variables_of(nuisance, tuple(nuisance), {}, {})
     problem = Problem(recordings, plant, tuple(nuisance), variables, _predicting(options))
-    return _predicted(problem, np.array([v.z(nuisance[v.name]) for v in variables]), None)
+    with threadpool_limits(_BLAS_THREADS, "blas"):
+        return _predicted(problem, np.array([v.z(nuisance[v.name]) for v in variables]), None)
 
 
 def _held_out(
