@@ -212,8 +212,8 @@ def hits_table(model: str, found: ByWay) -> list[list[str]]:
     """Return hits by strike and the misses of first strikes, by way and family."""
     near = Target(hit_radius=REGIONS[model].hit_radius).goals.hit
     head = ["way", "family", "trials", *(f"hit by {i + 1}" for i in range(SHOWN))]
-    rows = [[*head, "first strike by distance alone", "its miss: median, 95 % [mm]", "never hit"]]
-    rows[0].append("plan of the first strike: median, 90 % [s]")
+    head += ["first strike by distance alone", "its miss: median, 95 % [mm]", "never hit"]
+    rows = [[*head, "plan of the first strike: median, 90 % [s]"]]
     for (way, family), trials in found.items():
         first = 1e3 * misses(trials)
         seconds = [struck[0]["seconds"] for struck in trials if struck]

@@ -320,7 +320,7 @@ def test_the_number_of_nodes_is_chosen_by_what_was_held_out():
 
 
 def test_matrices_of_a_fit_are_the_work_of_one_thread(monkeypatch):
-    """Also where more are usual, which they are again afterwards."""
+    """Even where BLAS is set to two threads, which it has again after the fit."""
 
     def blas():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}

@@ -26,9 +26,9 @@ from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
 
-_BLAS_THREADS = 1  # more of them wait for each other most of the time, as the matrices are small
-
 __all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "fit", "predict"]
+
+_BLAS_THREADS = 1  # more of them wait for each other most of the time, as the matrices are small
 
 
 def fit(
@@ -217,8 +217,8 @@ def predict(
         InputError: A recording has no readings left to predict.
     """
     variables = variables_of(nuisance, tuple(nuisance), {}, {})
-    problem = Problem(recordings, plant, tuple(nuisance), variables, _predicting(options))
     with threadpool_limits(_BLAS_THREADS, "blas"):
+        problem = Problem(recordings, plant, tuple(nuisance), variables, _predicting(options))
         return _predicted(problem, np.array([v.z(nuisance[v.name]) for v in variables]), None)
 
 
