@@ -16,7 +16,15 @@ Rows: `last seen`: the strike at where the target was last seen; `once`: planned
 shift the start of the same strike; `aim`: later frames move the strike, too; `oracle`: the true motion is known.
 `any q_i`: the arm is wherever the strike begins; `waiting`: it waits at one posture, and all strikes begin there.
 
+With `--model` plans of one model are confirmed in MuJoCo instead, for lemon2024 or a robot within its default limits.
+Half of the targets move straight on at 0.5 m/s, half are thrown; each passes, 0.8 to 1.6 s after the decision, a point
+at which the tip of another strike that keeps the limits is faster than 2 m/s, and was above the floor until then. A
+plan is followed as in `aim, any q_i`, and counts as kept if `Striker.keep` says so, and as a hit if it is kept, the tip
+in MuJoCo comes within 6 cm of the target's true position, and neither the target then nor the whip ever is below the
+floor.
+
     python benchmarks/moving.py [--quick] [--json] [--targets 100] [--seeds 0]
+    python benchmarks/moving.py --model ur5e [--quick] [--json] [--targets 100] [--seeds 0] [--size 600]
 """
 
 from __future__ import annotations
@@ -45,8 +53,9 @@ from whiptool.interception.target_tracks import (
     fit_track,
 )
 from whiptool.models import preset
+from whiptool.models.kinematics import joint_points
 from whiptool.models.trajectory import closest_on_segments
-from whiptool.rollout import CompiledRollout
+from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.strike_map.striker import Striker
 
 MODEL, CONTROLLER = preset("lemon2024"), Controller()
@@ -56,6 +65,7 @@ SEEN = 0.5  # [s] of track before the decision
 RADII = (0.06, 0.03, 0.01)  # [m]
 WAITING = (-1.4, 0.1)  # [rad], of 30 postures the one from which most thrown balls could be met
 OTHERS, OTHER_SEED = 4000, 99  # strikes that say what can be met
+PLACES, SPEED = 100, 2.0  # points of other strikes' tips that targets pass, and the tip's least speed there [m/s]
 PLANNER, TRUTH = 5e-4, 2.5e-4  # [s], timesteps
 UPDATES = {"none": "once", "time": "time", "aim": "aim"}
 
@@ -74,7 +84,8 @@ class MovingTarget:
     def frames(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Times and noisy positions of all frames."""
         t = np.arange(-round(SEEN * CAMERA.rate), round(HORIZON * CAMERA.rate)) / CAMERA.rate
-        return t, self.positions(t) + CAMERA.sigma * rng.standard_normal((len(t), 2))
+        points = self.positions(t)
+        return t, points + CAMERA.sigma * rng.standard_normal(points.shape)
 
     def reachable(self, others: Library) -> bool:
         """Whether one of the strikes, if it starts at the right time, comes within the largest hit radius."""
@@ -182,6 +193,118 @@ def misses(truth: CompiledRollout, targets: list[MovingTarget], strikes: list[In
     return out
 
 
+@dataclass(frozen=True)
+class Robot:
+    """A model whose plans are confirmed in MuJoCo.
+
+    Args:
+        library: Strikes of the model.
+        reference: Its simulator in MuJoCo.
+        places: Points that tips of other strikes within the limits pass, (P, d) [m].
+        floor: Height of the floor [m], or minus infinity.
+    """
+
+    library: Library
+    reference: ReferenceRollout
+    places: np.ndarray
+    floor: float
+
+    @classmethod
+    def named(cls, name: str, size: int) -> Robot:
+        """A preset with its default limits."""
+        model = preset(name)
+        striker, places, rng = Striker(CompiledRollout(model)), [], np.random.default_rng(OTHER_SEED)
+        while len(places) < PLACES:
+            drawn = striker.limits.random_strikes(striker.bounds, rng, 256)
+            possible, paths = striker.paths(drawn, rate=100.0)
+            for i in np.flatnonzero(possible):
+                if len(places) < PLACES and striker.keep(drawn[i : i + 1])[0]:
+                    fast = np.linalg.norm(np.gradient(paths[i], 0.01, axis=0), axis=1) > SPEED
+                    places += [paths[i, rng.choice(np.flatnonzero(fast))]] if fast.any() else []
+        floors = [limits.floor for limits in striker.limits.members if getattr(limits, "floor", None) is not None]
+        library = Library.build(striker, size=size)
+        return cls(library, ReferenceRollout(model), np.array(places), max(floors, default=-np.inf))
+
+    def target(self, rng: np.random.Generator, number: int) -> MovingTarget:
+        """A target that is above the floor until it passes one of the places; every other one is thrown."""
+        d = self.places.shape[1]
+        while True:
+            place, passes = self.places[rng.integers(len(self.places))], rng.uniform(0.8, 1.6)
+            if number % 2:
+                released = -SEEN - 0.05
+                aside = rng.uniform(-0.5, 0.5, d - 2)
+                hand = np.r_[rng.uniform(2.5, 4.0), aside, rng.uniform(0.5, 1.3) + max(self.floor, -1.0)]
+                g, flight = np.r_[np.zeros(d - 1), -GRAVITY], passes - released
+                velocity = (place - hand) / flight - g * flight / 2
+                at = hand - velocity * released + g * released**2 / 2
+                motion, numbers = find_motion("ballistic", dimension=d), np.r_[at, velocity - g * released]
+            else:
+                way = rng.standard_normal(d)
+                velocity = 0.5 * way / np.linalg.norm(way)
+                motion, numbers = find_motion("straight", dimension=d), np.r_[place - passes * velocity, velocity]
+            target = MovingTarget(motion, numbers)
+            if (target.positions(np.linspace(-SEEN, passes, 100))[:, -1] > self.floor).all():
+                return target
+
+    def confirmed(self, target: MovingTarget, seed: int) -> dict:
+        """What came of the plan for a target; lengths in metres."""
+        sent = follow(self.library, "aim", target, seed)
+        chosen = sent.strike
+        if chosen is None:
+            return {"planned": False}
+        path = self.reference.trajectory(chosen.strike, t_stay=self.library.striker.t_stay)
+        whip = joint_points(self.reference.model, path.q[::5])[:, self.reference.model.arm.n :]
+        there = target.positions(chosen.start + path.t)
+        there[there[:, -1] < self.floor] = np.nan
+        tip = [np.interp(chosen.contact - chosen.start, path.t, x) for x in path.tip.T]
+        return {
+            "planned": True,
+            "probability": chosen.probability,
+            "kept": bool(self.library.striker.keep(chosen.strike.vector[None])[0]),
+            "miss": float(closest_on_segments(path.tip - there, np.zeros(len(tip))).distance),
+            "off": float(np.linalg.norm(np.array(tip) - chosen.point)),  # of the planned contact
+            "height": float(whip[..., -1].min()) - self.floor,
+            "underground": bool(chosen.point[-1] < self.floor),
+            "plan_time": sent.plan_time,
+            "refresh_times": sent.refresh_times,
+        }
+
+
+def confirm(name: str, count: int, seeds: Sequence[int], size: int) -> dict:
+    """Plans for targets of one model, confirmed in MuJoCo."""
+    began = time.perf_counter()
+    robot = Robot.named(name, size)
+    building = time.perf_counter() - began
+    found = []
+    for seed in seeds:
+        rng = np.random.default_rng([seed, 7])
+        for number in tqdm(range(count), leave=False, unit=" tracks"):
+            found.append(robot.confirmed(robot.target(rng, number), 1000 * seed + number))
+    plans = [x for x in found if x["planned"]]
+    above = [x["height"] >= 0 for x in plans]
+    met = [x["miss"] <= RADII[0] for x in plans]
+    refreshes = [t for x in plans for t in x["refresh_times"]]
+    return {
+        "model": name,
+        "strikes": len(robot.library.strikes),
+        "library_seconds": building,
+        "points_below_floor": float((robot.library.points[:, -1] < robot.floor).mean()),
+        "tracks": len(found),
+        "plans": len(plans),
+        "kept": sum(x["kept"] for x in plans),
+        "whip_above_floor": sum(above),
+        "lowest": min((x["height"] for x in plans), default=None),
+        "contact_below_floor": sum(x["underground"] for x in plans),
+        "contact_as_planned": sum(x["off"] <= RADII[0] for x in plans),
+        "largest_off": max((x["off"] for x in plans), default=None),
+        "met": sum(met),
+        "hits": sum(a and m and x["kept"] for a, m, x in zip(above, met, plans, strict=True)),
+        "believed": float(np.mean([x["probability"] for x in plans])) if plans else None,
+        "plan_seconds": float(np.median([x["plan_time"] for x in plans])) if plans else None,
+        "refresh_seconds": float(np.median(refreshes)) if refreshes else None,
+    }
+
+
 def row(miss: np.ndarray, sent: list[Sent]) -> dict:
     """One line of the table; None where nothing was planned."""
     taken = [x.strike for x in sent if x.strike is not None]
@@ -221,8 +344,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a table")
     parser.add_argument("--targets", type=int, default=100, help="of each kind and seed (default: 100)")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="of targets and noise (default: 0)")
+    parser.add_argument("--model", help="confirm the plans of this preset in MuJoCo instead")
+    parser.add_argument("--size", type=int, default=600, help="strikes of its library (default: 600)")
     arguments = parser.parse_args()
     count = 20 if arguments.quick else arguments.targets
+    if arguments.model:
+        found = confirm(arguments.model, count, arguments.seeds, 60 if arguments.quick else arguments.size)
+        print(json.dumps(found) if arguments.json else "\n".join(f"{name:20s} {x}" for name, x in found.items()))
+        return
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=PLANNER)
     truth, striker = CompiledRollout(MODEL, CONTROLLER, timestep=TRUTH), Striker(rollout)
     began = time.perf_counter()

@@ -450,7 +450,7 @@ class Objective:
     def _rolled(self, strikes: np.ndarray) -> list[Outcome]:
         self._last = struck = StrikesAtGoal(self.rollout, strikes, self.goals, self.t_stay)
         near = struck.near
-        beyond, by = self.limits.judged(strikes, near, self._trajectory)
+        beyond, by = self.limits.judged(strikes, near, self._trajectory, candidates=())
         values = [criterion.values(struck) for criterion in self.criteria]
         judged = np.array(values).T if values else np.empty((len(strikes), 0))
         outcomes = [self._outcome(near, i, float(beyond[i]), by[i], judged[i]) for i in range(len(strikes))]

@@ -59,7 +59,7 @@ class PlanarSearch(Search):
         """Return the best of random strikes, those within the limits first; see `Search.spare`."""
         strikes = self.striker.admissible(rng.uniform(*self.striker.bounds.box, (effort.pool, len(self.striker.lower))))
         near = self.mean(strikes)
-        beyond = self._violation(near) > 0 if self.striker.limits else np.zeros(len(strikes), bool)
+        beyond = self.striker.limits.violation_of_peaks(near) > 0
         return strikes[np.lexsort((np.where(near.known, near.distance, np.inf), beyond))[: effort.polished]]
 
     def beyond(self, strikes: np.ndarray) -> np.ndarray:
@@ -71,7 +71,7 @@ class PlanarSearch(Search):
     def usage(self, near: Approach) -> float | None:
         """Return the usage of the motors' or joints' limits by one strike; None without any. See `Search.usage`."""
         of_motors = any(isinstance(limits, MotorLimits | ArmLimits) for limits in self.striker.limits.members)
-        return float(self._violation(near)[0]) + 1 if of_motors else None
+        return float(self.striker.limits.violation_of_peaks(near)[0]) + 1 if of_motors else None
 
     def excess(self, near: Approach) -> np.ndarray:
         """Return by how much strikes, whose closest approaches are `near`, exceed the limits less the margin, plus
@@ -80,12 +80,7 @@ class PlanarSearch(Search):
         if self.goal.speed is not None:
             arrival = self.goal.arrival_speed(near.velocity)
             excess = np.clip(np.nan_to_num(1 - arrival / self.goal.speed, nan=1.0), 0.0, 1.0)
-        if self.striker.limits:
-            excess = excess + np.clip(self._violation(near) + self.margin, 0.0, 10.0)
-        return excess
-
-    def _violation(self, near: Approach) -> np.ndarray:
-        return np.max([limits.violation_of_peaks(near) for limits in self.striker.limits.members], axis=0)
+        return excess + np.clip(self.striker.limits.violation_of_peaks(near) + self.margin, 0.0, 10.0)
 
     def rank(self, near: Approach) -> np.ndarray:
         """Return the miss distances (B,) [m] of strikes, whose closest approaches are `near`; 10 or more is added for a

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.goals.target import HIT_RADIUS, Target, checked_radius
-from whiptool.interception.library import Library, sure_paths
+from whiptool.interception.library import Library
 from whiptool.interception.target_tracks import TargetTrack, fit_track
 from whiptool.models.numbers import number
 from whiptool.models.strike import Strike, strike_names
@@ -36,6 +36,7 @@ _STEP = 0.15  # largest Gauss-Newton step, as a share of a strike number's range
 _BIN = 0.1  # [s]: starts that lie as near see the target equally well
 _PULL = 0.2  # probability that a metre of expected miss costs
 _FAR = 0.5  # [m]: a miss beyond costs no more
+_NONE = 0.005  # a smaller probability of a hit is no plan
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,10 @@ class Interceptor:
     def plan(
         self, track: TargetTrack, *, now: float, rng: np.random.Generator, earliest: float | None = None
     ) -> Interception | None:
-        """Return the strike and start of the largest probability of a hit; None if no strike comes near the target in
-        time.
+        """Return the strike and start of the largest probability of a hit; None if no strike that keeps the limits
+        comes near the target in time, or if the probability is below 0.005.
+
+        The track ends where its most probable position reaches the floor of the limits.
 
         As the start time t0 is free, the tip's path only has to cross the target's path. Points at which paths of the
         library come near it are ranked by the expected squared miss: the squared distance of the two paths plus the
@@ -144,7 +147,7 @@ class Interceptor:
             return None
         rough = self.library.strikes[which], start, tau
         fine = aim.steer(*rough, free=self.library.free, steps=_STEPS)
-        return aim.best(*_joined([rough, fine]), rng=rng, samples=_SAMPLES, began=began)
+        return _hopeful(aim.best(*_joined([rough, fine]), rng=rng, samples=_SAMPLES, began=began))
 
     def refresh(
         self,
@@ -155,8 +158,9 @@ class Interceptor:
         rng: np.random.Generator,
         aim: bool = True,
         earliest: float | None = None,
-    ) -> Interception:
-        """Return the interception for a newer track: with another start time and, if `aim`, a slightly changed strike.
+    ) -> Interception | None:
+        """Return the interception for a newer track: with another start time and, if `aim`, a slightly changed strike;
+        None as in `plan`.
 
         The arm is at `q_i` already, so that only `q_f` and D change. If no change raises the hit probability, the
         interception is unchanged.
@@ -181,7 +185,7 @@ class Interceptor:
             free = self.library.free.copy()
             free[: self.library.striker.rollout.model.arm.n] = False
             ways.append(judge.steer(*as_is, free=free, steps=_STEPS_AGAIN))
-        return judge.best(*_joined(ways), rng=rng, samples=_SAMPLES_AGAIN, began=began)
+        return _hopeful(judge.best(*_joined(ways), rng=rng, samples=_SAMPLES_AGAIN, began=began))
 
     def follow(
         self,
@@ -200,15 +204,15 @@ class Interceptor:
 
         Args:
             frames: Pairs (t [s], position (d,) [m]), as they arrive; NaN where the target is not seen.
-            decide: Time of the first plan [s], which uses the first frame from then on. As long as no plan is found,
+            decide: Time of the first plan [s], which uses the first frame from then on. As long as there is no plan,
                 planning is repeated with the next frame.
             rng: As in `plan`.
             motion, pivot: As in `fit_track`; the motion chosen for the first plan is kept.
             update: Quantities that later frames change: `aim` (strike and t0), `time` (t0 alone), `none`.
 
         Yields:
-            The plan after every frame from which it was made or refreshed, or None before the first plan. The last plan
-            is the one to strike.
+            The plan after every frame from which it was made or refreshed, or None without a plan: before the first,
+            and after one that a newer track leaves no chance. The last is the one to strike.
 
         Raises:
             InputError: `update` is unknown, or an argument breaks the rule of `plan` or `fit_track`.
@@ -259,7 +263,9 @@ class Aim:
         self, interceptor: Interceptor, track: TargetTrack, now: float, earliest: float, latest: float
     ) -> None:
         self.library, self.camera, self.track = interceptor.library, interceptor.camera, track
-        self.now, self.earliest, self.latest = now, earliest, latest
+        ahead = np.arange(now, latest, 1 / _AHEAD)
+        landed = ahead[self.track.position(ahead)[:, -1] < self.library.striker.limits.floor]
+        self.now, self.earliest, self.latest = now, earliest, min([latest, *landed[:1]])
         dimension = interceptor.library.points.shape[1]
         self.goal = Target((0.0,) * dimension, interceptor.hit_radius).goals  # seen from the target
         self._seen: dict[int, TargetTrack] = {}
@@ -345,12 +351,14 @@ class Aim:
 
     def best(
         self, x: np.ndarray, start: np.ndarray, tau: np.ndarray, *, rng: np.random.Generator, samples: int, began: float
-    ) -> Interception:
-        """Return the strike with the largest hit probability, computed from independently sampled tracks.
+    ) -> Interception | None:
+        """Return of the strikes that keep the limits the one with the largest hit probability, computed from
+        independently sampled tracks; None if none keeps them.
 
         `x`, `start` and `tau` are as for `steer`; `began` is `time.perf_counter()` at the start of the search.
         """
-        allowed, path = sure_paths(self.library.striker, x, rate=FINE)
+        striker = self.library.striker
+        possible, path = striker.paths(x, rate=FINE)
         t = np.arange(path.shape[1]) / FINE
         seed = int(rng.integers(2**63))  # the same tracks for every strike
 
@@ -359,9 +367,11 @@ class Aim:
             return self.outlook(path[i, window], start[i] + t[window], self.at_start(start[i]), rng, samples)
 
         seen = [outlook(i, np.random.default_rng(seed), samples) for i in range(len(x))]
-        worth = [o.probability - _PULL * o.expected_miss for o in seen]
-        score = [x - (0 if a else 10) for x, a in zip(worth, allowed, strict=True)]
-        i = int(np.argmax(score))
+        worth = np.array([o.probability - _PULL * o.expected_miss for o in seen])
+        order = np.argsort(-worth, kind="stable")
+        i = next((int(i) for i in order[possible[order]] if striker.keep(x[i : i + 1])[0]), None)
+        if i is None:
+            return None
         chosen = outlook(i, rng, max(samples, _STATED))
         tip, v, _ = _between(path[i : i + 1], np.empty((*path[:1].shape, 0)), tau[i : i + 1])
         return Interception(
@@ -379,10 +389,11 @@ class Aim:
         self, tip: np.ndarray, when: np.ndarray, track: TargetTrack, rng: np.random.Generator, samples: int
     ) -> _Outlook:
         """Return, for a tip path (T, d) [m] at times (T,) [s], the hit probability and mean miss distance over samples
-        of the track, and the miss distance with the most probable track.
+        of the track, and the miss distance with the most probable track. Below the floor there is no target.
         """
-        numbers = np.vstack([track.numbers, track.sample(rng, samples)])
-        miss = closest_on_segments(tip - track.positions(numbers, when), np.zeros(tip.shape[1])).distance
+        where = track.positions(np.vstack([track.numbers, track.sample(rng, samples)]), when)
+        where = np.where(where[..., -1:] < self.library.striker.limits.floor, np.nan, where)
+        miss = closest_on_segments(tip - where, np.zeros(tip.shape[1])).distance
         hit, expected = self.goal.hit(miss[1:]).mean(), np.minimum(miss[1:], _FAR).mean()
         return _Outlook(float(hit), float(expected), float(miss[0]))
 
@@ -393,6 +404,11 @@ class _Outlook(NamedTuple):
     probability: float
     expected_miss: float
     mean_miss: float
+
+
+def _hopeful(chosen: Interception | None) -> Interception | None:
+    """Return a plan, or None if there is none or its probability of a hit is stated as 0.00."""
+    return None if chosen is None or chosen.probability < _NONE else chosen
 
 
 def _smallest(A: np.ndarray, gap: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from whiptool.strike_map.striker import Striker
 
 RATE = 250.0  # [1/s] of the points that are kept
 SPEED = 2.0  # [m/s] below which the tip does not strike
+_DRAWN, _AT_ONCE = 1024, 64  # strikes that are drawn together, at least; that are judged together
+_DRAWS, _HOPELESS = 256, 8  # times that strikes are drawn at most; without any that keeps the limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +55,11 @@ class Library:
         q_i: Sequence[float] | None = None,
         speed: float = SPEED,
     ) -> Library:
-        """Simulate random strikes and return the library.
+        """Simulate random strikes and return the library. All of them keep the limits, see `Striker.keep`.
 
         Args:
             striker: Simulator of strikes; those that exceed its limits are left out.
-            size: Number of strikes.
+            size: Number of strikes that keep the limits; fewer if so few are found in 256 draws of as many, or of 1,024.
             seed: Seed of the strikes.
             q_i: Posture in which the arm waits and from which all strikes start [rad], (a,). Default: the start posture
                 differs between strikes, and the arm has to be there with the whip at rest.
@@ -69,14 +71,12 @@ class Library:
         """
         number("size", size, low=1)
         number("speed", speed, low=0)
-        strikes, free = _drawn(striker, int(size), seed, q_i)
-        kept, paths = sure_paths(striker, strikes, rate=RATE)
-        strikes, paths = strikes[kept], paths[kept]
+        strikes, free = _kept(striker, int(size), seed, q_i)
         if not len(strikes):
             limits = " and ".join(x.words for x in striker.limits.members) or None
-            raise InputError(
-                "limits", limits, "limits that some strike keeps", "make the strikes slower: raise the bounds of D"
-            )
+            fix = "make the strikes slower: raise the bounds of D; or raise the arm above the floor"
+            raise InputError("limits", limits, "limits that some strike keeps", fix)
+        _, paths = striker.paths(strikes, rate=RATE)
         velocities = np.gradient(paths, 1 / RATE, axis=1)
         fast = np.linalg.norm(velocities, axis=2)
         with np.errstate(invalid="ignore"):
@@ -86,27 +86,9 @@ class Library:
         return cls(striker, free, strikes, owner, at / RATE, paths[owner, at], velocities[owner, at])
 
 
-def sure_paths(striker: Striker, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether the peak values of strikes keep the limits, and the paths of their tips.
-
-    Args:
-        striker: Simulator of strikes.
-        strikes: Strike vectors, (B, m).
-        rate: Sampling rate [1/s].
-
-    Returns:
-        Whether each strike keeps the limits, (B,), and S samples of each path in d dimensions, (B, S, d) [m].
-    """
-    near, paths = striker.rollout.peaks_and_path(strikes, t_stay=striker.t_stay, rate=rate)
-    beyond = [striker.limits.violation_of_command(strikes)]
-    beyond += [limits.violation_of_peaks(near) for limits in striker.limits.members]
-    return ~near.diverged & (np.max(beyond, axis=0) <= 0), paths
-
-
-def _drawn(striker: Striker, size: int, seed: int, q_i: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return random strikes of the striker's box, and which of their numbers may be chosen."""
-    n = striker.rollout.model.arm.n
-    strikes, free = striker.bounds.sample(np.random.default_rng(seed), size), np.ones(len(striker.lower), bool)
+def _kept(striker: Striker, size: int, seed: int, q_i: Sequence[float] | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return random strikes of the striker's box that may be made, and which of their numbers may be chosen."""
+    n, free = striker.rollout.model.arm.n, np.ones(len(striker.lower), bool)
     if q_i is not None:
         if len(q_i) != n:
             raise InputError("q_i", q_i, f"{n} angles, one per joint")
@@ -114,5 +96,19 @@ def _drawn(striker: Striker, size: int, seed: int, q_i: Sequence[float] | None) 
         if not all(low <= x <= high for x, (low, high) in zip(q_i, ends, strict=True)):
             allowed = ", ".join(f"{low:.3g} to {high:.3g}" for low, high in ends)
             raise InputError("q_i", q_i, f"angles within the bounds, {allowed} rad", "give other bounds")
-        strikes[:, :n], free[:n] = q_i, False
-    return striker.admissible(strikes), free
+        free[:n] = False
+    limits, rng, found = striker.limits, np.random.default_rng(seed), np.empty((0, len(free)))
+    for draw in range(_DRAWS):
+        if len(found) >= size or (draw >= _HOPELESS and not len(found)):
+            break
+        strikes = striker.bounds.sample(rng, max(size, _DRAWN))
+        if q_i is not None:
+            strikes[:, :n] = q_i
+        strikes = striker.admissible(strikes)
+        strikes = strikes[limits.kept_beforehand(strikes)]
+        for first in range(0, len(strikes), _AT_ONCE):  # no more than are needed
+            if len(found) < size:
+                some = strikes[first : first + _AT_ONCE]
+                some = some[striker.paths(some, rate=RATE)[0]]
+                found = np.concatenate([found, some[striker.keep(some)]])
+    return found[:size], free

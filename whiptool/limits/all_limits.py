@@ -222,29 +222,43 @@ class AllLimits:
                     raise InputError(f"bounds[{i}]", (bounds.lower[i], bounds.upper[i]), rule)
         return StrikeBounds(tuple(lower), tuple(upper))
 
-    def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:
-        """Return the excess of commanded paths of strikes (B, 2 a + 1) over the limits, (B,); at most 0 within them."""
-        return np.max([c.violation(strikes) for c in self.commands], axis=0, initial=0.0) * np.ones(len(strikes))
+    @property
+    def floor(self) -> float:
+        """Height below which nothing may be [m]; minus infinity without a floor."""
+        floors = [x.floor for x in self.members if isinstance(x, Clearance) and x.floor is not None]
+        return max(floors, default=-np.inf)
 
-    def violations(
-        self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
-    ) -> np.ndarray:
-        """Return the excess of each strike over the limits, (B,); at most 0 within them. A strike whose peak values
-        keep a limit keeps it; otherwise its whole trajectory is checked if the peak values do not suffice.
+    def violation_of_peaks(self, near: Approach) -> np.ndarray:
+        """Return the excess of strikes over the limits by their peak values alone, (B,), by which searches rank them;
+        -1 without limits.
+
+        Peak values show neither distances nor speeds of points, so that they never tell that a strike may be made.
+        """
+        unlimited = np.full(np.shape(near.diverged), -1.0)
+        return np.max([unlimited, *(limits.violation_of_peaks(near) for limits in self.members)], axis=0)
+
+    def judged(
+        self,
+        strikes: np.ndarray,
+        near: Approach,
+        trajectory: Callable[[np.ndarray], Trajectory],
+        *,
+        candidates: Sequence[int] | np.ndarray,
+    ) -> tuple[np.ndarray, list[str]]:
+        """Return the excess of each strike over the limits, (B,), at most 0 within them, and the limit that it exceeds
+        most.
+
+        A strike whose peak values exceed a limit is checked along its whole trajectory if peak values do not suffice.
+        Distances and speeds of points are checked for the candidates alone.
 
         Args:
             strikes: Strike vectors, (B, 2 a + 1).
             near: Closest approaches of the strikes.
             trajectory: Function that returns the whole trajectory of a strike (2 a + 1,).
-        """
-        return self.judged(strikes, near, trajectory)[0]
+            candidates: Indices of all strikes that may be made if they keep the limits, such as hits.
 
-    def judged(
-        self, strikes: np.ndarray, near: Approach, trajectory: Callable[[np.ndarray], Trajectory]
-    ) -> tuple[np.ndarray, list[str]]:
-        """Return the excess of each strike over the limits, (B,), as `violations`, and the limit that it exceeds most.
-
-        The limits are named by their `judges`, (B,) strings; for a strike within all limits the name has no meaning.
+        Returns:
+            The excess, and the `judges` of the limits, (B,) strings without a meaning for strikes within all limits.
         """
         beyond, names = [np.zeros(len(strikes))], [COMMANDED]
         for limits in self.members:
@@ -258,7 +272,11 @@ class AllLimits:
             beyond.append(its)
             names.append(limits.judges)
         rows = np.array(beyond)  # (limits, B)
-        return rows.max(axis=0), [names[k] for k in rows.argmax(axis=0)]
+        most, by = rows.max(axis=0), [names[k] for k in rows.argmax(axis=0)]
+        for i in candidates if self.of_candidates else ():
+            if most[i] <= 0:
+                most[i], by[i] = self.judged_whole(trajectory(strikes[i]))
+        return most, by
 
     @property
     def of_candidates(self) -> bool:

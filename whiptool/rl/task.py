@@ -252,9 +252,7 @@ class StrikeTask:
 
     def _beyond(self, strikes: np.ndarray, approach: Approach, hit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far strikes are beyond the limits, and beyond which, (B,) each; of hits the whole strike is looked at."""
-        beyond, by = self.limits.judged(strikes, approach, self._trajectory)
-        for i in np.flatnonzero(hit & (beyond <= 0)) if self.limits.of_candidates else ():
-            beyond[i], by[i] = self.limits.judged_whole(self._trajectory(strikes[i]))
+        beyond, by = self.limits.judged(strikes, approach, self._trajectory, candidates=np.flatnonzero(hit))
         return beyond, np.array(by)
 
     def within_limits(self, strike: np.ndarray) -> bool:

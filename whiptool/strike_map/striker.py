@@ -12,7 +12,6 @@ import numpy as np
 from whiptool.errors import InputError
 from whiptool.goals.goals import Goals
 from whiptool.limits.all_limits import AllLimits, limits_given
-from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits
 from whiptool.models.strike import T_STAY, Strike, StrikeBounds, default_bounds
 from whiptool.models.trajectory import Approach, Trajectory
@@ -104,21 +103,22 @@ class Striker:
         return np.all((strikes >= self.lower) & (strikes <= self.upper), axis=1)
 
     def paths(self, strikes: np.ndarray, *, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return whether the peak values and tip paths of strikes keep the limits, and the tip paths.
+        """Return whether strikes are worth asking `keep` about, by their peak values and tip paths, and the tip paths.
 
         Args:
             strikes: Strike vectors, (B, m).
             rate: Sampling rate [1/s].
 
         Returns:
-            Whether each strike keeps the limits, (B,), and S samples of each path in d dimensions, (B, S, d) [m].
+            Whether each strike may keep the limits, (B,): False rules it out, True does not tell that it may be made.
+            S samples of each path in d dimensions, (B, S, d) [m].
         """
         near, paths = self.rollout.peaks_and_path(strikes, t_stay=self.t_stay, rate=rate)
         lowest = np.min(paths[:, :, -1], axis=1, initial=np.inf, where=np.isfinite(paths[:, :, -1]))
-        return (self._beyond(strikes, near) <= 0) & (lowest >= self._floor), paths
+        return (self._beyond(strikes, near) <= 0) & (lowest >= self.limits.floor), paths
 
     def keep(self, strikes: np.ndarray) -> np.ndarray:
-        """Return whether the whole trajectories of strikes (B, m) keep all limits, (B,)."""
+        """Return whether strikes (B, m) may be made: whether their whole trajectories keep all limits, (B,)."""
         if not self.limits or not len(strikes):
             return np.ones(len(strikes), bool)
         played = zip(strikes, self.rollout.trajectories(strikes, t_stay=self.t_stay), strict=True)
@@ -156,15 +156,10 @@ class Striker:
         near, dtip, dvelocity = self.rollout.arrival_gradient(strikes, goals.positions, t_stay=self.t_stay)
         return goals.residual_slopes(near.velocity, dtip, dvelocity)
 
-    @property
-    def _floor(self) -> float:
-        """Below which no tip may be [m]; minus infinity where there is no floor."""
-        floors = [x.floor for x in self.limits.members if isinstance(x, Clearance) and x.floor is not None]
-        return max(floors, default=-np.inf)
-
     def _beyond(self, strikes: np.ndarray, near: Approach) -> np.ndarray:
-        """Return how far strikes are beyond the limits, (B,); infinite where they diverged."""
-        return np.where(near.diverged, np.inf, self.limits.violations(strikes, near, self._trajectory))
+        """Return how far strikes are beyond the limits that peak values show, (B,); infinite where they diverged."""
+        beyond, _ = self.limits.judged(strikes, near, self._trajectory, candidates=())
+        return np.where(near.diverged, np.inf, beyond)
 
     def _trajectory(self, strike: np.ndarray) -> Trajectory:
         return self.rollout.trajectory(Strike.from_vector(strike), t_stay=self.t_stay)

@@ -246,7 +246,7 @@ def _easiest_to_hold(
         diverged=np.zeros(len(q), bool),
         positions=np.stack([q, q], axis=1),
     )
-    beyond = np.max([each.violation_of_peaks(at_rest) for each in limits.members], axis=0)
+    beyond = limits.violation_of_peaks(at_rest)
     least = int(beyond.argmin())
     units = ["N" if joint in model.arm.slides else "N m" for joint in model.arm.joints]
     held = zip(model.arm.joints, tau[least], units, strict=True)
