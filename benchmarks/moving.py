@@ -19,12 +19,12 @@ shift the start of the same strike; `aim`: later frames move the strike, too; `o
 With `--model` plans of one model are confirmed in MuJoCo instead, for lemon2024 or a robot within its default limits.
 Half of the targets move straight on at 0.5 m/s, half are thrown; each passes, 0.8 to 1.6 s after the decision, a point
 at which the tip of another strike that keeps the limits is faster than 2 m/s, and was above the floor until then. A
-plan is followed as in `aim, any q_i`, and counts as kept if `Striker.keep` says so, and as a hit if it is kept, the tip
-in MuJoCo comes within 6 cm of the target's true position, and neither the target then nor the whip ever is below the
-floor.
+plan is made as in `once, any q_i`, and counts as kept if `Striker.keep` says so, and as a hit if it is kept, the tip in
+MuJoCo comes within 6 cm of the target's true position, and neither the target then nor the whip ever is below the
+floor. A run that is stopped continues with the same `--tracks`.
 
     python benchmarks/moving.py [--quick] [--json] [--targets 100] [--seeds 0]
-    python benchmarks/moving.py --model ur5e [--quick] [--json] [--targets 100] [--seeds 0] [--size 600]
+    python benchmarks/moving.py --model ur5e [--quick] [--json] [--targets 100] [--seeds 0] [--size 300] [--tracks FILE]
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import binomtest
@@ -65,7 +66,7 @@ SEEN = 0.5  # [s] of track before the decision
 RADII = (0.06, 0.03, 0.01)  # [m]
 WAITING = (-1.4, 0.1)  # [rad], of 30 postures the one from which most thrown balls could be met
 OTHERS, OTHER_SEED = 4000, 99  # strikes that say what can be met
-PLACES, SPEED = 100, 2.0  # points of other strikes' tips that targets pass, and the tip's least speed there [m/s]
+PLACES, SPEED = 60, 2.0  # points of other strikes' tips that targets pass, and the tip's least speed there [m/s]
 PLANNER, TRUTH = 5e-4, 2.5e-4  # [s], timesteps
 UPDATES = {"none": "once", "time": "time", "aim": "aim"}
 
@@ -248,11 +249,13 @@ class Robot:
 
     def confirmed(self, target: MovingTarget, seed: int) -> dict:
         """What came of the plan for a target; lengths in metres."""
-        sent = follow(self.library, "aim", target, seed)
+        sent, striker = follow(self.library, "none", target, seed), self.library.striker
         chosen = sent.strike
         if chosen is None:
             return {"planned": False}
-        path = self.reference.trajectory(chosen.strike, t_stay=self.library.striker.t_stay)
+        kept = bool(striker.keep(chosen.strike.vector[None])[0])
+        simulator = self.reference if kept else striker.rollout  # what is not kept cannot be a hit
+        path = simulator.trajectory(chosen.strike, t_stay=striker.t_stay)
         whip = joint_points(self.reference.model, path.q[::5])[:, self.reference.model.arm.n :]
         there = target.positions(chosen.start + path.t)
         there[there[:, -1] < self.floor] = np.nan
@@ -260,30 +263,34 @@ class Robot:
         return {
             "planned": True,
             "probability": chosen.probability,
-            "kept": bool(self.library.striker.keep(chosen.strike.vector[None])[0]),
+            "kept": kept,
             "miss": float(closest_on_segments(path.tip - there, np.zeros(len(tip))).distance),
             "off": float(np.linalg.norm(np.array(tip) - chosen.point)),  # of the planned contact
             "height": float(whip[..., -1].min()) - self.floor,
             "underground": bool(chosen.point[-1] < self.floor),
             "plan_time": sent.plan_time,
-            "refresh_times": sent.refresh_times,
         }
 
 
-def confirm(name: str, count: int, seeds: Sequence[int], size: int) -> dict:
-    """Plans for targets of one model, confirmed in MuJoCo."""
+def confirm(name: str, count: int, seeds: Sequence[int], size: int, tracks: Path | None) -> dict:
+    """Plans for targets of one model, confirmed in MuJoCo; a file may keep the results of single tracks."""
     began = time.perf_counter()
     robot = Robot.named(name, size)
     building = time.perf_counter() - began
-    found = []
-    for seed in seeds:
-        rng = np.random.default_rng([seed, 7])
-        for number in tqdm(range(count), leave=False, unit=" tracks"):
-            found.append(robot.confirmed(robot.target(rng, number), 1000 * seed + number))
+    found = [json.loads(line) for line in tracks.read_text().splitlines()] if tracks and tracks.exists() else []
+    known = len(found)
+    for i, (seed, number) in enumerate(
+        tqdm([(s, i) for s in seeds for i in range(count)], leave=False, unit=" tracks")
+    ):
+        if i >= known:
+            target = robot.target(np.random.default_rng([seed, 7, number]), number)
+            found.append(robot.confirmed(target, 1000 * seed + number))
+            if tracks is not None:
+                with tracks.open("a") as file:
+                    file.write(json.dumps(found[-1]) + "\n")
     plans = [x for x in found if x["planned"]]
     above = [x["height"] >= 0 for x in plans]
     met = [x["miss"] <= RADII[0] for x in plans]
-    refreshes = [t for x in plans for t in x["refresh_times"]]
     return {
         "model": name,
         "strikes": len(robot.library.strikes),
@@ -301,7 +308,6 @@ def confirm(name: str, count: int, seeds: Sequence[int], size: int) -> dict:
         "hits": sum(a and m and x["kept"] for a, m, x in zip(above, met, plans, strict=True)),
         "believed": float(np.mean([x["probability"] for x in plans])) if plans else None,
         "plan_seconds": float(np.median([x["plan_time"] for x in plans])) if plans else None,
-        "refresh_seconds": float(np.median(refreshes)) if refreshes else None,
     }
 
 
@@ -345,11 +351,14 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=100, help="of each kind and seed (default: 100)")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="of targets and noise (default: 0)")
     parser.add_argument("--model", help="confirm the plans of this preset in MuJoCo instead")
-    parser.add_argument("--size", type=int, default=600, help="strikes of its library (default: 600)")
+    parser.add_argument("--size", type=int, default=300, help="strikes of its library (default: 300)")
+    parser.add_argument("--tracks", type=Path, help="file of the results of single tracks, which are not repeated")
     arguments = parser.parse_args()
     count = 20 if arguments.quick else arguments.targets
     if arguments.model:
-        found = confirm(arguments.model, count, arguments.seeds, 60 if arguments.quick else arguments.size)
+        found = confirm(
+            arguments.model, count, arguments.seeds, 60 if arguments.quick else arguments.size, arguments.tracks
+        )
         print(json.dumps(found) if arguments.json else "\n".join(f"{name:20s} {x}" for name, x in found.items()))
         return
     rollout = CompiledRollout(MODEL, CONTROLLER, timestep=PLANNER)

@@ -16,7 +16,7 @@ def plan(track: TargetTrack, library: Library, *, now, rng, latency: float = LAT
 
 def refresh(
     old: Interception, track: TargetTrack, library: Library, *, now, rng, aim=True, latency: float = LATENCY, **options
-) -> Interception:
+) -> Interception | None:
     """Likewise."""
     return Interceptor(library, **options).refresh(old, track, now=now, rng=rng, aim=aim, earliest=now + latency)
 

@@ -11,7 +11,7 @@ from whiptool.interception.library import Library
 from whiptool.interception.target_tracks import GRAVITY, TargetTrack, find_motion, fit_track
 from whiptool.models import preset
 from whiptool.models.trajectory import closest_on_segments
-from whiptool.rollout import CompiledRollout
+from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.strike_map.striker import Striker
 
 T = np.linspace(-0.5, 0.0, 31)
@@ -38,16 +38,67 @@ def test_a_pendulum_is_refused_by_name():
         fit_track(T, thrown(T), sigma=0.005, motion="pendulum")
 
 
-def test_a_robot_meets_a_target_that_flies_past():
-    library = Library.build(Striker(CompiledRollout(preset("ur5e"))), size=12)
-    i = int(np.argmax(library.points[:, 0]))
-    place, velocity, meeting = library.points[i] + 0.02, np.array([-0.3, 0.4, 0.1]), 1.5 + library.tau[i]
-    track = TargetTrack.known(find_motion("straight", dimension=3), np.r_[place - velocity * meeting, velocity])
-    aim = Aim(Interceptor(library), track, 0.0, 0.2, 5.0)
-    which, start, tau = (x[:1] for x in aim.crossings(8))
-    x, start, tau = aim.steer(library.strikes[which], start, tau, free=library.free, steps=3)
-    path = library.striker.rollout.trajectory(x[0], t_stay=library.striker.t_stay)
-    assert closest_on_segments(path.tip - track.position(start[0] + path.t), np.zeros(3)).distance < 2e-3
-    met = aim.best(x, start, tau, rng=np.random.default_rng(0), samples=8, began=0.0)
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return Library.build(Striker(CompiledRollout(preset("ur5e"))), size=24)
+
+
+def passing(library: Library, i: int, away: float, velocity: tuple[float, float, float]) -> TargetTrack:
+    """A target that passes near a point of a strike of the library in time."""
+    meeting, velocity = 1.5 + library.tau[i], np.array(velocity)
+    numbers = np.r_[library.points[i] + away - velocity * meeting, velocity]
+    return TargetTrack.known(find_motion("straight", dimension=3), numbers)
+
+
+def test_all_strikes_of_a_robots_library_keep_its_limits(library):
+    assert len(library.strikes) == 24
+    assert library.striker.keep(library.strikes).all()
+    assert library.points[:, 2].min() > 0
+
+
+def test_a_robot_meets_a_target_that_flies_past_within_its_limits(library):
+    track = passing(library, int(np.argmax(library.points[:, 2])), -0.01, (-0.3, 0.4, 0.1))
+    met = Interceptor(library).plan(track, now=0.0, earliest=0.2, rng=np.random.default_rng(0))
+    assert met is not None
     assert met.probability == 1
+    assert library.striker.keep(met.strike.vector[None]).all()
     assert np.array(met.point) == pytest.approx(track.position(met.contact)[0], abs=3e-3)
+    assert library.strikes.tolist().count(list(met.strike.vector)) == 0  # it was steered
+    path = ReferenceRollout(preset("ur5e")).trajectory(met.strike, t_stay=library.striker.t_stay)
+    assert closest_on_segments(path.tip - track.position(met.start + path.t), np.zeros(3)).distance < 3e-3
+    assert path.tip[:, 2].min() > 0
+
+
+def test_a_strike_of_the_library_is_chosen_where_no_steered_one_keeps_the_limits(library, monkeypatch):
+    """What is asked last is `keep`; here it knows the library's strikes alone."""
+    track, known = passing(library, int(np.argmax(library.points[:, 2])), -0.01, (-0.3, 0.4, 0.1)), library.strikes.tolist()
+    monkeypatch.setattr(Striker, "keep", lambda self, strikes: np.array([list(x) in known for x in strikes]))
+    met = Interceptor(library).plan(track, now=0.0, earliest=0.2, rng=np.random.default_rng(0))
+    assert met is not None
+    assert list(met.strike.vector) in known
+    again = Interceptor(library).refresh(met, track, now=0.1, earliest=0.2, rng=np.random.default_rng(0))
+    assert again is not None
+    assert again.strike == met.strike
+    monkeypatch.setattr(Striker, "keep", lambda self, strikes: np.zeros(len(strikes), bool))
+    assert Interceptor(library).plan(track, now=0.0, earliest=0.2, rng=np.random.default_rng(0)) is None
+    assert Interceptor(library).refresh(met, track, now=0.1, earliest=0.2, rng=np.random.default_rng(0)) is None
+
+
+def test_a_track_ends_at_the_floor(library):
+    """A ball that falls through a point of the library, 0.5 s after it came down to the floor: there is no such ball."""
+    i = int(np.argmin(library.points[:, 2]))
+    fast = (0.0, 0.0, -0.3)
+    track = passing(library, i, 0.0, fast)
+    floor, lands = 0.0, track.position(np.linspace(0, 3, 3001))[:, 2]
+    when = np.linspace(0, 3, 3001)[np.argmax(lands < floor)]
+    aim = Aim(Interceptor(library), track, 0.0, 0.2, 5.0)
+    assert aim.latest == pytest.approx(when, abs=0.011)
+    assert Aim(Interceptor(library), passing(library, i, 1.0, (0.1, 0.0, 0.1)), 0.0, 0.2, 5.0).latest == 5.0
+    under = TargetTrack.known(find_motion("still", dimension=3), library.points[i] * [1, 1, 0] - [0, 0, 0.01])
+    assert np.linalg.norm(under.position(0.0)[0] - library.points[i]) < 0.06  # within the hit radius of a strike
+    assert Interceptor(library).plan(under, now=0.0, rng=np.random.default_rng(0)) is None
+    tip = np.tile(library.points[i] * [1, 1, 0], (3, 1))
+    below = aim.outlook(tip, np.arange(3.0), under, np.random.default_rng(0), 4)
+    assert below.probability == 0
+    above = TargetTrack.known(under.motion, under.numbers + [0, 0, 0.02])
+    assert aim.outlook(tip, np.arange(3.0), above, np.random.default_rng(0), 4).probability == 1

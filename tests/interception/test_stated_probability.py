@@ -12,7 +12,8 @@ from scipy.special import erf
 
 from whiptool.interception.interceptor import Aim, Interceptor
 from whiptool.interception.target_tracks import TargetTrack, find_motion
-from whiptool.limits.all_limits import AllLimits
+from whiptool.models import preset
+from whiptool.strike_map.striker import Striker
 
 SPREAD, RADIUS, SPEED, TAU = 0.05, 0.035, 10.0, 0.3  # [m], [m], [m/s], [s]
 POINT = np.array([1.0, 0.0])
@@ -21,6 +22,7 @@ POINT = np.array([1.0, 0.0])
 class Rollout:
     """A tip that flies straight along an angle, the strike's first number, past a point at a distance, its second."""
 
+    model, prescribed, space = preset("lemon2024"), False, SimpleNamespace(kind="joint")
     diverged = staticmethod(lambda x: np.zeros(len(x), bool))
 
     def peaks_and_path(self, x, *, t_stay, rate):
@@ -35,7 +37,7 @@ class Rollout:
 def aim(spread: float = SPREAD) -> Aim:
     """A target at rest near the point, its place known to `spread` in each coordinate."""
     track = TargetTrack(find_motion("still"), POINT, spread**2 * np.eye(2))
-    striker = SimpleNamespace(rollout=Rollout(), t_stay=0.3, limits=AllLimits(None))
+    striker = Striker(Rollout(), limits=None, t_stay=0.3)
     library: Any = SimpleNamespace(striker=striker, points=POINT[None])
     return Aim(Interceptor(library, RADIUS), track, 0.0, 0.0, 2.0)
 

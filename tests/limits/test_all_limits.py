@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from repository import ROOT
 
 import whiptool as wt
 from whiptool.errors import InputError
@@ -154,3 +156,34 @@ def test_a_motor_by_its_name_is_refused_with_what_gives_it():
     model = preset("lemon2024")
     with pytest.raises(InputError, match=r"^limits: got 'XM430'; .*; give limits_preset\('xm430'\)$"):
         limits_given("XM430", model, prescribed=False)
+
+
+ASKED = re.compile(r"\.(violation_of_peaks|of_candidates)\b")
+OF_SEARCHES = {"adaptation/planner.py", "commands/options/search_options.py"}  # rank strikes; refuse postures
+
+
+def test_no_one_outside_asks_a_part_of_the_limits():
+    """Peak values show no distances; whether a strike may be made is asked of all limits, along the whole strike."""
+    asking = {
+        str(file.relative_to(ROOT / "whiptool"))
+        for file in (ROOT / "whiptool").rglob("*.py")
+        if file.parent.name != "limits" and ASKED.search(file.read_text())
+    }
+    whole = {"objective.py", "strike_map/striker.py", "comparison/learner_unit.py"}  # go on to whole trajectories
+    assert asking == OF_SEARCHES | whole
+
+
+def test_candidates_are_judged_along_their_whole_trajectories():
+    """Of three strikes whose peak values say nothing, the first and the last are too low; the first is no candidate."""
+    low: Any = SimpleNamespace(
+        violation=lambda path: path,
+        command=None,
+        judges="height",
+        by_peaks=True,
+        of_candidates=True,
+        violation_of_peaks=lambda near: np.array([-1.0, -1.0, -1.0]),
+    )
+    strikes, heights = np.arange(3.0)[:, None], [0.5, -0.5, 0.25]
+    found = AllLimits(low).judged(strikes, low, lambda strike: heights[int(strike[0])], candidates=[1, 2])
+    assert found[0].tolist() == [0.0, 0.0, 0.25]
+    assert found[1][2] == "height"

@@ -327,9 +327,9 @@ class Aim:
         Returns:
             The changed x, start and tau.
         """
-        striker, lower, upper = self.library.striker, self.library.striker.lower, self.library.striker.upper
+        striker = self.library.striker
         names = [name for name, yes in zip(strike_names(striker.rollout.model.arm), free, strict=True) if yes]
-        width, x = (upper - lower)[free], x.copy()
+        width, x = striker.widths[free], x.copy()
         path = slope = np.empty(0)
         for step in range(steps):
             if step == 0 or len(names):
@@ -343,7 +343,8 @@ class Aim:
             held = start + _START * move[:, -2] < self.earliest  # t0 cannot go there: without it
             A[held, :, -2] = 0
             move[held] = _smallest(A[held], gap[held])
-            x[:, free] = np.clip(x[:, free] + width * move[:, :-2], lower[free], upper[free])
+            x[:, free] += width * move[:, :-2]
+            x = striker.admissible(x) if len(names) else x
             start = np.maximum(start + _START * move[:, -2], self.earliest)
             tau = tau + _CONTACT * move[:, -1]
             start = np.minimum(start, np.maximum(self.latest - tau, self.earliest))
