@@ -24,7 +24,7 @@ MuJoCo comes within 6 cm of the target's true position, and neither the target t
 floor. A run that is stopped continues with the same `--tracks`.
 
     python benchmarks/moving.py [--quick] [--json] [--targets 100] [--seeds 0]
-    python benchmarks/moving.py --model ur5e [--quick] [--json] [--targets 100] [--seeds 0] [--size 300] [--tracks FILE]
+    python benchmarks/moving.py --model ur5e [--quick] [--json] [--targets 100] [--seeds 0] [--size 100] [--tracks FILE]
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ SEEN = 0.5  # [s] of track before the decision
 RADII = (0.06, 0.03, 0.01)  # [m]
 WAITING = (-1.4, 0.1)  # [rad], of 30 postures the one from which most thrown balls could be met
 OTHERS, OTHER_SEED = 4000, 99  # strikes that say what can be met
-PLACES, SPEED = 60, 2.0  # points of other strikes' tips that targets pass, and the tip's least speed there [m/s]
+PLACES, SPEED = 30, 2.0  # points of other strikes' tips that targets pass, and the tip's least speed there [m/s]
 PLANNER, TRUTH = 5e-4, 2.5e-4  # [s], timesteps
 UPDATES = {"none": "once", "time": "time", "aim": "aim"}
 
@@ -351,7 +351,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=100, help="of each kind and seed (default: 100)")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="of targets and noise (default: 0)")
     parser.add_argument("--model", help="confirm the plans of this preset in MuJoCo instead")
-    parser.add_argument("--size", type=int, default=300, help="strikes of its library (default: 300)")
+    parser.add_argument("--size", type=int, default=100, help="strikes of its library (default: 100)")
     parser.add_argument("--tracks", type=Path, help="file of the results of single tracks, which are not repeated")
     arguments = parser.parse_args()
     count = 20 if arguments.quick else arguments.targets

@@ -43,10 +43,13 @@ def library() -> Library:
     return Library.build(Striker(CompiledRollout(preset("ur5e"))), size=24)
 
 
-def passing(library: Library, i: int, away: float, velocity: tuple[float, float, float]) -> TargetTrack:
-    """A target that passes near a point of a strike of the library in time."""
-    meeting, velocity = 1.5 + library.tau[i], np.array(velocity)
-    numbers = np.r_[library.points[i] + away - velocity * meeting, velocity]
+HIGH, LOW = np.argmax, np.argmin
+
+
+def passing(library: Library, which, away: float, velocity: tuple[float, float, float]) -> TargetTrack:
+    """A target that passes near the highest or lowest point of the library's strikes in time."""
+    i = int(which(library.points[:, 2]))
+    numbers = np.r_[library.points[i] + away - np.array(velocity) * (1.5 + library.tau[i]), velocity]
     return TargetTrack.known(find_motion("straight", dimension=3), numbers)
 
 
@@ -57,7 +60,7 @@ def test_all_strikes_of_a_robots_library_keep_its_limits(library):
 
 
 def test_a_robot_meets_a_target_that_flies_past_within_its_limits(library):
-    track = passing(library, int(np.argmax(library.points[:, 2])), -0.01, (-0.3, 0.4, 0.1))
+    track = passing(library, HIGH, -0.01, (-0.3, 0.4, 0.1))
     met = Interceptor(library).plan(track, now=0.0, earliest=0.2, rng=np.random.default_rng(0))
     assert met is not None
     assert met.probability == 1
@@ -71,7 +74,7 @@ def test_a_robot_meets_a_target_that_flies_past_within_its_limits(library):
 
 def test_a_strike_of_the_library_is_chosen_where_no_steered_one_keeps_the_limits(library, monkeypatch):
     """What is asked last is `keep`; here it knows the library's strikes alone."""
-    track, known = passing(library, int(np.argmax(library.points[:, 2])), -0.01, (-0.3, 0.4, 0.1)), library.strikes.tolist()
+    track, known = passing(library, HIGH, -0.01, (-0.3, 0.4, 0.1)), library.strikes.tolist()
     monkeypatch.setattr(Striker, "keep", lambda self, strikes: np.array([list(x) in known for x in strikes]))
     met = Interceptor(library).plan(track, now=0.0, earliest=0.2, rng=np.random.default_rng(0))
     assert met is not None
@@ -85,20 +88,16 @@ def test_a_strike_of_the_library_is_chosen_where_no_steered_one_keeps_the_limits
 
 
 def test_a_track_ends_at_the_floor(library):
-    """A ball that falls through a point of the library, 0.5 s after it came down to the floor: there is no such ball."""
-    i = int(np.argmin(library.points[:, 2]))
-    fast = (0.0, 0.0, -0.3)
-    track = passing(library, i, 0.0, fast)
-    floor, lands = 0.0, track.position(np.linspace(0, 3, 3001))[:, 2]
-    when = np.linspace(0, 3, 3001)[np.argmax(lands < floor)]
+    """A target that sinks to the floor is met no later than there, and not within the hit radius below it."""
+    track, times = passing(library, LOW, 0.0, (0.0, 0.0, -0.3)), np.linspace(0, 4, 4001)
+    lands = times[np.argmax(track.position(times)[:, 2] < 0)]
     aim = Aim(Interceptor(library), track, 0.0, 0.2, 5.0)
-    assert aim.latest == pytest.approx(when, abs=0.011)
-    assert Aim(Interceptor(library), passing(library, i, 1.0, (0.1, 0.0, 0.1)), 0.0, 0.2, 5.0).latest == 5.0
-    under = TargetTrack.known(find_motion("still", dimension=3), library.points[i] * [1, 1, 0] - [0, 0, 0.01])
-    assert np.linalg.norm(under.position(0.0)[0] - library.points[i]) < 0.06  # within the hit radius of a strike
-    assert Interceptor(library).plan(under, now=0.0, rng=np.random.default_rng(0)) is None
-    tip = np.tile(library.points[i] * [1, 1, 0], (3, 1))
-    below = aim.outlook(tip, np.arange(3.0), under, np.random.default_rng(0), 4)
-    assert below.probability == 0
-    above = TargetTrack.known(under.motion, under.numbers + [0, 0, 0.02])
-    assert aim.outlook(tip, np.arange(3.0), above, np.random.default_rng(0), 4).probability == 1
+    assert aim.latest == pytest.approx(lands, abs=0.011)
+    assert Aim(Interceptor(library), passing(library, LOW, 1.0, (0.1, 0.0, 0.1)), 0.0, 0.2, 5.0).latest == 5.0
+    below, above = (
+        TargetTrack.known(find_motion("still", dimension=3), np.array([0.5, 0.2, z])) for z in (-0.01, 0.01)
+    )
+    assert Interceptor(library).plan(below, now=0.0, rng=np.random.default_rng(0)) is None
+    tip, when = np.tile([0.5, 0.2, 0.02], (3, 1)), np.arange(3.0)  # 3 cm from the one, 1 cm from the other
+    met = [aim.outlook(tip, when, one, np.random.default_rng(0), 4).probability for one in (below, above)]
+    assert met == [0, 1]

@@ -408,7 +408,7 @@ class _Outlook(NamedTuple):
 
 
 def _hopeful(chosen: Interception | None) -> Interception | None:
-    """Return a plan, or None if there is none or its probability of a hit is stated as 0.00."""
+    """Return a plan, or None instead of one whose probability of a hit is stated as 0.00."""
     return None if chosen is None or chosen.probability < _NONE else chosen
 
 

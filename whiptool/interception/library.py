@@ -59,7 +59,7 @@ class Library:
 
         Args:
             striker: Simulator of strikes; those that exceed its limits are left out.
-            size: Number of strikes that keep the limits; fewer if so few are found in 256 draws of as many, or of 1,024.
+            size: Number of strikes; fewer if not so many keep the limits among 256 times as many.
             seed: Seed of the strikes.
             q_i: Posture in which the arm waits and from which all strikes start [rad], (a,). Default: the start posture
                 differs between strikes, and the arm has to be there with the whip at rest.

@@ -1,4 +1,4 @@
-"""Where the tip of a whip can hit: the paths of random strikes within the limits, counted in cells."""
+"""Where the tip of a whip comes: the paths of random strikes within the joints' limits, counted in cells."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _THICK = 0.1  # of the reach, on both sides of a plane in space in which paths a
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Random strikes that keep the limits, and the paths of their tips.
+    """Random strikes and the paths of their tips. They keep the limits of the joints, and their tips stay above the
+    floor; other distances are not checked, so that a strike that is to be made has to be judged.
 
     Args:
         strikes: Strike vectors, (B, m).
@@ -68,7 +69,7 @@ def drawn_strikes(striker: Striker, *, seed: int = 0) -> Iterator[np.ndarray]:
 
 
 def sampled(striker: Striker, drawn: np.ndarray) -> Iterator[Sampled | None]:
-    """Simulate random strikes in parts; yield None after each part, and at the end those within the limits.
+    """Simulate random strikes in parts; yield None after each part, and at the end those that `Striker.paths` keeps.
 
     Args:
         striker: Simulator of strikes with its limits.

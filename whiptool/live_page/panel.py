@@ -273,8 +273,8 @@ class Panel:
         """Explain the heat map."""
         colors = "#ffffcc,#feb24c,#f03b20,#800026"
         self._heat_note.content = (
-            f'<div style="{_NOTE}">Share of random strikes within the limits that pass a cell of '
-            f"{100 * heat.cell:.1f} cm, in the vertical plane through the target"
+            f'<div style="{_NOTE}">Share of random strikes that pass a cell of {100 * heat.cell:.1f} cm in the '
+            "vertical plane through the target; they keep the limits of the joints, with the tip above the floor"
             f'<div style="height:8px;border-radius:3px;background:linear-gradient(90deg,{colors})"></div>'
             '<div style="display:flex;justify-content:space-between">'
             f"<span>{LEAST:.1%} or less</span><span>{MOST:.0%} or more</span></div></div>"

@@ -220,7 +220,7 @@ class Session:
                 yield
 
     def random_strikes(self) -> Sampled:
-        """Return random strikes of the present model within the limits."""
+        """Return random strikes of the present model, see `Sampled`."""
         for _ in self.sample():
             pass
         assert self._sampled is not None
