@@ -303,6 +303,22 @@ def test_after_an_interruption_further_signals_are_ignored_to_the_end() -> None:
     assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
 
 
+def test_further_signals_are_ignored_after_a_command_that_answered_one_itself() -> None:
+    """A search that was interrupted keeps what it found, and returns the status; so does a server that ends."""
+    assert cli.run(lambda: cli.INTERRUPTED) == 130
+    assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+
+
+def test_further_signals_are_ignored_after_a_server_that_a_signal_ended() -> None:
+    def served() -> int:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+        return 0
+
+    assert cli.run(served) == 0
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+
+
 def test_notes_of_an_error_are_told(capsys) -> None:
     def fails() -> int:
         error = cli.WhiptoolError("it failed")

@@ -53,6 +53,7 @@ def test_a_strike_leaves_a_recording_that_identification_reads(tmp_path: Path, c
         (["strike", *WORDS, "--preset", "table4"], ["unstable at 500 Hz"]),
         (["strike", "--strike", "-1.3", "0.4", "1.7", "1.4", "0.45"], ["XM430", "N m"]),
         (["strike", *WORDS, "--port", "/dev/nowhere", "--camera", "none", "--yes"], ["/dev/nowhere"]),
+        (["strike", *WORDS, "--port", "/dev/nowhere"], ["--camera: got 'twin (the default)'", "realsense"]),
     ],
 )
 def test_a_refused_strike_gets_one_line(words: list[str], said: list[str], tmp_path: Path, capsys) -> None:

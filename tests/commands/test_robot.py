@@ -93,6 +93,20 @@ def test_the_strike_of_a_run_is_made_with_the_runs_model(tmp_path, capsys):
     assert "1.000, 0.200, 0.600" in (tmp_path / "struck" / "report.html").read_text()
 
 
+def test_a_run_of_another_arm_is_refused_by_its_name(tmp_path, capsys):
+    """No --strike was typed: its numbers are those of the run."""
+    options = SimulateOptions(model="ur5e", target=(1.0, 0.2, 0.6), strike=VECTOR)
+    folder = RunFolder.create(tmp_path / "run", {"version": "1", **run_folders.configuration(options, "simulate")})
+    folder.write_result({"strike": dict(zip(range(13), VECTOR, strict=True))})
+    folder.close()
+    status, _, error = call(capsys, str(tmp_path / "run"), "--model", "panda")
+    assert (status, Counted.moved) == (2, 0)
+    assert f"RUN: got '{tmp_path / 'run'}'; allowed: a run whose strike has 15 numbers" in error
+    assert "its strike has 13: give --model of its arm" in error
+    status, _, error = call(capsys, str(tmp_path / "run"), "--model", "panda", "--strike", *WORDS[1:])
+    assert error.startswith("whiptool: --strike: got (-1.07, ")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

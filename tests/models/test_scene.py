@@ -208,3 +208,12 @@ def test_flat_ends_are_flat(tmp_path):
     arm = read_robot(path)
     assert arm.never_touch == ()
     assert Scene(Model(rope(3), arm), of="close").distances(np.zeros((1, 3)))[0].min() > 0.09
+
+
+def test_a_stick_is_called_a_stick():
+    """It is a capsule of the last link, behind the flange's own."""
+    names = [body.name for body in Scene(preset("fr3"), 0.0, ("close", "apart")).bodies]
+    assert names.count("the stick") == 1
+    assert names[-1] == "the stick"
+    assert "the link of joint7" in names
+    assert "the stick" not in [body.name for body in Scene(three_balls(), 0.0).bodies]

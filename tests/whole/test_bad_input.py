@@ -546,7 +546,7 @@ human . --draws 1 | --draws
 human . --workers 0 | --workers
 adapt --target 5 0 | target
 adapt --hit-radius 100 | --hit-radius: got 100
-adapt --port /dev/nowhere | --camera
+adapt --port /dev/nowhere | --camera: got 'points (the default)'
 adapt --port /dev/nowhere --camera realsense --family kin | --family
 adapt --port /dev/nowhere --camera realsense --no-friction | --friction
 adapt --port robot --latency 0.002 | --latency

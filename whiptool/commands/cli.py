@@ -205,7 +205,10 @@ def run(command: Callable[[], int]) -> int:
     Progress.quiet = False
     with Interruptions() as interruptions:
         try:
-            return command()
+            status = command()
+            if interruptions.came or status == INTERRUPTED:  # it answered the signal itself
+                interruptions.end()
+            return status
         except InputError as error:
             _say(error)
             return 2

@@ -58,7 +58,7 @@ class RigOptions(ArmOptions):
     def check(self) -> None:
         super().check()
         if self.port != "twin":
-            _check_camera(self.camera)
+            _check_camera(self.camera, self.camera_named)
         elif self.camera not in TWIN_CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(TWIN_CAMERAS) + " with --port twin")
 
@@ -163,12 +163,12 @@ def _make_rig(options: RigOptions, model, controller, interlock: Interlock):
     )
 
 
-def _check_camera(name: str) -> None:
-    """Refuse what is not a real camera."""
+def _check_camera(name: str, said: str) -> None:
+    """Refuse what is not a real camera; messages name it as `said`."""
     if name.endswith(".db3") and not Path(name).is_file():
         raise InputError("--camera", name, "a RealSense recording; there is no such file")
     if name not in ("none", "realsense") and not name.endswith(".db3"):
-        raise InputError("--camera", name, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
+        raise InputError("--camera", said, "realsense, a .db3 recording, none", "the twin's cameras need --port twin")
 
 
 def _strike(options: RigStrikeOptions) -> int:

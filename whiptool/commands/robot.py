@@ -38,7 +38,7 @@ from whiptool.commands.options.rig_options import (
 )
 from whiptool.commands.options.strike_options import LimitOptions
 from whiptool.commands.options.target_options import GoalOptions
-from whiptool.commands.simulate import strike_of
+from whiptool.commands.simulate import check_width, strike_of
 from whiptool.errors import NOTHING, InputError
 
 if TYPE_CHECKING:
@@ -147,7 +147,6 @@ def played_by_robot(run_folder: Path) -> RobotOptions:
 
 def _strike(options: RobotOptions) -> int:
     from whiptool.models.files import load_model
-    from whiptool.models.hand_space import numbers_of
     from whiptool.models.strike import JointSpace
     from whiptool.rig.loop_options import LoopOptions
     from whiptool.rig.robots.addresses import robot_at
@@ -158,8 +157,7 @@ def _strike(options: RobotOptions) -> int:
     space, target = JointSpace(model.arm), options.build_target(model)
     assert options.strike is not None
     robot = robot_at(options.robot, model)
-    if len(options.strike) != space.width:
-        raise InputError("--strike", options.strike, numbers_of(space))
+    check_width(options, space)
     target.check_reach(model)
     limits, interlock = options.build_limits(model, options.build_controller()), Interlock()
     tell_when_interrupted(lambda: interlock.torque)

@@ -31,6 +31,7 @@ from whiptool.whole_files import write_whole
 
 if TYPE_CHECKING:
     from whiptool.impedance import Controller
+    from whiptool.models.hand_space import StrikeSpace
 
 T = TypeVar("T", bound=OptionGroup)
 # commands whose runs hold a strike, and that go on
@@ -149,6 +150,26 @@ def strike_of(run_folder: Path, kind: type[T]) -> T:
     return _shared({**kept, "strike": list(strike.values())}, run_folder, kind)
 
 
+def check_width(options: Any, space: StrikeSpace) -> None:
+    """Refuse a strike of another number of coordinates than a model's, by the name of the option or run that gave it.
+
+    Args:
+        options: Options with a strike, and a run that it may be of.
+        space: Strikes of the model.
+
+    Raises:
+        InputError: The numbers are not the coordinates of such a strike.
+    """
+    from whiptool.models.hand_space import numbers_of
+
+    if len(options.strike) == space.width:
+        return
+    if options.run is None or options.strike != strike_of(options.run, type(options)).strike:
+        raise InputError("--strike", options.strike, numbers_of(space))
+    rule = f"a run whose strike has {numbers_of(space)}, for {options.model}"
+    raise InputError("RUN", str(options.run), rule, f"its strike has {len(options.strike)}: give --model of its arm")
+
+
 def _shared(kept: dict[str, Any], run_folder: Path, kind: type[T]) -> T:
     """Return the options of another command's run as far as they are options of `kind`, too."""
     mine = {f.name for f in fields(kind)} - kind.named("of_this_call")
@@ -202,11 +223,9 @@ def _strike(options: SimulateOptions, model):
         return load_policy(options.run).strike(options.build_target(model))
     if options.strike is None:
         return None
-    from whiptool.models.hand_space import numbers_of
 
     space = options.build_controller().strike_space(model.arm)
-    if len(options.strike) != space.width:
-        raise InputError("--strike", options.strike, numbers_of(space))
+    check_width(options, space)
     space.check_turns("--strike", options.strike)
     return space.strike(options.strike)
 

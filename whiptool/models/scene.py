@@ -181,6 +181,8 @@ class Scene:
         found = [("the base", _BASE, capsule) for capsule in arm.base]
         for i, (joint, of_link) in enumerate(zip(arm.joints, shapes, strict=True)):
             found += [(f"the link of {joint}", i, capsule) for capsule in of_link]
+        if arm.stick[0] and shapes[-1]:  # the last capsule of the last link, see `with_stick`
+            found[-1] = ("the stick", *found[-1][1:])
         return found
 
     def _compared(self) -> Iterator[tuple[tuple[int, int], Of]]:

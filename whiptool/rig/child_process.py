@@ -25,7 +25,7 @@ def start_child(*words: str) -> tuple[subprocess.Popen[bytes], Connection]:
     Ctrl-C does not reach it, so that this process decides what is stopped, as it would on another machine.
     """
     ours, theirs = socket.socketpair()
-    with theirs:
+    with theirs, signals_held():  # else a process could be left that no one ends
         process = subprocess.Popen(
             [sys.executable, "-m", *words, str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
@@ -69,6 +69,11 @@ class Emulated:
         except (EOFError, OSError) as error:
             self.close()
             raise WhiptoolError(f"{module} did not start; its error stands above") from error
+        except BaseException:  # a signal while it starts
+            self._control.close()
+            self._process.kill()
+            self._process.wait()
+            raise
         if refused is not None:
             self.close()
             raise InputError(*refused)
@@ -107,8 +112,14 @@ def serve_child(fd: int, make: Callable[[Any, Connection], tuple[Any, Callable[[
     control = Connection(fd)
     try:
         begun, serve = make(control.recv(), control)
-    except InputError as error:
-        control.send(((error.name, error.given, error.allowed, error.fix), None))
+        answer: Any = (None, begun)
+    except EOFError:  # who started it has ended
         return
-    control.send((None, begun))
-    serve()
+    except InputError as error:
+        serve, answer = None, ((error.name, error.given, error.allowed, error.fix), None)
+    try:
+        control.send(answer)
+    except OSError:  # likewise
+        return
+    if serve is not None:
+        serve()

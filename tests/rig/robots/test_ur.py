@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ur_robot import ARM, columns, driver, emulated, swing
 from whiptool.errors import InputError
 from whiptool.identification.servo_lag import ServoLag, fit_servo_lag
 from whiptool.models.joint_trajectory import JointTrajectory
+from whiptool.rig.robots import ur_client
 from whiptool.rig.robots.robot import Payload
 from whiptool.rig.robots.ur import UniversalRobot
 from whiptool.rig.stops import SafetyError
@@ -259,6 +261,29 @@ def test_no_motion_follows_a_fault_at_any_instant(seed):
     if len(moving) and error.kind != "lost":
         assert moving[-1] < seen
     assert not v[-50:].any()
+
+
+@pytest.mark.parametrize(
+    ("said", "fix"),
+    [
+        ("One of the RTDE input registers are already in use!", "end the other program that commands it"),
+        ("Timeout connecting to UR dashboard server.", "switch the robot on"),
+    ],
+)
+def test_a_robot_that_another_program_commands_is_not_to_be_switched_on(said, fix, monkeypatch):
+    def refused(*_):
+        raise RuntimeError(said)
+
+    ready = SimpleNamespace(
+        connect=lambda patience: None,
+        robotmode=lambda: "Robotmode: RUNNING",
+        safetystatus=lambda: "Safetystatus: NORMAL",
+        isInRemoteControl=lambda: True,
+    )
+    kinds = {"DashboardClient": lambda host: ready, "RTDEReceiveInterface": refused}
+    monkeypatch.setattr(ur_client, "optional", lambda *_: SimpleNamespace(**kinds))
+    with pytest.raises(InputError, match=fix):
+        ur_client.UrClient(SimpleNamespace(host="127.0.0.2")).connect()
 
 
 @pytest.mark.slow

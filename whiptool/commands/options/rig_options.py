@@ -93,6 +93,11 @@ class ArmOptions(OutputOptions, SeedOptions, ControllerOptions, ModelOptions, Ta
         number("--latency", self.latency, low=0, high=LONGEST_DELAY)
         loop_options(self)
 
+    @property
+    def camera_named(self) -> str:
+        """Name of the camera for messages, which tells whether it is the default."""
+        return self.camera if self.given("camera") else f"{self.camera} (the default)"
+
     def needs(self) -> tuple[str, ...]:
         film = self.camera == "realsense" or self.camera.endswith(".db3")
         images = self.camera not in ("points", "none")
@@ -256,7 +261,13 @@ def confirm(motion: Motion) -> bool:
 
 
 def says_yes(question: str) -> bool:
-    """Return whether a person types yes, in capitals or not; everything else, and no answer at all, is no."""
+    """Return whether a person types yes, in capitals or not; everything else, and no answer at all, is no. What was
+    typed at a terminal before the question does not answer it.
+    """
+    if sys.stdin.isatty():
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
     print(question, end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer.endswith("\n"):
@@ -392,7 +403,7 @@ class AdaptOptions(ResumableOptions, LiveOptions, GoalOptions, ExecutionOptions,
         if ADDRESS in self.port and self.camera not in VIRTUAL_CAMERAS:
             raise InputError("--camera", self.camera, ", ".join(VIRTUAL_CAMERAS) + " with a robot")
         if servos and self.port != "twin" and self.camera != "realsense" and not self.camera.endswith(".db3"):
-            raise InputError("--camera", self.camera, "realsense or a .db3 recording, with a real arm")
+            raise InputError("--camera", self.camera_named, "realsense or a .db3 recording, with a real arm")
         if self.wiggle and not self.still:
             raise InputError(
                 "--no-still",

@@ -124,6 +124,8 @@ class UrClient:
             raise
         except (RuntimeError, ValueError, SafetyError) as error:
             fix = "switch the robot on, and see that this computer reaches its address"
+            if "in use" in str(error).lower():
+                fix = "end the other program that commands it, or switch off its EtherNet/IP, PROFINET and MODBUS"
             raise InputError("robot", f"ur://{self.o.host}", f"a UR's controller that answers ({error})", fix) from None
 
     def _check_ready(self) -> None:
