@@ -68,8 +68,3 @@ def loop_time(place: float, start: float, taper: float, length: float, speed: fl
     """Return the time in which a loop comes from its start to a place [s]; lengths in metres, places as fractions."""
     slowness = quad(lambda x: 2 / loop_speed(x, start, taper), start, place)[0]
     return slowness * length / speed
-
-
-def ceiling(nodes: int, start: float, taper: float) -> float:
-    """Return the tip's speed over that at the start if the last node, half a link's mass, had all the energy."""
-    return float(np.sqrt(moving_mass(start, taper) * 2 * nodes / taper**2))

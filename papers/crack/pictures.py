@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from papers.crack.chains import Motion
-from papers.crack.closed_forms import ceiling, folded_speed
+from papers.crack.closed_forms import folded_speed
+from papers.crack.published import CRACK
 from whiptool.rollout.trust import BEND, MACH, SOUND
 from whiptool.viz.animation import StrikeAnimation, write_film
 from whiptool.viz.style import COLORS, STYLE
@@ -39,15 +40,15 @@ def fall_picture(found: Mapping[int, Mapping[str, Any]], gravity: float) -> Figu
     return figure
 
 
-def taper_picture(found: Mapping[tuple[float, int], Mapping[str, Any]], start: float) -> Figure:
+def taper_picture(found: Mapping[tuple[float, int], Mapping[str, Any]]) -> Figure:
     """The largest tip speed over the number of nodes for some tapers, and what the last node could have at most."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 4.2), layout="constrained")
         ax = figure.subplots()
         for taper, color, mark in zip(dict.fromkeys(t for t, _ in found), _COLORS, _MARKS, strict=False):
             nodes = [n for t, n in found if t == taper]
-            ax.plot(nodes, [found[taper, n]["peak"] for n in nodes], mark, color=color, label=f"taper {taper:g}")
-            ax.plot(nodes, [ceiling(n, start, taper) for n in nodes], color=color, linewidth=1.2)
+            ax.plot(nodes, [found[taper, n]["gain"] for n in nodes], mark, color=color, label=f"taper {taper:g}")
+            ax.plot(nodes, [found[taper, n]["most"] for n in nodes], color=color, linewidth=1.2)
         ax.set(xscale="log", yscale="log", xlabel="number of nodes", ylabel="largest tip speed over that at the start")
         ax.set_title("A loop without drag; lines: all energy in the last node")
         ticks = sorted({n for _, n in found})
@@ -74,15 +75,15 @@ def trust_picture(bends: Sequence[float], errors: Sequence[float]) -> Figure:
 
 
 def reached_picture(speeds: Mapping[str, float]) -> Figure:
-    """Tip speeds that are reached, and those of Mach 0.3 and 1."""
+    """Tip speeds that are reached, and those of Mach 0.3, 1 and 2, at which the loop is at Mach 1."""
     with matplotlib.rc_context(STYLE):
         figure = Figure((6.4, 0.5 + 0.42 * len(speeds)), layout="constrained")
         ax = figure.subplots()
         ax.barh(list(speeds), list(speeds.values()), color=COLORS["sky"])
         for row, speed in enumerate(speeds.values()):
             ax.text(speed * 1.04, row, f"{speed:.0f}", va="center", fontsize=9)
-        for mach, color in ((MACH.limit, "orange"), (1.0, "vermilion")):
-            ax.axvline(mach * SOUND, color=COLORS[color], linestyle="--", label=f"Mach {mach:g}")
+        for mach, color, of_loop in ((MACH.limit, "orange", ""), (1.0, "pink", ""), (CRACK, "vermilion", ", loop 1")):
+            ax.axvline(mach * SOUND, color=COLORS[color], linestyle="--", label=f"Mach {mach:g}{of_loop}")
         ax.set(xscale="log", xlim=(3, 1600), xlabel="tip speed [m/s]")
         ax.set_xticks((5, 10, 20, 50, 100, 200, 500, 1000), [str(x) for x in (5, 10, 20, 50, 100, 200, 500, 1000)])
         ax.invert_yaxis()

@@ -10,7 +10,6 @@ import numpy as np
 from papers.context import Context
 from papers.crack import pictures, published
 from papers.crack.closed_forms import (
-    ceiling,
     folded_speed,
     folded_time,
     hanging_frequencies,
@@ -50,7 +49,7 @@ def facts() -> dict[str, str]:
         "loop": f"whip of {loop.length:g} m, {loop.density:g} kg/m at the handle, round and of one material; the "
         f"handle rests, the part beyond {START:g} of the length moves at {loop.speed:g} m/s at first; no gravity",
         "folded chain": "1 m, folded in the middle to a half circle of 2 cm, one end is let go",
-        "crack": f"at {SOUND:g} m/s",
+        "crack": f"a loop at {SOUND:g} m/s, half as fast as the tip, which is then at {published.CRACK * SOUND:g} m/s",
     }
 
 
@@ -118,8 +117,9 @@ def _closed_forms(found: Found, falls: list[FoldedUnit], loops: list[LoopUnit]) 
         rows.append([str(n), *(f"{x:.2%}" if x > 1e-5 else "below 0.001%" for x in shares), pulls[-1]])
     fall = ratio  # with the most nodes
     loop_rows = [["taper", "tip speed", "closed form", "momentum left", "closed form"]]
-    for taper, one in {unit.taper: found[unit.key] for unit in loops}.items():  # the last of each taper is the finest
-        speed, found_speed, left = loop_speed((1 + START) / 2, START, taper), one["half_speed"], one["half_momentum"]
+    for taper, unit in {unit.taper: unit for unit in loops}.items():  # the last of each taper is the finest
+        found_speed, left = unit.over_first(found[unit.key]["half_speed"]), found[unit.key]["half_momentum"]
+        speed = loop_speed((1 + START) / 2, START, taper)
         loop_rows.append([f"{taper:g}", *(f"{x:.3f}" for x in (found_speed, speed, left, 1 / speed))])
         errors[f"loop's speed, taper {taper:g}"] = abs(found_speed / speed - 1)
         errors[f"its momentum, taper {taper:g}"] = abs(left * speed - 1)
@@ -164,38 +164,51 @@ def _closed_forms(found: Found, falls: list[FoldedUnit], loops: list[LoopUnit]) 
 
 
 def _loops(found: Found, tapers: list[LoopUnit], others: dict[str, LoopUnit]) -> Section:
-    by = {(unit.taper, unit.nodes): found[unit.key] for unit in tapers}
+    by = {
+        (unit.taper, unit.nodes): {"gain": unit.over_first(found[unit.key]["peak"]), "most": unit.most}
+        for unit in tapers
+    }
     nodes = sorted({n for _, n in by})
-    rows = [["taper", *(f"{n} nodes" for n in nodes), "most it could be", "speed to crack at"]]
+    starts = [f"start for a tip at {SOUND:g} m/s", f"speed to crack at: a loop at {SOUND:g} m/s"]
+    rows = [["taper", *(f"{n} nodes" for n in nodes), "most it could be", *starts]]
     for taper in TAPERS:
-        peaks = [by[taper, n]["peak"] for n in nodes]
-        most = ceiling(nodes[-1], START, taper)
-        rows.append([f"{taper:g}", *(f"{x:.1f}" for x in peaks), f"{most:.1f}", f"{SOUND / peaks[-1]:.0f} m/s"])
-    grows = {str(n): by[TAPERS[-1], n]["peak"] > by[TAPERS[1], n]["peak"] > by[TAPERS[0], n]["peak"] for n in nodes}
+        gains, most = [by[taper, n]["gain"] for n in nodes], by[taper, nodes[-1]]["most"]
+        speeds = [f"{mach * SOUND / gains[-1]:.0f} m/s" for mach in (1.0, published.CRACK)]
+        rows.append([f"{taper:g}", *(f"{x:.1f}" for x in gains), f"{most:.1f}", *speeds])
+    grows = {str(n): by[TAPERS[-1], n]["gain"] > by[TAPERS[1], n]["gain"] > by[TAPERS[0], n]["gain"] for n in nodes}
     table = [["whip", "largest tip speed over that at the start", "energy left then", "sharpest bend"]]
     for name, unit in others.items():
         one = found[unit.key]
-        table.append([name, f"{one['peak']:.1f}", f"{one['energy']:.0%}", f"{np.degrees(one['bend']):.0f} degrees"])
+        table.append(
+            [
+                name,
+                f"{unit.over_first(one['peak']):.1f}",
+                f"{one['energy']:.0%}",
+                f"{np.degrees(one['bend']):.0f} degrees",
+            ]
+        )
     claim = Claim("The tip is faster the more the whip is tapered", "Goriely and McMillen 2002",
-                  "; ".join(f"taper {row[0]}: {row[-3]}" for row in rows[1:]), verdict_over(grows),
+                  "; ".join(f"taper {row[0]}: {row[len(nodes)]}" for row in rows[1:]), verdict_over(grows),
                   "At each number of nodes.")  # fmt: skip
     about = (
-        "Without drag all speeds grow with that of the start, so that the last column says how fast the part beyond "
-        "the loop has to move for the tip to reach the speed of sound with the most nodes. Most it could be: all "
-        "energy in the last node. Without stiffness nothing ends the growth but the length of a link. Below: taper "
+        "A whip cracks when its loop is faster than sound (Goriely and McMillen 2002). The loop is half as fast as the "
+        "tip, which is then at Mach 2; a tip at Mach 1 does not make a crack. Without drag all speeds grow with that "
+        "of the start, so that the last columns say how fast the part beyond the loop has to move at first for tip "
+        "and loop to reach the speed of sound with the most nodes. Most it could be: all energy in the last node. "
+        "Without stiffness nothing ends the growth but the length of a link. Below: taper "
         f"{TAPERS[1]:g}, {others['as it is'].nodes} nodes, loop from {START:g} of the length, unless it says "
         "otherwise."
     )
     return Section("A loop that runs along a whip", [
         Text(about), Claims([claim]), Table(rows, "Largest tip speed over that at the start; no drag, no stiffness."),
-        Picture(pictures.taper_picture(by, START), "Taper and number of nodes."), Table(table),
+        Picture(pictures.taper_picture(by), "Taper and number of nodes."), Table(table),
     ])  # fmt: skip
 
 
 def trust_errors(found: Found, cords: list[LoopUnit]) -> tuple[list[float], list[float]]:
     """Return the sharpest bends [degrees] of a loop with fewer and fewer nodes, and by how much of it the tip's largest
     speed is below that with the most."""
-    peaks = np.array([found[unit.key]["peak"] for unit in cords])
+    peaks = np.array([unit.over_first(found[unit.key]["peak"]) for unit in cords])
     bends = np.degrees([found[unit.key]["bend"] for unit in cords])
     return bends[:-1].tolist(), (1 - peaks[:-1] / peaks[-1]).tolist()
 
@@ -205,8 +218,8 @@ def _trust(found: Found, cords: list[LoopUnit]) -> Section:
     rows = [["nodes", "largest tip speed over that at the start", "sharpest bend", "below that of the most nodes"]]
     for unit, error in zip(cords, [*errors, None], strict=True):
         one = found[unit.key]
-        below = "-" if error is None else f"{error:.1%}"
-        rows.append([str(unit.nodes), f"{one['peak']:.2f}", f"{np.degrees(one['bend']):.0f} degrees", below])
+        below, gain = "-" if error is None else f"{error:.1%}", unit.over_first(one["peak"])
+        rows.append([str(unit.nodes), f"{gain:.2f}", f"{np.degrees(one['bend']):.0f} degrees", below])
     about = (
         f"A uniform cord (EI {CORD['stiffness']:g} N m², damping over stiffness {CORD['damping_time']:g} s) whose "
         "damping keeps the loop round: its largest tip speed converges as the links become short against the loop, "

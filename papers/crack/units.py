@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -101,19 +102,35 @@ class LoopUnit(Unit):
         )
         return lumped(profile, self.nodes, thinning=self.taper)
 
+    @cached_property
+    def first(self) -> Motion:
+        """Return the first instant of its motion. A half circle of few links moves its tip at about `speed` only."""
+        whip = self.whip
+        angles, rates = folded(whip, self.start * self.length, 0.06, self.speed)
+        return Motion(whip, 0.0, np.zeros(1), angles[None], rates[None])
+
+    @property
+    def most(self) -> float:
+        """Return the tip's speed over that at first if the last node had all the energy, that of the fold included."""
+        fastest = np.sqrt(2 * self.first.energy[0] / self.first.whip["m"][-1])
+        return float(fastest / self.first.tip_speed[0])
+
+    def over_first(self, ratio: float) -> float:
+        """Return a speed over the tip's at first, from one over `speed`."""
+        return float(ratio * self.speed / self.first.tip_speed[0])
+
     def motion(self) -> Motion:
         """Return its motion until the loop of an ideal string is past the tip, as far as energy is kept."""
         whip, until = self.whip, 1.3 * loop_time(1.0, self.start, self.taper, self.length, self.speed)
-        begin = folded(whip, self.start * self.length, 0.06, self.speed)
         step = 8e-4 / self.nodes * 10 / self.speed
-        seen = moved(whip, begin, until=until, step=step, gravity=0.0)
+        seen = moved(whip, (self.first.angles[0], self.first.rates[0]), until=until, step=step, gravity=0.0)
         gained = seen.energy > _GAINED * seen.energy[0]
         end = int(gained.argmax()) if gained.any() else len(gained)
         return Motion(whip, 0.0, seen.t[:end], seen.angles[:end], seen.rates[:end])
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
-        """Let it run, and return the tip's largest speed over that at first, the sharpest bend until then [rad], and
-        speed and impulse when an ideal loop is halfway to the tip."""
+        """Let it run, and return the tip's largest speed over `speed`, the sharpest bend until then [rad], and, when
+        an ideal loop is halfway to the tip, its speed over `speed` and the momentum left."""
         seen = self.motion()
         fastest = int(seen.tip_speed.argmax())
         half = loop_time((1 + self.start) / 2, self.start, self.taper, self.length, self.speed)

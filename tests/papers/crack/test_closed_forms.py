@@ -10,7 +10,6 @@ from scipy.special import roots_laguerre
 
 from papers.crack.closed_forms import (
     FALL_RATIO,
-    ceiling,
     folded_speed,
     folded_time,
     hanging_frequencies,
@@ -67,8 +66,3 @@ def test_a_loop_hands_its_momentum_to_the_hand(taper):
     seen = solve_ivp(rates, (0, until), [start * length, speed], rtol=1e-10)
     assert seen.y[0, -1] == pytest.approx(0.8 * length, rel=1e-6)
     assert seen.y[1, -1] == pytest.approx(speed * loop_speed(0.8, start, taper), rel=1e-6)
-
-
-def test_the_last_node_has_half_a_link():
-    assert ceiling(20, 0.3, 1.0) == pytest.approx(np.sqrt(0.7 * 40))
-    assert ceiling(4000, 0.3, 0.2) == pytest.approx(loop_speed(1 - 1 / 8000, 0.3, 0.2), rel=1e-3)

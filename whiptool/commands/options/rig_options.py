@@ -278,7 +278,7 @@ def says_yes(question: str) -> bool:
 CAMERAS = ("tip", "points", "twin", "d435-color", "d435-infrared")
 
 
-FASTEST_TIP = 343.0  # [m/s], of sound: where a whip cracks
+FASTEST_TIP = 343.0  # [m/s], of sound
 
 
 _OF_RIGS = unless("port", ROBOT, why=", where your own program commands and records")
