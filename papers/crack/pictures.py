@@ -82,12 +82,16 @@ def reached_picture(speeds: Mapping[str, float]) -> Figure:
         ax.barh(list(speeds), list(speeds.values()), color=COLORS["sky"])
         for row, speed in enumerate(speeds.values()):
             ax.text(speed * 1.04, row, f"{speed:.0f}", va="center", fontsize=9)
-        for mach, color, of_loop in ((MACH.limit, "orange", ""), (1.0, "pink", ""), (CRACK, "vermilion", ", loop 1")):
+        for mach, color, of_loop in (
+            (MACH.limit, "orange", ""),
+            (1.0, "pink", ""),
+            (CRACK, "vermilion", ", its loop Mach 1"),
+        ):
             ax.axvline(mach * SOUND, color=COLORS[color], linestyle="--", label=f"Mach {mach:g}{of_loop}")
         ax.set(xscale="log", xlim=(3, 1600), xlabel="tip speed [m/s]")
         ax.set_xticks((5, 10, 20, 50, 100, 200, 500, 1000), [str(x) for x in (5, 10, 20, 50, 100, 200, 500, 1000)])
         ax.invert_yaxis()
-        ax.legend(loc="upper right")
+        figure.legend(loc="outside upper right", ncols=3)
     return figure
 
 
