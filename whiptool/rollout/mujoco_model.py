@@ -292,8 +292,8 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
         if np.isfinite(link.limits.position).all():
             options["range"] = link.limits.position
         place = place.carried(link.position, link.rotation).with_joint(name, link.axis, **options)
-        if link.mass:
-            body = place.add_body(name, mass=link.mass, com=link.com, inertia=link.inertia, least=least)
+        if mass := link.mass or 1e-5 * stand_in:  # no mass: the joint waits for a body that has
+            body = place.add_body(name, mass=mass, com=link.com, inertia=link.inertia, least=least)
             thickness = (0.025 - 0.004 * i / arm.n) * reach
             if any(end):
                 add_capsule(body, end, thickness, "arm")
