@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import casadi as ca
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from dense_inverse import dense_slopes, inverse_dynamics
 from random_space import loop_of, random_model, random_rods, random_state
+from robot_files import WEIGHTLESS
 from scipy.linalg import eigh
 from scipy.special import jn_zeros, roots_laguerre
 from spatial_arms import of_universal_nodes
@@ -20,9 +22,10 @@ from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, Controller, PositionControl
 from whiptool.impedance.laws import Law
+from whiptool.models.files import load_model
 from whiptool.models.kinematics import rotation_about
 from whiptool.models.parameters import ArmLink, ArmParameters, Model, in_space
-from whiptool.models.presets import PRESETS, preset
+from whiptool.models.presets import PRESETS, preset, rope
 from whiptool.models.profile import WhipProfile
 from whiptool.models.strike import default_bounds
 from whiptool.models.whip import WhipParameters
@@ -31,6 +34,7 @@ from whiptool.rollout.mujoco_model import build_spec
 
 ARM = preset("lemon2024").arm
 G = 9.81
+HEAVY = '<inertial><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 
 def omegas(model: Model, **options) -> np.ndarray:
@@ -441,3 +445,26 @@ def test_rods_are_linearised_at_unit_vectors_that_turn():
         linearise(model, np.zeros(model.n))
     upright = np.r_[np.zeros(3), 0, 0, 1, 0, 0, 1]
     assert np.isfinite(linearise(model, upright).A).all()
+
+
+@pytest.mark.parametrize("joints", ["rod", "universal"])
+def test_the_joints_of_an_arm_of_unknown_inertia_are_no_degrees_of_freedom(joints: str, tmp_path):
+    """Its mass matrix is singular; its whip swings as on an arm of known inertia that is held."""
+    (tmp_path / "arm.urdf").write_text(WEIGHTLESS)
+    unknown = dataclasses.replace(load_model(tmp_path / "arm.urdf"), whip=rope(5, joints=joints))
+    (tmp_path / "arm.urdf").write_text(
+        re.sub('<link name="(l[1-6])"/>', rf'<link name="\1">{HEAVY}</link>', WEIGHTLESS)
+    )
+    known = dataclasses.replace(load_model(tmp_path / "arm.urdf"), whip=unknown.whip)
+    posture = np.array([0.1, 0.5, -0.4, 0.2, 0.3, 0.1])
+    ours, its = (hanging_modes(model, posture=posture, count=3) for model in (unknown, known))
+    np.testing.assert_allclose(ours.frequencies, its.frequencies, rtol=1e-9)
+    np.testing.assert_allclose(ours.eigenvalues, its.eigenvalues, rtol=1e-7, atol=1e-7)
+    linear, a = linearise(unknown, start_posture(unknown, posture[None])[0]), 6
+    n = len(linear.M)
+    assert not linear.A[n : n + a].any()
+    of_whip = np.delete(np.delete(linear.A, [*range(a), *range(n, n + a)], 0), [*range(a), *range(n, n + a)], 1)
+    found = np.sort_complex(np.round(np.linalg.eigvals(of_whip), 6))
+    np.testing.assert_allclose(found, np.sort_complex(np.round(ours.eigenvalues, 6)), atol=1e-4)
+    with pytest.raises(InputError, match=r"fixed_arm: .*inertia of j1, .* is unknown.*fixed_arm=True"):
+        hanging_modes(unknown, fixed_arm=False)

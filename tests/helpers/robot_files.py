@@ -46,6 +46,18 @@ URDF = """<robot name="small">
     <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
 </robot>"""
 
+_JOINTS = (  # their axes, and where they are [m]: the last axis is through the tool
+    ("0 0 1", "0 0 .5"), ("0 1 0", ".05 0 0"), ("0 1 0", "0 0 .55"),
+    ("1 0 0", ".3 0 .08"), ("0 1 0", ".3 0 0"), ("1 0 0", ".1 0 0"),
+)  # fmt: skip
+WEIGHTLESS = '<robot name="weightless"><link name="l0"/>{}</robot>'.format(
+    "".join(
+        f'<joint name="j{i + 1}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/><origin xyz="{at}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="0" velocity="8"/></joint><link name="l{i + 1}"/>'
+        for i, (axis, at) in enumerate(_JOINTS)
+    )
+)
+
 MJCF = """<mujoco model="small">
   <compiler angle="radian"/>
   <asset><mesh name="cart" file="nowhere/cart.obj"/></asset>

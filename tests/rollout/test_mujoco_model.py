@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import casadi as ca
 import mujoco
 import numpy as np
 import pytest
 
 from whiptool.dynamics.chain import chain_of, forward_dynamics, passive_torque
+from whiptool.errors import InputError
+from whiptool.models.kinematics import rotation_about
 from whiptool.models.parameters import Model
 from whiptool.models.presets import PRESETS, preset
 from whiptool.rollout.mujoco_model import FLOOR, add_capsule, add_scene, add_target, build_spec
@@ -173,3 +177,23 @@ def test_node_inertia_of_the_reference_is_too_small_to_matter():
     q, v, tau = rng.uniform(-0.5, 0.5, model.n), rng.uniform(-3, 3, model.n), np.zeros(2)
     a, b = (np.array(f(q, v, tau)[1]) for f in (with_inertia, without))
     assert 0 < np.abs(a - b).max() < 1e-6
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), rotation_about(np.array([1.0, 2.0, 3.0]) / 14**0.5, 0.7)])
+def test_an_inertia_that_rounding_made_impossible_is_mended_and_another_is_named(turn):
+    """MuJoCo itself refuses A + B < C by a rounding error, with a bare ValueError."""
+    first = UR5E.arm.links[0]
+
+    def built(moments: tuple[float, ...]) -> mujoco.MjModel:
+        I = (turn * moments) @ turn.T
+        link = dataclasses.replace(first, inertia=tuple(I[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)].tolist()))
+        arm = dataclasses.replace(UR5E.arm, links=(link, *UR5E.arm.links[1:]))
+        return build_spec(dataclasses.replace(UR5E, arm=arm)).compile()
+
+    for over in (0.0, 1e-16, 1e-9, 5e-3):
+        moments = np.array([0.01, 0.02, 0.03 * (1 + over)])
+        found = np.sort(built(tuple(moments)).body(UR5E.arm.joints[0]).inertia)
+        np.testing.assert_allclose(found, moments, rtol=1e-7, atol=0.03 * over)
+    name = f"inertia of {UR5E.arm.joints[0]}: got 'principal moments of 0.01, 0.02 and 0.2 kg m2'"
+    with pytest.raises(InputError, match=name):
+        built((0.01, 0.02, 0.2))

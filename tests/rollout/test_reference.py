@@ -8,11 +8,14 @@ import mujoco
 import numpy as np
 import pytest
 from rich_model import everything
+from robot_files import WEIGHTLESS
 from shared_by_threads import check_shared
 
 from whiptool.errors import InputError
 from whiptool.impedance import OIAC, OIAC_PRESETS, ConstantImpedance, Controller, PositionControl
-from whiptool.models import ArmLink, ArmParameters, preset
+from whiptool.models import ArmLink, ArmParameters, Model, preset
+from whiptool.models.files import load_model
+from whiptool.models.presets import rope
 from whiptool.models.strike import Strike, default_bounds
 from whiptool.rollout import CompiledRollout, ReferenceRollout
 from whiptool.rollout.mujoco_model import export_xml
@@ -22,6 +25,7 @@ TARGET = np.array([1.3, 0.0])
 LEMON = preset("lemon2024")
 DRAWN = default_bounds(LEMON.arm).sample(np.random.default_rng(11), 6)
 STRIKES, T_STAY = DRAWN[np.argsort(DRAWN[:, -1])], 0.1  # the shortest first: MuJoCo takes its time
+UNKNOWN = np.array([0, 0.9, -1.9, -0.6, -1.7, 1.4, -1.0, 0.3, 0.2, -0.1, 0.6, 1.6, 0.8])  # a strike of `unknown_arm`
 LAWS = {"constant": ConstantImpedance(), **OIAC_PRESETS}
 
 
@@ -151,3 +155,29 @@ def test_threads_that_share_a_reference_get_what_each_gets_alone(law):
         return path.t, path.q, path.v, path.tau, path.tip
 
     check_shared(judged, strikes)
+
+
+def unknown_arm(tmp_path, joints: str, **changes) -> Model:
+    """A robot whose file tells no inertia, with a rope of five links."""
+    (tmp_path / "arm.urdf").write_text(WEIGHTLESS)
+    whip = dataclasses.replace(rope(5, joints=joints), **changes)
+    return dataclasses.replace(load_model(tmp_path / "arm.urdf"), whip=whip)
+
+
+@pytest.mark.parametrize("changes", [{}, {"hinge_mass": 0.0}])
+@pytest.mark.parametrize("joints", ["rod", "universal"])
+def test_an_arm_of_unknown_inertia_has_a_reference(joints, changes, tmp_path):
+    """Also where nothing has mass before the whip: MuJoCo has no bodies without, and none with seven joints."""
+    rollout = ReferenceRollout(unknown_arm(tmp_path, joints, **changes))
+    path = rollout.trajectory(UNKNOWN, t_stay=0.0)
+    assert not path.diverged
+    np.testing.assert_allclose(path.q[-1, :6], UNKNOWN[6:12], atol=1e-12)  # as commanded
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joints", ["rod", "universal"])
+def test_an_arm_of_unknown_inertia_is_simulated_as_by_the_compiled_engine(joints, tmp_path):
+    model, target = unknown_arm(tmp_path, joints, hinge_mass=0.0), np.array([1.2, 0.2, 0.8])
+    ours = CompiledRollout(model).approach(UNKNOWN[None], target, t_stay=0.1).distance[0]
+    path = ReferenceRollout(model).trajectory(UNKNOWN, t_stay=0.1)
+    assert path.approach(target).distance[0] == pytest.approx(ours, abs=1e-4)

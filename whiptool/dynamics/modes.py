@@ -33,7 +33,8 @@ class Linearisation:
         M: Mass matrix [kg m^2], (n, n).
         C: Damping [N m s/rad], (n, n); away from rest with the velocity terms, not symmetric.
         K: Stiffness of springs and weight [N m/rad], (n, n); at rest symmetric, the potential energy's Hessian.
-        A: State matrix of [x, dx], `[[0, 1], [-M^-1 K, -M^-1 C]]`, (2 n, 2 n).
+        A: State matrix of [x, dx], `[[0, 1], [-M^-1 K, -M^-1 C]]`, (2 n, 2 n). The joints of an arm of unknown inertia
+            have no accelerations: their motion is prescribed.
     """
 
     M: np.ndarray
@@ -70,7 +71,8 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
     else:
         M, C, K = _in_plane(chain, *states)
     M = (M + M.T) / 2  # of rounding
-    return Linearisation(M, C, K, _state_matrix(M, C, K))
+    prescribed = chain.arm.n if isinstance(chain, Model) and chain.arm.weightless else 0
+    return Linearisation(M, C, K, _state_matrix(M, C, K, prescribed))
 
 
 def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
@@ -151,9 +153,12 @@ def _least_turn(d: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / (1 - d[2])
 
 
-def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
-    n = len(M)
-    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, np.hstack([K, C]))]])  # (2 n, 2 n)
+def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray, prescribed: int = 0) -> np.ndarray:
+    """The state matrix (2 n, 2 n), in which the first `prescribed` of the coordinates do not accelerate."""
+    n, free = len(M), slice(prescribed, None)
+    accelerations = np.zeros((n, 2 * n))
+    accelerations[free] = -np.linalg.solve(M[free, free], np.hstack([K, C])[free])
+    return np.block([[np.zeros((n, n)), np.eye(n)], [accelerations]])
 
 
 def _damped(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -276,7 +281,8 @@ def hanging_modes(
             straight down.
 
     Raises:
-        InputError: `count` is not in 1 .. number of free joints, or the posture is of another arm.
+        InputError: `count` is not in 1 .. number of free joints, the posture is of another arm, or the arm is free and
+            its inertia is unknown.
     """
     from scipy.linalg import eigh
     from scipy.optimize import linear_sum_assignment
@@ -285,6 +291,9 @@ def hanging_modes(
     at = np.zeros(a) if posture is None else np.asarray(posture, float)
     if at.shape != (a,) or not np.isfinite(at).all():
         raise InputError("posture", posture, f"{a} finite numbers, one per joint of the arm")
+    if not fixed_arm and model.arm.weightless:
+        unknown = f"an arm of which the inertia of {', '.join(model.arm.weightless)} is unknown"
+        raise InputError("fixed_arm", unknown, "only fixed_arm=True")
     free = slice(a if fixed_arm else 0, n)
     m = n - a if fixed_arm else n
     k = m if count is None else count

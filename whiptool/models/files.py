@@ -39,11 +39,11 @@ def read_robot(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
         InputError: The file is neither URDF nor MJCF, or `read_urdf` or `read_mjcf` refuses it.
     """
     path = Path(path)
-    if path.suffix == ".urdf":
+    if path.suffix.lower() == ".urdf":
         from whiptool.models.urdf import read_urdf
 
         return _units_asked(without_touching(read_urdf(path, choice), choice))
-    if path.suffix == ".xml":
+    if path.suffix.lower() == ".xml":
         from whiptool.models.mjcf import read_mjcf
 
         return _units_asked(without_touching(read_mjcf(path, choice), choice))
@@ -66,18 +66,18 @@ def robot_looks(name: str | PathLike[str], arm: AnyArm, *, tip: str = "") -> lis
         InputError: The robot's file, or a mesh in it, cannot be read.
     """
     path, choice = Path(name), ArmChoice(tip=tip)
-    if path.suffix == ".toml":
+    if path.suffix.lower() == ".toml":
         table = read_toml(path)
         table = table.get("model", table).get("arm")
         if not isinstance(table, Mapping) or not isinstance(table.get("file"), str):
             return None
         chosen = {f.name: table[f.name] for f in dataclasses.fields(ArmChoice) if f.name in table}
         path, choice = path.parent / table["file"], build_from(ArmChoice, chosen, "arm.")
-    if path.suffix == ".urdf":
+    if path.suffix.lower() == ".urdf":
         from whiptool.models.urdf import read_urdf_looks
 
         looks = read_urdf_looks(path, choice)
-    elif path.suffix == ".xml":
+    elif path.suffix.lower() == ".xml":
         from whiptool.models.mjcf import read_mjcf_looks
 
         looks = read_mjcf_looks(path, choice)
@@ -343,14 +343,14 @@ def load_model(name: str | PathLike[str], *, tip: str = "") -> Model:
     """
     expect(str, PathLike, name=name)
     name = fspath(name)
-    if tip and not name.endswith(ROBOT_FILES):
+    if tip and not name.lower().endswith(ROBOT_FILES):
         rule = "a tip only with a robot's file: " + ", ".join(ROBOT_FILES)
         raise InputError("tip", tip, rule, "in a model file it is arm.tip")
     if as_named(name, PRESETS) in PRESETS:
         return preset(name)
-    if name.endswith(".toml"):
+    if name.lower().endswith(".toml"):
         return read_model(Path(name))
-    if name.endswith(ROBOT_FILES):
+    if name.lower().endswith(ROBOT_FILES):
         return Model(rope(), read_robot(Path(name), ArmChoice(tip=tip)), name=_name(Path(name)))
     if as_named(name, presets()) in PRESETS:
         return preset(name)

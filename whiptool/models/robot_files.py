@@ -7,12 +7,8 @@ included file, and creates any number of bodies.
 from __future__ import annotations
 
 import math
-import os
 import re
-import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -231,17 +227,3 @@ class ArmChoice:
         x = across - (across @ z) * z
         x /= np.linalg.norm(x)
         return np.column_stack([x, np.cross(z, x), z])
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Suppress, within a `with` block, the output of C++ libraries to standard error."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    with tempfile.TemporaryFile() as nowhere:
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)

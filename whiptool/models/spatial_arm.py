@@ -299,6 +299,14 @@ def _checked_inertia(given: object, mass: float) -> tuple[float, ...]:
     return moments
 
 
+_FEW_DIGITS = 1e-2  # by which the largest principal moment may exceed the others' sum, written with few digits
+
+
+def is_possible(moments: Sequence[float]) -> bool:
+    """Return whether a body can have the principal moments (3,), the largest last: the others' sum is not below it."""
+    return moments[0] + moments[1] >= (1 - _FEW_DIGITS) * moments[2]
+
+
 def _rounded(array: np.ndarray) -> np.ndarray:
     whole = np.round(array)
     return np.where(np.abs(array - whole) < _ROUNDED, whole, array) + 0.0  # no -0.0

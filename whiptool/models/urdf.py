@@ -13,12 +13,14 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
-from whiptool.models.robot_files import ArmChoice, quiet, read_urdf_text
+from whiptool.models.robot_files import ArmChoice, read_urdf_text
 from whiptool.models.spatial_arm import (
+    MOMENTS,
     JointLimits,
     RigidBody,
     SpatialArm,
     SpatialLink,
+    is_possible,
     joint_name,
     welded,
     without_inertia,
@@ -32,6 +34,7 @@ from whiptool.models.urdf_limits import (
     with_all_limits,
     zero_limit,
 )
+from whiptool.models.urdf_numbers import MOVABLE, check_numbers, plain_urdf, rotor_inertias
 from whiptool.models.urdf_shapes import (
     DENSITY,
     add_inertias,
@@ -52,6 +55,8 @@ def assumed(
     moved: Collection[str],
     weighed: Collection[str],
     without_mass: Sequence[str],
+    impossible: Sequence[str],
+    known: bool,
 ) -> tuple[str, ...]:
     """Return notes on assumptions about a URDF file and on its ignored parts, one line for each kind.
 
@@ -61,6 +66,8 @@ def assumed(
         moved: Names of the arm's links, its base included.
         weighed: Names of its moving links whose mass was computed from their shapes.
         without_mass: Names of the joints whose links have an inertia but no mass.
+        impossible: Names of its moving links whose own inertia is impossible.
+        known: Whether the inertia of all moving links is known, so that torques are.
     """
 
     def of(has: Callable[[ET.Element], bool]) -> str:
@@ -75,14 +82,22 @@ def assumed(
     following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
     soft, free, meshes = of(keeps_off), of(zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
     rubbing, slowed = of(_rubs), of(by_position)
+    below = of(lambda joint: any(number_of(joint.find("limit"), x) < 0 for x in ("velocity", "effort")))
+    held = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if joint.get("type") in _FREE)
+    odd, shared = ", ".join(impossible), ", ".join(rotor_inertias(robot)[1])
+    guess = ", a guess that torques depend on" if known else ""
     said = {
-        f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes, a guess that torques depend on": water,
+        f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes{guess}": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
         f"speed limits that depend on the position of {slowed} keep {RESERVES}; arm.limits changes that": slowed,
         f"what mimics joints of the arm does not move with them, but is held: {following}": following,
         f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
         f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,
         f"soft limits of {soft} (<safety_controller>) are not kept, only those of <limit>": soft,
+        f"a negative velocity or effort in the <limit> of {below} is taken as no limit": below,
+        f"what hangs on joints that move freely is held where it is with them at 0: {held}": held,
+        f"the inertia of {odd} alone is impossible (principal moments A + B < C), but not that of what moves": odd,
+        f"rotor inertias of the transmissions {shared} are not read, as each moves several joints": shared,
         f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
     }
     return tuple(note for note, names in said.items() if names)
@@ -93,8 +108,8 @@ def _rubs(joint: ET.Element) -> bool:
     return number_of(joint.find("dynamics"), "friction") > 0
 
 
-_MOVABLE = ("revolute", "continuous", "prismatic")
-_TYPES = (*_MOVABLE, "fixed")
+_TYPES = (*MOVABLE, "fixed")
+_FREE = ("floating", "planar")  # types of joints that are held, if what moves is named
 
 
 def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
@@ -112,8 +127,9 @@ def read_urdf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
             frame.
 
     Raises:
-        InputError: The file cannot be read or is not a tree of links; it has joints of an unknown type; joints in the
-            chain mimic others or have no range; or a chosen name does not exist.
+        InputError: The file cannot be read or is not a tree of links; a number in it cannot be read, or an inertia is
+            impossible; it has joints of an unknown type; joints in the chain mimic others, have no range, or move
+            freely, unless `choice.moving` names those that move; or a chosen name does not exist.
     """
     choice = choice or ArmChoice()
     text = read_urdf_text(path)
@@ -151,6 +167,7 @@ def _chosen(text: str, choice: ArmChoice) -> tuple[ET.Element, str, list[str]]:
     """The robot, the link that is its tip, and the joints that move."""
     robot = _robot(text)
     parents = _tree(robot)
+    check_numbers(robot)
     ends = [link for link in parents if link not in _carriers(parents)]
     moving = [link for link in ends if _movable(_path(parents, link))]
     tip = choice.only_tip(moving or ends, list(parents))
@@ -158,6 +175,9 @@ def _chosen(text: str, choice: ArmChoice) -> tuple[ET.Element, str, list[str]]:
     for joint in _path(parents, tip):
         if joint.get("name") in movers:
             _check_moving(joint)
+        elif joint.get("type") in _FREE and choice.moving is None:
+            fix = f"to hold it, write arm.moving = {movers} in a model file, or moving={movers} in Python"
+            raise InputError(f"joint {joint.get('name')}", f"type {joint.get('type')}", ", ".join(_TYPES), fix)
     return robot, tip, movers
 
 
@@ -167,7 +187,10 @@ Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on
 def _robot(text: str) -> ET.Element:
     """The file's XML; prefixes of names that nothing declares, as exporters write, are."""
     try:
-        return ET.fromstring(text)
+        robot = ET.fromstring(text)
+        for element in robot.iter():
+            element.tag = element.tag.rpartition("}")[2]  # without its namespace
+        return robot
     except ET.ParseError as error:
         undeclared = set(re.findall(r"[<\s/]([A-Za-z_][\w.-]*):[A-Za-z_]", text)) - {"xml", "xmlns"}
         declared = " ".join(
@@ -194,7 +217,7 @@ def _tree(robot: ET.Element) -> dict[str, ET.Element | None]:
             rule = "a link on one joint only: a chain without loops"
             raise InputError(f"link {_end(joint, 'child')}", f"child of the joint {name} and of another", rule)
         parents[_end(joint, "child")] = joint
-        if kind not in _TYPES:
+        if kind not in (*_TYPES, *_FREE):
             raise InputError(f"joint {name}", f"type {kind}", ", ".join(_TYPES))
     roots = [link for link, joint in parents.items() if joint is None]
     if len(roots) != 1:
@@ -224,7 +247,7 @@ def _path(parents: Parents, tip: str) -> list[ET.Element]:
 
 
 def _movable(joints: Any) -> list[str]:
-    return [joint.get("name") for joint in joints if joint is not None and joint.get("type") in _MOVABLE]
+    return [joint.get("name") for joint in joints if joint is not None and joint.get("type") in MOVABLE]
 
 
 def _check_moving(joint: ET.Element) -> None:
@@ -234,6 +257,9 @@ def _check_moving(joint: ET.Element) -> None:
         rule = "joints between base and tip that mimic no other joint"
         fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
+    axis = joint.find("axis")
+    if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
+        raise InputError(f"joint {name}", "an <axis> of 0 0 0", "a direction")
     if joint.get("type") == "continuous":
         return
     ends = [number_of(limit, end) for end in ("lower", "upper")]
@@ -261,13 +287,19 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     hand = frame.placement.rotation @ choice.hand
     x, y, z = frame.placement.translation.tolist()
     names = tuple(joint_name(name) for name in model.names[1:])
-    carried = _links_of(model)
+    carried, impossible = _links_of(model), _impossible_links(robot)
+    _check_inertias(model, carried, impossible)
     weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed, main)
     moments = {name: body.inertia for name, body in zip(model.names, model.inertias, strict=True) if not body.mass}
     without_mass = [name for name in movers if name in moments and np.any(moments[name])]
-    notes = assumed(robot, movers, set().union(*carried), weighed & set().union(*carried[1:]), without_mass)
-    own = {joint.get("name"): joint for joint in robot.findall("joint")}
-    links = tuple(_with_own(x, own[name]) for x, name in zip(links, model.names[1:], strict=True))
+    moved = set().union(*carried[1:])
+    odd = [name for name in impossible if name in moved]
+    notes = assumed(robot, movers, moved | carried[0], weighed & moved, without_mass, odd, not weightless)
+    own, rotors = {joint.get("name"): joint for joint in robot.findall("joint")}, rotor_inertias(robot)[0]
+    links = tuple(
+        replace(x, armature=rotors.get(name, 0.0), limits=with_all_limits(own[name], x.limits))
+        for x, name in zip(links, model.names[1:], strict=True)
+    )
     arm = SpatialArm(links, names, (x, y, z), _rows(hand), base=tuple(capsules[0]), names=tuple(model.names[1:]))
     return without_inertia(replace(arm, notes=notes), [names[i - 1] for i in weightless])
 
@@ -277,8 +309,7 @@ def _whole(robot: ET.Element) -> Any:
     import pinocchio as pin
 
     try:
-        with quiet():
-            return pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
+        return pin.buildModelFromXML(plain_urdf(robot))
     except (ValueError, RuntimeError) as error:
         raise InputError("file", "no robot", "a URDF file that Pinocchio reads", f"reason: {error}") from None
 
@@ -316,18 +347,30 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
             low, high = position_limits(joint)
             choice.check_locked(joint.get("name", ""), low, high, turns=joint.get("type") != "prismatic")
         mimic, name = joint.find("mimic"), joint.get("name", "")
-        if mimic is not None and name not in locked and joint.get("type") in _MOVABLE:
+        if mimic is not None and name not in locked and joint.get("type") in MOVABLE:
             value = choice.locked.get(mimic.get("joint", ""), 0.0)
             locked[name] = number_of(mimic, "multiplier", "1") * value + number_of(mimic, "offset")
     return locked
 
 
-def _with_own(link: SpatialLink, joint: ET.Element) -> SpatialLink:
-    """A link with what Pinocchio does not read of its joint: limits, and the rotor's inertia of Drake's extension."""
-    usual = {"rotor_inertia": ET.Element("", value="0"), "gear_ratio": ET.Element("", value="1")}
-    said = usual | {str(x.tag).rpartition("}")[2].rpartition(":")[2]: x for x in joint}
-    rotor = number_of(said["rotor_inertia"], "value", "nan") * number_of(said["gear_ratio"], "value", "nan") ** 2
-    return replace(link, armature=link.armature + rotor, limits=with_all_limits(joint, link.limits))
+def _impossible_links(robot: ET.Element) -> dict[str, np.ndarray]:
+    """Links that have an inertia that no body can have, and its principal moments (3,) [kg m^2], the largest last."""
+    found = {}
+    for link in robot.findall("link"):
+        xx, yy, zz, xy, xz, yz = (number_of(link.find("inertial/inertia"), f"i{name}") for name in MOMENTS)
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if not is_possible(moments):
+            found[link.get("name", "")] = moments
+    return found
+
+
+def _check_inertias(model: Any, carried: list[set[str]], impossible: Mapping[str, np.ndarray]) -> None:
+    """Refuse an arm of which no body can have the inertia that moves with a joint, by the link that makes it so."""
+    for body, names in zip(model.inertias[1:], carried[1:], strict=True):
+        if body.mass and not is_possible(np.linalg.eigvalsh(body.inertia)):
+            name = next(name for name in impossible if name in names)
+            given = "principal moments of {:.4g}, {:.4g} and {:.4g} kg m2".format(*impossible[name])
+            raise InputError(f"link {name}: <inertia>", given, "three of which none is above the sum of the others")
 
 
 def _links_of(model: Any) -> list[set[str]]:
@@ -382,7 +425,6 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
         rotation=_rows(place.rotation),
         kind="prismatic" if prismatic else "revolute",
         friction=float(model.damping[v]),
-        armature=float(model.armature[v]),
         limits=limits,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
-from whiptool.models.robot_files import quiet
+from whiptool.models.urdf_limits import number_of
+from whiptool.models.urdf_numbers import plain_urdf
 from whiptool.models.visuals import GREY, Surface
 
 DENSITY = 1000.0  # [kg/m3], of bodies whose mass a file does not tell: what MuJoCo takes
@@ -23,12 +25,7 @@ def simple_shapes(model: Any, robot: ET.Element) -> Any:
     Raises:
         InputError: Pinocchio cannot read them.
     """
-    kept = _copied(robot)
-    for link in kept.findall("link"):
-        for shape in link.findall("collision"):
-            if not any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE):
-                link.remove(shape)
-    return _geometry(model, kept, "COLLISION")
+    return _geometry(model, robot, "collision", lambda link: [x for x in link.findall("collision") if _is_simple(x)])
 
 
 def visual_shapes(model: Any, robot: ET.Element, folder: Path) -> Any:
@@ -37,12 +34,11 @@ def visual_shapes(model: Any, robot: ET.Element, folder: Path) -> Any:
     Raises:
         InputError: Pinocchio cannot read them.
     """
-    kept = _copied(robot)
-    for link in kept.findall("link"):
-        for shape in link.findall("visual"):
-            if not _is_there(shape, folder):
-                link.remove(shape)
-    return _geometry(model, kept, "VISUAL")
+    colours = {x.get("name"): x.find("color") for x in robot.findall("material")}
+    for material in robot.iterfind("link/visual/material"):
+        if material.find("color") is None and (colour := colours.get(material.get("name"))) is not None:
+            material.append(colour)
+    return _geometry(model, robot, "visual", lambda link: [x for x in link.findall("visual") if _is_there(x, folder)])
 
 
 def look_of(shape: Any) -> Surface | Capsule:
@@ -83,14 +79,7 @@ def with_meshes(robot: ET.Element) -> set[str]:
 def massless_links(robot: ET.Element) -> set[str]:
     """Return the names of the links without an `<inertial>`, or with zero mass in it."""
     masses = {link.get("name", ""): link.find("inertial/mass") for link in robot.findall("link")}
-    return {name for name, mass in masses.items() if mass is None or not _positive(mass.get("value", ""))}
-
-
-def _positive(text: str) -> bool:
-    try:
-        return float(text) > 0
-    except ValueError:
-        return False
+    return {name for name, mass in masses.items() if not number_of(mass, "value") > 0}
 
 
 def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) -> set[str]:
@@ -113,14 +102,13 @@ def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) ->
     wanted = {name for name in without & (main | light) if bodies_of[name]}
     found: set[str] = set()
     for kind in ("collision", "visual"):
-        kept = _copied(robot)
-        for link in kept.findall("link"):
-            for shape in [*link.findall("collision"), *link.findall("visual")]:
-                used = shape.tag == kind and link.get("name") in wanted - found
-                if not used or not _is_there(shape, folder):
-                    link.remove(shape)
+        left = wanted - found
+
+        def shapes_of(link: ET.Element, kind: str = kind, left: set[str] = left) -> list[ET.Element]:
+            return [x for x in link.findall(kind) if link.get("name") in left and _is_there(x, folder)]
+
         try:
-            shapes = _geometry(model, kept, kind.upper()).geometryObjects
+            shapes = _geometry(model, robot, kind, shapes_of).geometryObjects
         except InputError:  # of a format that is not read
             continue
         bodies: dict[str, list[Any]] = {}
@@ -153,7 +141,7 @@ def _is_there(shape: ET.Element, folder: Path) -> bool:
     """Whether a shape is simple, or a mesh whose file is there; its name becomes the file's path."""
     mesh = shape.find("geometry/mesh")
     if mesh is None:
-        return any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE)
+        return _is_simple(shape)
     name = mesh.get("filename", "")
     for scheme in ("package://", "file://", "model://"):
         name = name.removeprefix(scheme)
@@ -164,16 +152,14 @@ def _is_there(shape: ET.Element, folder: Path) -> bool:
     return found is not None
 
 
-def _copied(robot: ET.Element) -> ET.Element:
-    return ET.fromstring(ET.tostring(robot))
+def _is_simple(shape: ET.Element) -> bool:
+    return any(shape.find(f"geometry/{kind}") is not None for kind in SIMPLE)
 
 
-def _geometry(model: Any, robot: ET.Element, kind: str) -> Any:
+def _geometry(model: Any, robot: ET.Element, kind: str, shapes: Callable[[ET.Element], list[ET.Element]]) -> Any:
     import pinocchio as pin
 
     try:
-        with quiet():
-            text = ET.tostring(robot, encoding="unicode")
-            return pin.buildGeomFromUrdfString(model, text, getattr(pin.GeometryType, kind))
+        return pin.buildGeomFromUrdfString(model, plain_urdf(robot, shapes), getattr(pin.GeometryType, kind.upper()))
     except (ValueError, RuntimeError) as error:
         raise InputError("file", "no shapes", "a URDF file whose shapes Pinocchio reads", f"reason: {error}") from None

@@ -11,7 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.parameters import Model
-from whiptool.models.spatial_arm import IDENTITY, SpatialArm
+from whiptool.models.spatial_arm import IDENTITY, SpatialArm, is_possible
 from whiptool.models.whip import WhipParameters
 from whiptool.rollout.mujoco_import import mujoco
 
@@ -158,6 +158,7 @@ def _add_camera(spec: mujoco.MjSpec, name: str, direction: list[int], axes: list
 NODE_INERTIA = 1e-12
 
 STAND_IN = 0.1  # [kg m^2 or kg] at joints of an arm of unknown inertia, which MuJoCo could not move without any
+_LIGHT = 1e-6  # [kg] of its bodies without mass, which MuJoCo cannot have
 
 _ENDINGS = {1: ("",), 2: ("x", "y")}  # of the names of a node's hinges, by their number
 
@@ -190,7 +191,7 @@ def build_spec(
         node_inertia: Least moment of inertia of each whip node [kg m^2], > 0.
 
     Raises:
-        InputError: A whip of rods is on an arm whose last link has no mass.
+        InputError: A whip of rods is on an arm whose last link has no mass, or no body can have the inertia of a link.
     """
     spec = mujoco.MjSpec()
     spec.modelname = model.name
@@ -257,7 +258,7 @@ class _Place:
         """
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self.rotation.ravel())
-        moments = _at_least(inertia, least)
+        moments = _at_least(name, inertia, least)
         kind = {"fullinertia": moments} if any(moments[3:]) else {"inertia": moments[:3]}
         body = self.body.add_body(
             name=name, pos=self.position, quat=quaternion, mass=mass, ipos=list(com), explicitinertial=True, **kind
@@ -268,15 +269,24 @@ class _Place:
         return body
 
 
-def _at_least(inertia: Sequence[float], least: float) -> list[float]:
-    """Moments of inertia whose principal ones are not below the least."""
-    if not any(inertia[3:]):
-        return [*(max(x, least) for x in inertia[:3]), 0.0, 0.0, 0.0]
+def _at_least(name: str, inertia: Sequence[float], least: float) -> list[float]:
+    """Moments of inertia whose principal ones are not below the least, nor the largest above the sum of the others,
+    where rounding made it so: MuJoCo refuses that."""
     xx, yy, zz, xy, xz, yz = inertia
-    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if moments[0] >= least:
+    if diagonal := not any(inertia[3:]):
+        moments, axes = np.array([xx, yy, zz]), np.eye(3)
+    else:
+        moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    raised = np.maximum(moments, least)
+    a, b, c = np.sort(raised)
+    if not is_possible((a, b, c)):
+        given = f"principal moments of {a:.4g}, {b:.4g} and {c:.4g} kg m2"
+        raise InputError(f"inertia of {name}", given, "three of which none is above the sum of the others")
+    if a + b < c * (1.0 if diagonal else 1 + 1e-12):
+        raised += np.where(raised < c, (c - a - b) / 2 + 1e-9 * c, 0.0)
+    if (raised == moments).all():
         return list(inertia)
-    I = (axes * np.maximum(moments, least)) @ axes.T
+    I = (axes * raised) @ axes.T
     return [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
 
 
@@ -292,8 +302,8 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
         if np.isfinite(link.limits.position).all():
             options["range"] = link.limits.position
         place = place.carried(link.position, link.rotation).with_joint(name, link.axis, **options)
-        if link.mass:
-            body = place.add_body(name, mass=link.mass, com=link.com, inertia=link.inertia, least=least)
+        if mass := link.mass or (_LIGHT if arm.weightless else 0.0):  # no mass: the joint waits for a body that has
+            body = place.add_body(name, mass=mass, com=link.com, inertia=link.inertia, least=least)
             thickness = (0.025 - 0.004 * i / arm.n) * reach
             if any(end):
                 add_capsule(body, end, thickness, "arm")
