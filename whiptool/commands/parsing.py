@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
@@ -13,6 +14,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from whiptool.commands.options.option_group import HELP_ALL, OptionGroup, flag, names_of
 from whiptool.errors import NOTHING, InputError, alike
+from whiptool.given_files import number_in
 from whiptool.words import as_named
 
 T = TypeVar("T", bound=OptionGroup)
@@ -32,6 +34,7 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
     several = {name for name, kind in kinds.items() if _takes_several(kind)}
     found: list[str] = []
     within, listed = False, []  # whether the values of an option that takes several follow; of which words they are
+    long = ""
     for word in words:
         name, equals, value = word.partition("=")
         name = SHORT.get(name, name)
@@ -41,8 +44,24 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
             value = as_named(value, listed)
             found += [name, *_values(value, listed)] if within and equals else [name + equals + value]
         else:
+            value = word
             found += _values(word, listed) if within else [as_named(word, listed)]
+        if "_" in value and _is_number(value.replace("_", "")) and _takes_numbers(kinds.get(long)):
+            raise InputError(long, value, _kind_in_words(kinds[long]), "write numbers without underscores")
     return found
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is one number, or several with commas between them."""
+    try:
+        return all(math.isfinite(number_in(part)) for part in text.split(","))
+    except ValueError:
+        return False
+
+
+def _takes_numbers(kind: Any) -> bool:
+    """Return whether an option of a type takes numbers."""
+    return kind in (int, float) or any(_takes_numbers(part) for part in get_args(kind))
 
 
 def choices(kind: Any) -> list[Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_text
+from whiptool.given_files import number_in, read_text
 from whiptool.models.excess import Excess
 from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
@@ -218,7 +218,7 @@ class JointTrajectory:
         text = read_text(path, "CSV", "trajectory")
         try:
             header, *rows = list(csv.reader(text.splitlines()))
-            values = np.array([[float(x) for x in row] for row in rows])
+            values = np.array([[number_in(x) for x in row] for row in rows])
         except (ValueError, csv.Error) as error:
             raise InputError(
                 "trajectory", str(path), "a CSV file of numbers with a header", f"reason: {str(error)[:160]}"

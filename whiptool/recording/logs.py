@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.numbers import float_array
 
 MOST_BAD = 0.05  # share of stamps
 NEAR, CROWD = 10, 3  # as many bad stamps among so many rows are a stretch
@@ -122,17 +123,6 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
     if span > longest:
         cause = f"keep only the part with the strike; or {cause}"
         raise InputError(name, f"a span of {span:g} s in {len(t)} rows", f"at most {longest:g} s", cause)
-
-
-def float_array(name: str, value: object) -> np.ndarray:
-    """Return numbers as a new float array, with NaN if missing; refuse values that are not numbers, or infinite."""
-    try:
-        array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
-    except (ValueError, TypeError, OverflowError):
-        raise InputError(name, str(value)[:80], "numbers") from None
-    if np.isinf(array).any():
-        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
-    return array
 
 
 def increasing_times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:

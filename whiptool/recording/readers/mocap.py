@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.table import text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -193,7 +195,7 @@ def rate_of(value: object, what: str) -> float:
         InputError: It is not a number from 1 to 100000.
     """
     try:
-        rate = float(str(value))
+        rate = number_in(str(value))
     except ValueError:
         rate = np.nan
     if not 1 <= rate <= LARGEST_RATE:
@@ -229,27 +231,16 @@ def text_rows(path: Path, mark: str) -> list[list[str]]:
     """Return all rows of a text table of another program without trailing empty cells, blank rows included.
 
     Args:
-        path: The file, in UTF-8 or Windows' encoding of western languages.
+        path: The file.
         mark: What separates cells.
     """
-    data = path.read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("cp1252")
     found = []
-    for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark):
-        cells = [_number(cell.strip()) for cell in row]
+    for row in csv.reader(io.StringIO(text_of(path), newline=""), delimiter=mark):
+        cells = [cell.strip() for cell in row]
         while cells and not cells[-1]:
             cells.pop()
         found.append(cells)
-    return found
-
-
-def _number(cell: str) -> str:
-    """A cell, with a decimal comma as a point."""
-    comma = "," in cell and re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
-    return cell.replace(",", ".") if comma else cell
+    return with_points(found)
 
 
 def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: int) -> np.ndarray:
@@ -277,7 +268,7 @@ def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: in
 
 def _cell(cell: str, row: int, column: int) -> float:
     try:
-        return float(cell) if cell else np.nan
+        return number_in(cell) if cell else np.nan
     except ValueError:
         raise InputError(f"row {row}, column {column + 1}", cell[:40], "a number or empty") from None
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
 from whiptool.recording.readers.programs import QUALISYS
@@ -68,7 +68,7 @@ def read_qualisys(path: Path | str, **options: Any) -> StrikeRecording:
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        number_in(cell)
     except ValueError:
         return False
     return True

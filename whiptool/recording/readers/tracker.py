@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.logs import SECONDS
 from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
-from whiptool.recording.readers.programs import TRACKER
+from whiptool.recording.readers.programs import TRACKER, beginning
 from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.readers.table import LARGEST_TABLE
 from whiptool.recording.strike_recording import StrikeRecording
@@ -69,8 +69,7 @@ def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
 
 def _mark(path: Path) -> str:
     """What separates the cells: what follows the variable t."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        head = file.read(4096)
+    head = beginning(path).decode("utf-8-sig", "replace")
     found = re.search(r'^#?"?t"?(?: *[(\[]\w+[)\]])?([\t,;])', head, re.MULTILINE)
     return found[1] if found else "\t"
 
@@ -96,7 +95,7 @@ def _columns(names: list[str], variables: list[tuple[str, str]]) -> dict[str, li
 
 def _even(written: list[str], unit: float) -> tuple[np.ndarray, str]:
     """Times [s], and their source; those with few digits are those of the even clock that they belong to, if any."""
-    t = unit * np.array([float(cell) for cell in written])
+    t = unit * np.array([number_in(cell) for cell in written])
     places = np.array([int(Decimal(cell).as_tuple().exponent) for cell in written])
     plain = np.array(["e" not in cell.lower() for cell in written])  # trailing zeros of these may be left out
     places[plain] = places[plain].min(initial=0)
