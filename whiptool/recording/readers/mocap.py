@@ -25,7 +25,7 @@ from whiptool.given_files import number_in
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import text_of, with_points
+from whiptool.recording.readers.table import AXES, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -133,7 +133,13 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
 
 
 def _labeled(side: Sidecar, capture: Capture) -> Capture:
-    """The capture without markers that a program numbered for want of a label, where others have labels."""
+    """The capture without markers that a program numbered for want of a label, where others have labels; those without
+    a label of their own are numbered here."""
+    given = list(capture.labels)
+    own = [x if x and x not in given[:i] else f"marker{i + 1}" for i, x in enumerate(given)]
+    if new := [x for x, was in zip(own, given, strict=True) if x != was]:
+        said = f"markers without a name of their own are numbered in the file's order: {', '.join(new)[:200]}"
+        capture = replace(capture, labels=own, notes=(*capture.notes, said))
     kept = [i for i, label in enumerate(capture.labels) if not UNLABELED.fullmatch(label.rpartition(":")[2])]
     left = len(capture.labels) - len(kept)
     if "markers" in side.table or not left or not kept:
@@ -157,7 +163,7 @@ def _named(side: Sidecar, capture: Capture) -> dict[str, str]:
         return found
     parts = [label.rpartition(":")[2].lower() for label in labels]
     clear = {part for part in parts if PARTS.fullmatch(part) and parts.count(part) == 1}
-    return {part if part in clear else label: label for part, label in zip(parts, labels, strict=True) if label}
+    return {part if part in clear else label: label for part, label in zip(parts, labels, strict=True)}
 
 
 def axes_of(forward: str, up: str) -> tuple[str, str, str] | None:
@@ -273,9 +279,33 @@ def _cell(cell: str, row: int, column: int) -> float:
         raise InputError(f"row {row}, column {column + 1}", cell[:40], "a number or empty") from None
 
 
-def announced(said: Mapping[str, str], key: str, count: int) -> tuple[str, ...]:
-    """Return a sentence if a file holds another number of frames than its header announces."""
+def grouped(names: list[str], axes: list[str], wanted: Sequence[str] = AXES) -> tuple[list[str], list[list[int]]]:
+    """Return the labels of markers, each of which stands over the first of its columns or left of it, and the columns
+    of their `wanted` axes; where axes begin again without a name, the label is empty.
+    """
+    found: list[tuple[str, dict[str, int]]] = []
+    label = ""
+    for i, axis in enumerate(axes):
+        label = (names[i] if i < len(names) else "") or label
+        if axis.lower() in wanted:
+            if label or not found or axis.lower() in found[-1][1]:
+                found.append((label, {}))
+            found[-1][1][axis.lower()], label = i, ""
+    whole = [(label, list(of_one.values())) for label, of_one in found if len(of_one) == len(wanted)]
+    return [label for label, _ in whole], [of_one for _, of_one in whole]
+
+
+def padded(names: list[str], said: Mapping[str, str], key: str, rows: list[list[str]], before: int) -> list[str]:
+    """Return the markers' names with empty ones for those that a header counts and does not name, if the rows, of which
+    `before` columns are no positions, are as long.
+    """
+    number, most = said.get(key, ""), max((len(row) - before + 2) // 3 for row in rows) if rows else 0
+    return names + [""] * (min(int(number), most) - len(names) if number.isdigit() else 0)
+
+
+def announced(said: Mapping[str, str], key: str, count: int, what: str = "frames") -> tuple[str, ...]:
+    """Return a sentence if a file holds another number of frames, or of `what`, than its header announces."""
     number = said.get(key, "")
     if not number.isdigit() or int(number) == count:
         return ()
-    return (f"the file holds {count} frames, and announces {number} ({key})",)
+    return (f"the file holds {count} {what}, and announces {number} ({key})",)
