@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
@@ -14,11 +14,11 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from whiptool.commands.options.option_group import HELP_ALL, OptionGroup, flag, names_of
 from whiptool.errors import NOTHING, InputError, alike
-from whiptool.given_files import number_in
 from whiptool.words import as_named
 
 T = TypeVar("T", bound=OptionGroup)
 SHORT = {"-o": "--out"}
+_UNDERSCORES = re.compile(r"[-+.,\deE]*_[-+.,\deE_]*")  # in numbers, where Python would allow them
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
@@ -46,17 +46,9 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
         else:
             value = word
             found += _values(word, listed) if within else [as_named(word, listed)]
-        if "_" in value and _is_number(value.replace("_", "")) and _takes_numbers(kinds.get(long)):
+        if _UNDERSCORES.fullmatch(value) and _takes_numbers(kinds.get(long)):
             raise InputError(long, value, _kind_in_words(kinds[long]), "write numbers without underscores")
     return found
-
-
-def _is_number(text: str) -> bool:
-    """Return whether a text is one number, or several with commas between them."""
-    try:
-        return all(math.isfinite(number_in(part)) for part in text.split(","))
-    except ValueError:
-        return False
 
 
 def _takes_numbers(kind: Any) -> bool:

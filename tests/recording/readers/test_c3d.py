@@ -142,11 +142,11 @@ def test_analog_numbers_that_no_parameter_announces_move_no_marker(tmp_path):
         with_analog(tmp_path / "b.c3d", words)
         found = read_recording(tmp_path / "b.c3d")
         np.testing.assert_array_equal(found.points, plain.points)
-        assert any(f"the header counts 2 points and {words} analog numbers a frame, the para" in x for x in found.notes)
+        assert any(f"the header counts {words} analog numbers a frame, and the parameters 0" in x for x in found.notes)
     data = (tmp_path / "b.c3d").read_bytes()
     (tmp_path / "b.c3d").write_bytes(data[:4] + struct.pack("<H", 5) + data[6:])
     with pytest.raises(
-        InputError, match=r"header: got '2 points and 5 analog numbers a frame, its parameters 2 and 0'"
+        InputError, match="ANALOG: got 'the header counts 5 analog numbers a frame, and the parameters 0'"
     ):
         read_recording(tmp_path / "b.c3d")
 
@@ -182,7 +182,8 @@ def test_modelled_outputs_are_no_markers(tmp_path):
     found = read_recording(tmp_path / "a.c3d")
     assert found.markers == ("tip",)
     assert any(
-        x == "left out 3 modelled outputs, which no marker is: LHipAngles, LHipMoment, Whip:Speed" for x in found.notes
+        x == "left out 3 modelled outputs, which are no markers: LHipAngles, LHipMoment, Whip:Speed"
+        for x in found.notes
     )
 
 

@@ -25,7 +25,7 @@ from whiptool.given_files import number_in
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import AXES, text_of, with_points
+from whiptool.recording.readers.table import AXES, number_of, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -34,6 +34,10 @@ UNLABELED = re.compile(r"unlabell?ed.*|\*\d+|new \d+|u_\d+", re.IGNORECASE)  # o
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
+UNSTATED = {  # what to do where neither the file nor its sidecar states a key
+    "units": "state units in the sidecar file",
+    "axes": 'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +98,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         raise side.refuse(
             "axes",
             f"which of its axes point forward, up and out ({capture.axes}), for a model in space forward, left and up",
-            'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
+            UNSTATED["axes"],
         )
     if "axes" not in side.table and capture.axes:
         notes.append(f"axes: {capture.axes}; else say axes")
@@ -190,7 +194,7 @@ def unit_of(name: str, what: str, side: Sidecar) -> str:
     if units in UNITS:
         return units
     if "units" not in side.table:
-        raise InputError(what, name, "one of " + ", ".join(UNITS), "state units in the sidecar file")
+        raise InputError(what, name, "one of " + ", ".join(UNITS), UNSTATED["units"])
     return side.word("units", UNITS, "m")
 
 
@@ -266,17 +270,10 @@ def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: in
         if len(row) > width:
             raise InputError(f"row {i}", f"{len(row)} cells", f"at most {width} cells, as the row of names has")
         if row:
-            table.append([_cell(row[j] if j < len(row) else "", i, j) for j in columns])
+            table.append([number_of(row[j] if j < len(row) else "", i, j + 1) for j in columns])
     if len(table) < 2:
         raise InputError("rows", len(table), "at least two frames")
     return np.array(table)
-
-
-def _cell(cell: str, row: int, column: int) -> float:
-    try:
-        return number_in(cell) if cell else np.nan
-    except ValueError:
-        raise InputError(f"row {row}, column {column + 1}", cell[:40], "a number or empty") from None
 
 
 def grouped(names: list[str], axes: list[str], wanted: Sequence[str] = AXES) -> tuple[list[str], list[list[int]]]:

@@ -124,12 +124,16 @@ def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:
     for i, row in enumerate(rows[first:]):
         if len(row) != width:
             raise InputError(f"row {first + i + 1}", f"{len(row)} cells", f"{width} cells", "was the file cut off?")
-        for j, cell in enumerate(row):
-            try:
-                table[i, j] = number_in(cell) if cell.strip() else np.nan
-            except ValueError:
-                raise InputError(f"row {first + i + 1}, column {j + 1}", cell[:40], "a number or empty") from None
+        table[i] = [number_of(cell, first + i + 1, j) for j, cell in enumerate(row, 1)]
     return table
+
+
+def number_of(cell: str, row: int, column: int) -> float:
+    """Return the number in a cell; NaN if it is empty."""
+    try:
+        return number_in(cell) if cell.strip() else np.nan
+    except ValueError:
+        raise InputError(f"row {row}, column {column}", cell[:40], "a number or empty") from None
 
 
 def split_columns(
