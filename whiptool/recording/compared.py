@@ -85,8 +85,8 @@ def hand_path(log: JointLog) -> Path:
 
 
 def joint_path(log: JointLog, arm: AnyArm, *, vertical: bool = False) -> Path:
-    """Return the path of the hand from the arm's joints, in the base's axes; `vertical` takes each joint's angle as that
-    against the vertical.
+    """Return the path of the hand from the arm's joints, in the base's axes; with `vertical` from their angles against
+    the vertical.
 
     Raises:
         InputError: The log has other joints.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from lab_files import FORMATS, Motion, qualisys_mat, swing
+from pendulum_data import DATA
 
 from whiptool.errors import InputError
 from whiptool.recording.readers import read_recording
@@ -143,3 +144,12 @@ def test_a_header_that_counts_other_markers_than_there_are_is_told(tmp_path):
         (tmp_path / name).write_text(NAMELESS[name].replace(key, key.replace("2\tm", "3\tm").replace("S\t2", "S\t3")))
         notes = read_recording(tmp_path / name, axes=["x", "y", "z"], units="m").notes
         assert any(note.startswith("the file holds 2 markers, and announces 3") for note in notes)
+
+
+def test_the_case_of_a_marker_without_a_name_is_read():
+    file = DATA.parent / "cases/recordings/unnamed_extra.trc"
+    if not file.exists():
+        pytest.skip("../shared/data is absent")
+    found = read_recording(file)
+    assert (found.markers, len(found.t)) == (("tip", "marker2"), 180)
+    np.testing.assert_allclose(found.points[1], [[0.00749922, 0.8000625, 0.00041667], [0.00249974, 1.8, 0]])
