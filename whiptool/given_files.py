@@ -5,6 +5,7 @@ Nothing is unpickled. Pipes and devices are refused, because opening or reading 
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import hashlib
 import io
@@ -73,7 +74,7 @@ def _size(path: Path, name: str, kind: str) -> int:
 
 
 def read_text(path: Path | str, kind: str, name: str = "file") -> str:
-    """Return the content of a text file in UTF-8.
+    """Return the content of a text file in UTF-8, or in UTF-16 with a byte order mark.
 
     Args:
         path: The file.
@@ -87,9 +88,27 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
     if (size := _size(path, name, f"{kind} file")) > LARGEST_TEXT:
         raise InputError(str(path), f"{size} bytes", f"a {kind} file of at most {LARGEST_TEXT} bytes")
     try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
+        with path.open("rb") as file:
+            coded = encoding_of(file.read(2))
+        return path.read_text(encoding=coded)
+    except UnicodeError as error:
         raise InputError(name, str(path), f"valid {kind}, which is text", f"reason: {error}") from None
+
+
+def encoding_of(head: bytes) -> str:
+    """Return the encoding of a text by its first bytes: UTF-16 if they are its byte order mark, else UTF-8."""
+    return "utf-16" if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
+
+
+def number_in(text: str) -> float:
+    """Return the number that a text states; `float` would also take `1_0.5` and digits of other scripts.
+
+    Raises:
+        ValueError: The text is no number.
+    """
+    if "_" in text or not text.strip().isascii():
+        raise ValueError(f"{text[:40]!r} is no number")
+    return float(text)
 
 
 def read_json(path: Path | str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import pytest
 
 from whiptool.commands import cli, compare, identify, map, optimize, simulate, train
 from whiptool.commands.parsing import usual_words
+from whiptool.errors import InputError
 from whiptool.models import preset
 
 
@@ -72,3 +73,19 @@ def test_words_to_choose_from_may_be_in_capital_letters():
     assert (options.limits, options.law_or_file, options.pareto) == ("xm430", "position", ("effort", "miss"))
     assert options.find_model() == preset("ur5e")
     assert parsed(compare.CompareOptions, "--observation Tip").observation == ("tip",)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (simulate.SimulateOptions, "--whip-length 1_0.5"),
+        (simulate.SimulateOptions, "--strike -1.36,.47,1.7_3,1.41,.95"),
+        (simulate.SimulateOptions, "--whip-length=1_0"),
+        (optimize.OptimizeOptions, "--target 1.2 0_1"),
+        (optimize.OptimizeOptions, "--max-trials 1_000"),
+    ],
+)
+def test_underscores_in_numbers_are_refused(options, words):
+    with pytest.raises(InputError, match=rf"{words.split('=')[0].split()[0]}: got .*numbers without underscores"):
+        parsed(options, words)
+    assert parsed(optimize.OptimizeOptions, "--out 2024_05_06").out == Path("2024_05_06")

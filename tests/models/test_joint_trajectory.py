@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -290,3 +291,9 @@ def test_a_hand_that_turns_all_ways_is_refused():
     poses = np.hstack([np.zeros((200, 3)), Rotation.random(200, rng=np.random.default_rng(0)).as_quat()])
     with pytest.raises(InputError, match="middle Euler angle"):
         hand_joints(poses)
+
+
+def test_no_warning_of_gimbal_lock_is_given_for_orientations_that_are_not_taken():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hand_joints(turning(Rotation.identity(), [0.3, 0.0, 0.0]))

@@ -197,3 +197,26 @@ def test_two_systems_of_cameras_are_compared_by_their_markers(tmp_path):
     assert offset.numbers["offset"] == pytest.approx(-0.02, abs=1e-4)
     assert "say start = 0.02" in offset.fix
     assert [of(list(one.findings), "rate").numbers["rate"] for one in files] == pytest.approx([240, 60])
+
+
+@pytest.mark.parametrize("columns", [("shoulder", "elbow"), ("elbow", "shoulder")])
+def test_joints_that_are_logged_against_the_vertical_are_named_and_no_other_correction_is_offered(columns, tmp_path):
+    """Scale, axes and clock can be turned so that even these angles nearly fit; the differences fit to the noise."""
+    arm, strike = preset("lemon2024").arm, Strike((-1.36, 0.47), (1.73, 1.41), 0.95)
+    t = np.arange(0, 1.3, 0.01)
+    q = np.array([strike.reference(min(float(x), 0.95))[0] for x in t])
+    upright = q.cumsum(axis=1)
+    hand = np.stack([np.sin(upright) @ arm.lengths, -np.cos(upright) @ arm.lengths], axis=1)
+    hand += np.random.default_rng(0).normal(scale=5e-4, size=hand.shape)
+    write_table(tmp_path / "a.csv", ["t", "handle_x", "handle_y"], np.column_stack([t, hand]))
+    said = {}
+    for name, logged in (("right", q), ("vertical", upright)):
+        order = [("shoulder", "elbow").index(x) for x in columns]
+        write_table(tmp_path / f"{name}.csv", ["t", *columns], np.column_stack([t, logged[:, order]]))
+        (one,) = compared([understand(str(tmp_path / "a.csv"), joints=tmp_path / f"{name}.csv")], arm)
+        said[name] = {finding.topic: finding for finding in one.findings}
+    doubt = said["vertical"]["joints"]
+    assert (doubt.certainty, "against the vertical" in doubt.value) == ("doubtful", True)
+    assert not {"scale", "offset", "clock rate", "frame"} & said["vertical"].keys()
+    assert said["right"]["joints"].certainty != "doubtful"
+    assert said["right"]["scale"].certainty == "measured"

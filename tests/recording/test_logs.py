@@ -62,7 +62,7 @@ def test_a_stretch_of_doubled_stamps_is_refused():
         (1e9 * EVEN + 1.7e18, "nanoseconds"),
         (np.arange(8000) * 0.2, "span of 1599.8 s in 8000 rows.*milliseconds"),
         (np.arange(3000) * 0.5, "steps of 0.5.*milliseconds"),
-        (1e-9 * EVEN, "steps from 1e-06 s"),
+        (1e-9 * EVEN, "steps from 1e-05 s"),
     ],
 )
 def test_times_that_no_strike_lasts_are_refused_with_the_likely_cause(t, said):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from whiptool.models.strike import Strike
 from whiptool.recording.readers import (
     read_recording,
 )
+from whiptool.recording.readers.keys import Keys
 from whiptool.recording.strike_recording import StrikeRecording
 
 # ---------------------------------------------------------------- the recording itself
@@ -189,3 +191,35 @@ def test_what_is_turned_upright_is_one_rigid_motion_of_points_and_poses():
     back = turned.upright("y")
     np.testing.assert_allclose(back.hand_pose[:, :3], places_of, atol=1e-14)
     assert (turns * Rotation.from_quat(back.hand_pose[:, 3:]).inv()).magnitude().max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("points", places() + 1j * 0),
+        ("points", places() > 0),
+        ("points", places().astype(str)),
+        ("points", [[["1_0.5", "0.2"]] * 2] * T),
+        ("sigma", True),
+        ("sigma", "0.001"),
+        ("sigma", 1e-3 + 0j),
+        ("exposure", True),
+        ("exposure", [0.001, 0.002]),
+        ("t_stay", False),
+        ("joints_q", np.ones((50, 2), bool)),
+        ("target", [True, False]),
+        ("t_points", times()[:, None] + 0j),
+        ("t", times() + 0j),
+    ],
+)
+def test_texts_booleans_and_complex_numbers_are_no_numbers(name, value):
+    with pytest.raises(InputError, match=rf"{name}: got "):
+        dataclasses.replace(full(), **{name: value})
+    with pytest.raises(InputError, match=r"origin: got .*finite numbers"):
+        Keys({"origin": [True, False]}, Path(), "").array("origin", 2)
+
+
+def test_missing_numbers_may_be_none():
+    some = places().tolist()
+    some[0][0] = [None, None]
+    assert not StrikeRecording(times(), some, ("tip", "handle")).seen[0, 0]

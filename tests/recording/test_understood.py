@@ -10,7 +10,7 @@ from lab_files import FORMATS, swing
 
 from whiptool.errors import InputError
 from whiptool.models.strike import Strike
-from whiptool.recording.readers import find_format
+from whiptool.recording.readers import find_format, read_recording
 from whiptool.recording.understood import understand
 
 T = np.arange(0, 2.0, 1 / 120)
@@ -99,3 +99,56 @@ def test_what_is_no_recording_is_refused_with_what_was_meant(tmp_path):
             find_format(tmp_path / name)
         assert str(caught.value).endswith(said)
         assert len(str(caught.value)) < 300 + len(str(tmp_path / name)) * 2
+
+
+def bare_c3d(path, units: str = "", **screen: str) -> np.ndarray:
+    """A whip that hangs and then swings, in a file that may state neither units nor axes; its places [m]."""
+    import ezc3d
+
+    begun = np.maximum(T - 0.5, 0)
+    handle = np.stack([0.3 * np.sin(6 * begun), 0 * T, 1.5 + 0 * T], axis=1)
+    tip = handle + 0.5 * np.stack([np.sin(5 * begun), 0 * T, -np.cos(5 * begun)], axis=1)
+    c3d = ezc3d.c3d()
+    group = c3d["parameters"]["POINT"]
+    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [120.0], [units], ["handle", "tip"]
+    for name, value in screen.items():
+        c3d.add_parameter("POINT", name, [value])
+    places = np.stack([handle, tip], axis=1)
+    c3d["data"]["points"] = np.concatenate([1e3 * places.transpose(2, 1, 0), np.ones((1, 2, len(T)))])
+    c3d.write(str(path))
+    return places
+
+
+def test_a_file_that_states_neither_units_nor_axes_is_shown_and_asked_for_them(tmp_path):
+    """But fitted it is not; and gravity says from what is shown which axis is up."""
+    pytest.importorskip("ezc3d")
+    places = bare_c3d(tmp_path / "a.c3d")
+    shown = understand(str(tmp_path / "a.c3d"))
+    np.testing.assert_allclose(shown.found.points, places, atol=1e-6)
+    found = {finding.topic: finding for finding in shown.findings}
+    assert (found["units"].certainty, found["axes"].certainty) == ("doubtful", "doubtful")
+    assert found["units"].fix == "state units in the sidecar: one of m, cm, mm, in"
+    assert found["axes"].fix.startswith("state axes in the sidecar: which of its axes point forward, up and out")
+    assert found["up"].value.startswith("z is up")
+    with pytest.raises(InputError, match="POINT:UNITS"):
+        read_recording(tmp_path / "a.c3d")
+    bare_c3d(tmp_path / "b.c3d", units="mm")
+    found = findings(tmp_path / "b.c3d")
+    assert (found["units"].certainty, found["axes"].certainty) == ("stated", "doubtful")
+    with pytest.raises(InputError, match="units"):  # what is stated wrongly is not guessed
+        understand(str(tmp_path / "a.c3d"), units="furlongs")
+
+
+@pytest.mark.parametrize(("rate", "said"), [(60, "doubtful"), (15, "measured")])
+def test_a_rate_that_no_camera_has_is_doubted_or_refused(rate, said, tmp_path):
+    """Of seconds in a column that says milliseconds."""
+    rows = "".join(f"{i / rate!r},{0.5 * math.sin(i / 30)},{-0.5 * math.cos(i / 30)}\n" for i in range(100))
+    (tmp_path / "a.csv").write_text("t [ms],tip_x,tip_y\n" + rows)
+    found = findings(tmp_path / "a.csv")["rate"]
+    assert (found.certainty, found.numbers["rate"]) == (said, pytest.approx(1e3 * rate))
+    remarks = understand(str(tmp_path / "a.csv")).found.remarks
+    assert any("60,000 a second, which is doubtful" in x for x in remarks) == (rate == 60)
+    rows = "".join(f"{i / 120!r},0.1,{-0.5 * math.cos(i / 30)}\n" for i in range(100))
+    (tmp_path / "b.csv").write_text("t [ms],tip_x,tip_y\n" + rows)
+    with pytest.raises(InputError, match=r"t: got 'steps of 8.33.*are these seconds, in a column whose name says a sm"):
+        understand(str(tmp_path / "b.csv"))

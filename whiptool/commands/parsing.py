@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType, UnionType
@@ -17,6 +18,7 @@ from whiptool.words import as_named
 
 T = TypeVar("T", bound=OptionGroup)
 SHORT = {"-o": "--out"}
+_UNDERSCORES = re.compile(r"[-+.,\deE]*_[-+.,\deE_]*")  # in numbers, where Python would allow them
 
 
 def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
@@ -32,6 +34,7 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
     several = {name for name, kind in kinds.items() if _takes_several(kind)}
     found: list[str] = []
     within, listed = False, []  # whether the values of an option that takes several follow; of which words they are
+    long = ""
     for word in words:
         name, equals, value = word.partition("=")
         name = SHORT.get(name, name)
@@ -41,8 +44,16 @@ def usual_words(words: Sequence[str], options: type[OptionGroup]) -> list[str]:
             value = as_named(value, listed)
             found += [name, *_values(value, listed)] if within and equals else [name + equals + value]
         else:
+            value = word
             found += _values(word, listed) if within else [as_named(word, listed)]
+        if _UNDERSCORES.fullmatch(value) and _takes_numbers(kinds.get(long)):
+            raise InputError(long, value, _kind_in_words(kinds[long]), "write numbers without underscores")
     return found
+
+
+def _takes_numbers(kind: Any) -> bool:
+    """Return whether an option of a type takes numbers."""
+    return kind in (int, float) or any(_takes_numbers(part) for part in get_args(kind))
 
 
 def choices(kind: Any) -> list[Any]:

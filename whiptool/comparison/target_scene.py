@@ -17,6 +17,7 @@ from scipy.spatial.distance import cdist
 
 from whiptool.comparison.units import Store, Unit
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.goals.arrival_rule import ArrivalRule, GoalRegion
 from whiptool.goals.goals import Goals
 from whiptool.goals.target import TARGET
@@ -145,7 +146,7 @@ def check_zone(name: str, centre: tuple[float, ...] = TARGET, reach: float = LAR
     if name == FAST:
         return
     try:
-        disc = Disc(centre, float(name))
+        disc = Disc(centre, number_in(name))
     except ValueError:
         raise InputError("zone", name, f"radii > 0 in m, or {FAST}") from None
     try:

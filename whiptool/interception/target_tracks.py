@@ -14,7 +14,7 @@ from scipy.special import ellipj, ellipkinc
 from scipy.stats import chi2 as chi2_distribution
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import number
+from whiptool.models.numbers import float_array, number
 
 GRAVITY = 9.81  # [m/s^2]
 LENGTHS = (0.4, 1.0, 2.5)  # [m] of strings that a search starts from
@@ -305,7 +305,7 @@ def fit_track(
         InputError: Shapes do not match, times do not increase, the motion is unknown, or too few frames show the
             target.
     """
-    t, points = np.asarray(t, float), np.asarray(points, float)
+    t, points = float_array("times of the track", t), float_array("track", points)
     number("sigma", sigma, low=0, strict=True)
     if t.ndim != 1 or points.shape not in ((len(t), 2), (len(t), 3)):
         raise InputError("track", (t.shape, points.shape), "times (T,) and positions (T, 2), in space (T, 3)")

@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
@@ -108,7 +109,7 @@ def floor_height(given: str | float) -> float | None:
     if given == "none":
         return None
     try:
-        height = float(given)
+        height = number_in(str(given))
     except ValueError:
         raise InputError("floor", given, "a number [m], or none") from None
     return metres("floor", height, low=-LONGEST, strict=False)

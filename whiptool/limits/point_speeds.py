@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.limits.limits import ROUNDING, Limits
 from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_frames
@@ -159,7 +160,7 @@ def speed(text: str, value: str) -> float:
         InputError: It is not a number > 0.
     """
     try:
-        found = float(value)
+        found = number_in(value)
     except ValueError:
         found = float("nan")
     if not 0 < found < np.inf:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from whiptool.errors import InputError
-from whiptool.given_files import read_text
+from whiptool.given_files import number_in, read_text
 from whiptool.models.excess import Excess
 from whiptool.models.hand_space import HandPath, hand_poses
 from whiptool.models.numbers import number, numbers
@@ -218,7 +218,7 @@ class JointTrajectory:
         text = read_text(path, "CSV", "trajectory")
         try:
             header, *rows = list(csv.reader(text.splitlines()))
-            values = np.array([[float(x) for x in row] for row in rows])
+            values = np.array([[number_in(x) for x in row] for row in rows])
         except (ValueError, csv.Error) as error:
             raise InputError(
                 "trajectory", str(path), "a CSV file of numbers with a header", f"reason: {str(error)[:160]}"
@@ -295,6 +295,7 @@ def _duration(t: float) -> dict[str, int]:
 
 
 _STEEPEST = np.deg2rad(65)  # of the middle turn: at 90 degrees the other two are one
+_LOCKED = 1 - 1e-6  # sine of the middle turn
 _FARTHEST = 20.0  # [m]
 _AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -339,7 +340,11 @@ def hand_joints(poses: np.ndarray) -> tuple[SpatialArm, np.ndarray]:
 
 def _best_way(ways: np.ndarray, turned: Rotation) -> tuple[np.ndarray, float]:
     """Return that of some orientations (W, 3, 3) from which the turn about y is smallest, and how large it is."""
-    steepest = [float(np.abs(_turns(way, turned)[:, 1]).max()) for way in ways]
+    sines = [np.abs((Rotation.from_matrix(way).inv() * turned).as_matrix()[:, 2, 0]).max() for way in ways]
+    steepest = [
+        np.pi / 2 if sine > _LOCKED else float(np.abs(_turns(way, turned)[:, 1]).max())  # there SciPy would warn
+        for way, sine in zip(ways, sines, strict=True)
+    ]
     best = int(np.argmin(steepest))
     return ways[best], steepest[best]
 

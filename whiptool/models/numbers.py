@@ -93,6 +93,24 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
     return array.astype(float, copy=False)
 
 
+def float_array(name: str, value: object) -> np.ndarray:
+    """Return numbers as a new float array, with NaN if missing; refuse what `array_of` refuses, except for NaN."""
+    try:
+        array = np.array(value)  # a copy: what the caller does to its own array later must not show here
+        if array.dtype.kind == "O" and all(
+            x is None or (isinstance(x, Real) and not isinstance(x, bool)) for x in array.flat
+        ):
+            array = array.astype(float)
+    except (ValueError, TypeError, OverflowError, RuntimeError):
+        raise InputError(name, str(value)[:80], "numbers") from None
+    if array.dtype.kind not in "iuf":
+        given = str(value)[:80]
+        raise InputError(name, given, "numbers, which are neither text, nor true or false, nor complex")
+    if np.isinf(array).any():
+        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
+    return array.astype(float, copy=False)
+
+
 def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tuple[float, ...], float]:
     """Split a strike vector into start, end and duration; `rule` describes the vector in error messages."""
     values = array_of("strike vector", vector, "a vector of finite numbers").tolist()

@@ -20,6 +20,7 @@ import tomli_w
 from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.given_files import build_from, read_toml
+from whiptool.models.numbers import float_array
 from whiptool.whole_files import write_whole
 
 KINDS = ("color", "infrared")  # of light
@@ -136,7 +137,7 @@ class Camera:
         if self.kind not in KINDS:
             raise InputError("kind", self.kind, " or ".join(KINDS))
         for name, shape in (("camera_matrix", (3, 3)), ("rotation", (3, 3)), ("position", (3,))):
-            value = np.array(getattr(self, name), float)
+            value = float_array(name, getattr(self, name))
             if value.shape != shape or not np.isfinite(value).all():
                 raise InputError(name, value.tolist(), f"finite numbers of shape {shape}")
             object.__setattr__(self, name, value)
@@ -145,7 +146,7 @@ class Camera:
             raise InputError("camera_matrix", K.tolist(), "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]], fx and fy > 0")
         if np.abs(R @ R.T - np.eye(3)).max() > _UNIT or np.linalg.det(R) < 0:
             raise InputError("rotation", R.tolist(), "a rotation matrix")
-        distortion = tuple(float(x) for x in self.distortion)
+        distortion = tuple(float_array("distortion", self.distortion).ravel().tolist())
         if len(distortion) not in COEFFICIENTS or not np.isfinite(distortion).all():
             raise InputError("distortion", distortion, f"{', '.join(map(str, COEFFICIENTS))} finite numbers")
         object.__setattr__(self, "distortion", distortion)

@@ -30,6 +30,7 @@ CLOCK_OFF = 1e-3  # [s] of an offset that matters
 TURNED = math.radians(1.0)  # of axes that are not where they were assumed
 SHIFTED = 5e-3  # [m] of an origin, likewise
 NEAR = math.radians(20.0)  # within which axes are exchanged, and not turned
+CLEARER = 0.5  # of the distance that is left, from which another reading of the joints explains it better
 MOVING = 0.1  # of the hand's largest speed, from which tip and hand have begun to move
 WHIP_LAG = 0.08  # [s] after the hand at which the tip of a whip begins to move, in the median of simulated strikes
 LAG_ERROR = 0.3  # [s] by which that lag may be wrong, in 99 % of these
@@ -83,8 +84,9 @@ def hand_path(log: JointLog) -> Path:
     return Path(log.t, log.q[:, :3], Rotation.from_quat(log.q[:, 3:]).as_matrix())
 
 
-def joint_path(log: JointLog, arm: AnyArm) -> Path:
-    """Return the path of the hand from the arm's joints, in the base's axes.
+def joint_path(log: JointLog, arm: AnyArm, *, vertical: bool = False) -> Path:
+    """Return the path of the hand from the arm's joints, in the base's axes; with `vertical` from their angles against
+    the vertical.
 
     Raises:
         InputError: The log has other joints.
@@ -93,7 +95,8 @@ def joint_path(log: JointLog, arm: AnyArm) -> Path:
         raise InputError("joints", f"{log.q.shape[1]} columns", f"{arm.n}, as the arm has joints")
     order = order_of(log.names, arm.joints, listed=log.listed) if log.names else list(range(arm.n))
     q = np.deg2rad(log.q) if log.unit == "deg" else log.q
-    origins, rotations = arm_poses(arm.in_space(), q[:, order])
+    q = np.diff(q[:, order], axis=1, prepend=0.0) if vertical else q[:, order]
+    origins, rotations = arm_poses(arm.in_space(), q)
     return Path(log.t, origins[:, -1], rotations[:, -1])
 
 
@@ -120,7 +123,12 @@ def _with_logs(
         if "handle" not in one.found.markers:
             yield from _by_beginning(one.found, path, called, key, start)
             continue
-        found = align(marker_path(one.found.upright("z"), "handle"), path)
+        handle = marker_path(one.found.upright("z"), "handle")
+        found = align(handle, path)
+        if what == "joints" and arm is not None and (apart := _against_vertical(handle, found, logs.joints, arm)):
+            fix = "write each angle less that of the joint before it into the log; no other correction is sure before"
+            yield Finding("joints", f"{called}: each is logged against the vertical", DOUBTFUL, apart, fix)
+            continue
         if found is None:
             reason = "the speeds of the marker handle and of the hand do not agree at any offset"
             fix = "are these records of one motion, and is handle the hand?"
@@ -128,6 +136,18 @@ def _with_logs(
             continue
         yield from _clock(found, called, key, start)
         yield from _frame(found, called, one, np.array(path.places))
+
+
+def _against_vertical(handle: Path, found: Alignment | None, log: JointLog | None, arm: AnyArm) -> str:
+    """Return why the joints of an arm in the plane are logged against the vertical, as far as the hand's path tells;
+    empty if they are not."""
+    if log is None or arm.dimension != 2 or arm.n < 2:
+        return ""
+    other = align(handle, joint_path(log, arm, vertical=True))
+    if other is None or (found is not None and other.rms > CLEARER * found.rms):
+        return ""
+    apart = "do not agree at any offset" if found is None else f"{1e3 * found.rms:.2g} mm apart as they are"
+    return f"with differences the paths of handle and hand are {1e3 * other.rms:.2g} mm apart; {apart}"
 
 
 def _clock(found: Alignment, called: str, key: str, start: float) -> Iterator[Finding]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from whiptool.errors import InputError
+from whiptool.models.numbers import float_array
 from whiptool.recording.camera import to_plane
 
 _LARGEST_CONDITION = 1e4  # of the design matrix in normalised coordinates; four corners of a rectangle have about 3
@@ -20,7 +21,7 @@ def checked_homography(matrix: np.ndarray) -> np.ndarray:
     Raises:
         InputError: The matrix has another shape, is not finite, or maps the plane to a line.
     """
-    matrix = np.asarray(matrix, float)
+    matrix = float_array("homography", matrix)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise InputError("homography", f"shape {matrix.shape}", "3 x 3 finite numbers, row by row")
     # rows and columns have different units: balance both before the determinant says anything
@@ -56,7 +57,7 @@ def homography_from_points(pixels: ArrayLike | None, metres: ArrayLike | None) -
     Raises:
         InputError: There are too few points, they are not finite, or three of four lie on one line.
     """
-    pixels, metres = np.array(pixels, float), np.array(metres, float)
+    pixels, metres = float_array("pixels", pixels), float_array("metres", metres)
     for name, points in (("pixels", pixels), ("metres", metres)):
         if points.ndim != 2 or points.shape[1:] != (2,) or len(points) != len(pixels) or not np.isfinite(points).all():
             raise InputError(name, f"shape {points.shape}", "finite numbers of shape (n, 2), one row per known point")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from whiptool.recording.finding import ASSUMED, MEASURED, STATED, Finding
-from whiptool.recording.logs import HOLE, gaps
+from whiptool.recording.finding import ASSUMED, DOUBTFUL, MEASURED, STATED, Finding
+from whiptool.recording.logs import HOLE, gaps, hurried
 from whiptool.recording.readers.joint_log import JointLog, Logs
 from whiptool.recording.readers.log_keys import LOGS
 
@@ -37,7 +37,9 @@ def rate_of(topic: str, t: np.ndarray, what: str) -> Finding:
     else:
         value += f" in the median, uneven: steps from {1e3 * step.min():.3g} to {1e3 * step.max():.3g} ms"
     numbers = {"rate": rate, "jitter": jitter, "even": even}
-    return Finding(topic, value, MEASURED, "from the steps between time stamps", numbers=numbers)
+    doubt = "".join(hurried(what, t)).partition("; ")[2]
+    certainty = DOUBTFUL if doubt else MEASURED
+    return Finding(topic, value, certainty, "from the steps between time stamps", doubt, numbers)
 
 
 def logs_in(fields: Mapping[str, Any]) -> Logs | None:

@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.models.numbers import float_array
 
 MOST_BAD = 0.05  # share of stamps
 NEAR, CROWD = 10, 3  # as many bad stamps among so many rows are a stretch
 SLOWEST = 0.25  # [s] between samples; milliseconds and frame numbers are beyond it
-FASTEST = 1e-6  # [s]
+FASTEST = 1e-5  # [s]
+DOUBTED = 5e-5  # [s], at which no whip is filmed: of a time in s, its unit is taken as ms
 LONGEST = 300.0  # [s] of one strike or swing
 LONE = 1.0  # [s], and
 APART = 100.0  # steps by which a stamp at the end stands alone
@@ -117,22 +119,13 @@ def check_pace(name: str, t: np.ndarray, *, longest: float = LONGEST) -> None:
     for smaller, factor in (("microseconds", 1e6), ("nanoseconds", 1e9)):
         unit = smaller if step / factor >= QUICKEST else unit
     cause = f"are these {unit} or frame numbers? Give seconds, or say the unit in the column's name, as in t [ms]"
-    if step >= SLOWEST or step < FASTEST:
+    if step < 0.999 * FASTEST:
+        cause = "are these seconds, in a column whose name says a smaller unit? Correct the name, as in t [s]"
+    if step >= SLOWEST or step < 0.999 * FASTEST:
         raise InputError(name, f"steps of {step:g}", f"steps from {FASTEST:g} s to {SLOWEST:g} s", cause)
     if span > longest:
         cause = f"keep only the part with the strike; or {cause}"
         raise InputError(name, f"a span of {span:g} s in {len(t)} rows", f"at most {longest:g} s", cause)
-
-
-def float_array(name: str, value: object) -> np.ndarray:
-    """Return numbers as a new float array, with NaN if missing; refuse values that are not numbers, or infinite."""
-    try:
-        array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
-    except (ValueError, TypeError, OverflowError):
-        raise InputError(name, str(value)[:80], "numbers") from None
-    if np.isinf(array).any():
-        raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
-    return array
 
 
 def increasing_times(name: str, value: object, *, longest: float = LONGEST) -> np.ndarray:
@@ -164,6 +157,13 @@ def gaps(name: str, t: np.ndarray, *, least: float = 0.0, steps: float = 1.5) ->
     where = f"the longest of {step[worst]:.3g} s from {t[worst]:.3f} to {t[worst + 1]:.3f} s"
     holes = "a hole" if len(wide) == 1 else f"{len(wide)} holes"
     return [f"{name}: {holes} where about {missing} samples are missing, {where}"]
+
+
+def hurried(name: str, t: np.ndarray) -> list[str]:
+    """Return a sentence if times t (T,) [s] follow each other faster than those of a film or a robot."""
+    rate = 1 / float(np.median(np.diff(t)))
+    fix = "are its times in s, in a column whose name says ms? Correct the unit in the name"
+    return [f"{name}: {rate:,.0f} a second, which is doubtful; {fix}"] if rate > 1 / DOUBTED else []
 
 
 class ClocksApart(InputError):
@@ -212,11 +212,11 @@ def check_spans(t: np.ndarray, logs: dict[str, np.ndarray], command: tuple[float
 
 def told_of_spans(t: np.ndarray, logs: dict[str, np.ndarray]) -> list[str]:
     """Return sentences about gaps, and about logs that start late or end early; for the arguments see `check_spans`."""
-    said = gaps("frames", t)
+    said = [*gaps("frames", t), *hurried("frames", t)]
     for name, times in logs.items():
         slack = SLACK + float(np.median(np.diff(times)))
         inside = times[(times >= t[0] - slack) & (times <= t[-1] + slack)]
-        said += gaps(name, inside, least=HOLE, steps=3.0) if len(inside) > 1 else []
+        said += [*gaps(name, inside, least=HOLE, steps=3.0), *hurried(name, inside)] if len(inside) > 1 else []
         if times[0] > t[0] + slack:
             said.append(f"{name}: the log starts late, {times[0] - t[0]:.3f} s after the first frame")
         if times[-1] < t[-1] - slack:

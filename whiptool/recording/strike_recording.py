@@ -14,14 +14,13 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, read_arrays, sha256
-from whiptool.models.numbers import ASK_UNIT, NoArray, texts
+from whiptool.models.numbers import ASK_UNIT, NoArray, float_array, texts
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, Strike, check_turns
 from whiptool.recording.camera import Camera, camera_of
 from whiptool.recording.logs import (
     check_angles,
     check_spans,
-    float_array,
     increasing_times,
     of_use,
     order_of,
@@ -218,10 +217,10 @@ class StrikeRecording(NoArray, instead="its t and points"):
     def _check_command(self) -> None:
         """Check exposure, what was commanded, and the target."""
         for name in ("exposure", "t_stay"):
-            value = float(float_array(name, getattr(self, name)))
-            if not 0 <= value <= 60:
-                raise InputError(name, value, "a span from 0 to 60 s")
-            self._put(**{name: value})
+            value = float_array(name, getattr(self, name))
+            if value.ndim or not 0 <= value <= 60:
+                raise InputError(name, value.tolist(), "a span from 0 to 60 s")
+            self._put(**{name: float(value)})
         if self.target is not None:
             target = float_array("target", self.target)
             if target.ndim != 1 or len(target) not in (2, 3) or not (np.abs(target) <= FARTHEST).all():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,11 @@ from whiptool.recording.logs import ClocksApart, gaps
 from whiptool.recording.readers import READERS, VideoSource, find_format, log_alone, open_any, split_episode
 from whiptool.recording.readers.joint_log import Logs
 from whiptool.recording.readers.log_keys import LOGS
+from whiptool.recording.readers.mocap import UNSTATED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.recording.track_findings import IN_METRES, clock_of, of_tracks, taken
+
+GUESSES = {"units": ("m", "mm"), "axes": (["x", "y", "z"],)}  # of keys of the sidecar, to show what lacks them
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,15 +76,18 @@ def understand(path: str, **options: Any) -> Understood:
     said = {} if form in IN_METRES else _said(Path(file), episode.get("episode", 0)) | options
     findings = [Finding("format", READERS[form].what, STATED, "by its name and first bytes", numbers={"format": form})]
     apart: Logs | None = None
+    lacking: dict[str, Finding] = {}
     try:
-        found = open_any(path, **options)
+        found, guessed = _opened(path, options, lacking)
+        said |= guessed
     except ClocksApart as error:
         found = open_any(path, **{**options, "joints": False, "hand": False})  # whose clocks are to be found
         apart = logs_in(error.logs)
         reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
         findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
     if isinstance(found, StrikeRecording):
-        findings += _upright(of_tracks(found, form, said), found, path, options, said)
+        of_file = _upright(of_tracks(found, form, said), found, path, options, said)
+        findings += (lacking.get(finding.topic, finding) for finding in of_file)
     elif isinstance(found, VideoSource):
         findings += _of_images(found)
     else:
@@ -90,6 +97,23 @@ def understand(path: str, **options: Any) -> Understood:
         logs = logs_in(vars(found.upright("z")))
         starts = {what: said.get(f"{what}_start", found.start) for what in LOGS}
     return Understood(path, form, found, tuple(findings), said, logs, starts)
+
+
+def _opened(path: str, options: Mapping[str, Any], lacking: dict[str, Finding], **guessed: Any) -> tuple[Any, Any]:
+    """Return what a file holds, and guesses of the keys that nothing states and without which only `show` reads it; the
+    findings on these keys are put into `lacking`."""
+    try:
+        return open_any(path, **{**options, **guessed}), guessed
+    except InputError as error:
+        key = next((key for key, fix in UNSTATED.items() if error.fix == fix and key not in guessed), "")
+        for guess in GUESSES.get(key, ()):
+            with suppress(InputError):
+                found = _opened(path, options, lacking, **guessed, **{key: guess})
+                value = f"unknown, shown as if they were {', '.join(guess) if isinstance(guess, list) else guess}"
+                fix = f"state {key} in the sidecar: {error.allowed}"
+                lacking[key] = Finding(key, value, DOUBTFUL, "nothing states them, and no fit is made without", fix)
+                return found
+        raise
 
 
 def _upright(

@@ -1,5 +1,7 @@
 """C3D files, written by ezc3d, and every kind of damage."""
 
+import struct
+
 import numpy as np
 import pytest
 from recordings import FPS, T, fuzz, places, times
@@ -119,3 +121,76 @@ def test_c3d_cut_off(tmp_path):
 def test_fuzz_c3d(tmp_path):
     write_c3d(tmp_path / "a.c3d")
     fuzz(tmp_path / "a.c3d", 20, lambda: read_recording(tmp_path / "a.c3d"))
+
+
+def with_analog(path, words: int) -> None:
+    """Put analog numbers into each frame, which the header counts, and no parameter."""
+    data = path.read_bytes()
+    start = 512 * (struct.unpack("<H", data[16:18])[0] - 1)
+    frames = np.frombuffer(data[start : start + T * 8 * 4], "<f4").reshape(T, 8)
+    body = np.hstack([frames, np.full((T, words), 0.5, "<f4")]).astype("<f4").tobytes()
+    head = data[:4] + struct.pack("<H", words) + data[6:18] + struct.pack("<H", 1) + data[20:start]
+    path.write_bytes(head + body + b"\0" * (-len(body) % 512))
+
+
+def test_analog_numbers_that_no_parameter_announces_move_no_marker(tmp_path):
+    """Where a reader steps by the parameters, every frame but the first is read from amidst another one."""
+    write_c3d(tmp_path / "a.c3d")
+    plain = read_recording(tmp_path / "a.c3d")
+    for words in (1, 8, 40):
+        write_c3d(tmp_path / "b.c3d")
+        with_analog(tmp_path / "b.c3d", words)
+        found = read_recording(tmp_path / "b.c3d")
+        np.testing.assert_array_equal(found.points, plain.points)
+        assert any(f"the header counts {words} analog numbers a frame, and the parameters 0" in x for x in found.notes)
+    data = (tmp_path / "b.c3d").read_bytes()
+    (tmp_path / "b.c3d").write_bytes(data[:4] + struct.pack("<H", 5) + data[6:])
+    with pytest.raises(
+        InputError, match="ANALOG: got 'the header counts 5 analog numbers a frame, and the parameters 0'"
+    ):
+        read_recording(tmp_path / "b.c3d")
+
+
+def test_frames_that_a_header_cannot_count_are_read(tmp_path):
+    import ezc3d
+
+    c3d, count = ezc3d.c3d(), 66_000
+    group = c3d["parameters"]["POINT"]
+    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [1000.0], ["mm"], ["tip"]
+    c3d.add_parameter("POINT", "X_SCREEN", ["+X"])
+    c3d.add_parameter("POINT", "Y_SCREEN", ["+Z"])
+    height = 500 * np.cos(np.arange(count) / 1e4)
+    c3d["data"]["points"] = np.stack([np.ones(count), np.ones(count), height, np.ones(count)])[:, None]
+    c3d.write(str(tmp_path / "a.c3d"))
+    found = read_recording(tmp_path / "a.c3d")
+    np.testing.assert_allclose(found.marker("tip")[:, 1], height / 1e3, rtol=1e-6)
+    np.testing.assert_allclose(found.t, np.arange(count) / 1e3)
+    assert any(note.startswith("66000 frames by the file's size") for note in found.notes)
+
+
+def test_modelled_outputs_are_no_markers(tmp_path):
+    import ezc3d
+
+    c3d, labels = ezc3d.c3d(), ["tip", "LHipAngles", "LHipMoment", "Whip:Speed"]
+    group = c3d["parameters"]["POINT"]
+    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [FPS], ["mm"], labels
+    for name, value in (("X_SCREEN", "+X"), ("Y_SCREEN", "+Z"), ("ANGLES", "LHipAngles"), ("MOMENTS", "LHipMoment"),
+                        ("SCALARS2", "Speed")):  # fmt: skip
+        c3d.add_parameter("POINT", name, [value])
+    c3d["data"]["points"] = np.random.default_rng(0).normal(size=(4, 4, T))
+    c3d.write(str(tmp_path / "a.c3d"))
+    found = read_recording(tmp_path / "a.c3d")
+    assert found.markers == ("tip",)
+    assert any(
+        x == "left out 3 modelled outputs, which are no markers: LHipAngles, LHipMoment, Whip:Speed"
+        for x in found.notes
+    )
+
+
+def test_points_without_a_label_of_their_own_are_numbered(tmp_path):
+    write_c3d(tmp_path / "a.c3d", labels=("tip", ""))
+    found = read_recording(tmp_path / "a.c3d")
+    assert found.markers == ("tip", "marker2")
+    assert any("without a name of their own" in note and "marker2" in note for note in found.notes)
+    write_c3d(tmp_path / "b.c3d", labels=("tip", "tip"))
+    assert read_recording(tmp_path / "b.c3d").markers == ("tip", "marker2")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from lab_files import FORMATS, Motion, qualisys_mat, swing
+from pendulum_data import DATA
 
 from whiptool.errors import InputError
 from whiptool.recording.readers import read_recording
@@ -112,3 +113,43 @@ def test_times_of_trackers_digits_are_those_of_an_even_clock(digits, tmp_path):
     rows[20:] = [f"{round(t, 3) + 0.02:.3f},{0.001 * i},2.0" for i, t in enumerate(exact[20:])]
     (tmp_path / "a.csv").write_text("\n".join(["mass A,,", "t,x,y", *rows]))
     np.testing.assert_allclose(read_recording(tmp_path / "a.csv").t[20:], np.round(exact[20:], 3) + 0.02, atol=1e-9)
+
+
+NAMELESS = {
+    "a.trc": "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tNumMarkers\tUnits\n100\t2\t2\tm\n"
+    "Frame#\tTime\ttip\t\t\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n1\t0\t1\t2\t3\t4\t5\t6\n2\t.01\t1\t2\t3\t4\t5\t6\n",
+    "a.tsv": "NO_OF_FRAMES\t2\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nDATA_INCLUDED\t3D\nMARKER_NAMES\ttip\t\n"
+    "1\t2\t3\t4\t5\t6\n1\t2\t3\t4\t5\t6\n",
+    "a.csv": "Trajectories\n100\n,,tip,,,,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,m,m,m,m,m,m\n"
+    "1,0,1,2,3,4,5,6\n2,0,1,2,3,4,5,6\n",
+    "a.txt": "#multi:\ttip\t\t\t\nt\tx\ty\tx\ty\n0\t1\t2\t4\t5\n0.01\t1\t2\t4\t5\n",
+    "b.csv": MOTIVE + ",,Marker,Marker,Marker,Marker,Marker,Marker\n,,tip,tip,tip,,,\n,,7,7,7,8,8,8\n"
+    + ",,Position,Position,Position,Position,Position,Position\nFrame,Time (Seconds),X,Y,Z,X,Y,Z\n"
+    + "0,0,1,2,3,4,5,6\n1,0.01,1,2,3,4,5,6\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMELESS)
+def test_markers_without_a_name_are_read_and_numbered(name, tmp_path):
+    (tmp_path / name).write_text(NAMELESS[name])
+    axes = {} if name == "a.txt" else {"axes": ["x", "y", "z"], "units": "m"}
+    found = read_recording(tmp_path / name, **axes)
+    assert found.markers == ("tip", "marker2")
+    np.testing.assert_array_equal(found.marker("marker2")[0], [4, 5, 6][: found.points.shape[2]])
+    assert any("numbered in the file's order: marker2" in note for note in found.notes)
+
+
+def test_a_header_that_counts_other_markers_than_there_are_is_told(tmp_path):
+    for name, key in (("a.trc", "\t2\t2\tm\n"), ("a.tsv", "NO_OF_MARKERS\t2")):
+        (tmp_path / name).write_text(NAMELESS[name].replace(key, key.replace("2\tm", "3\tm").replace("S\t2", "S\t3")))
+        notes = read_recording(tmp_path / name, axes=["x", "y", "z"], units="m").notes
+        assert any(note.startswith("the file holds 2 markers, and announces 3") for note in notes)
+
+
+def test_the_case_of_a_marker_without_a_name_is_read():
+    file = DATA.parent / "cases/recordings/unnamed_extra.trc"
+    if not file.exists():
+        pytest.skip("../shared/data is absent")
+    found = read_recording(file)
+    assert (found.markers, len(found.t)) == (("tip", "marker2"), 180)
+    np.testing.assert_allclose(found.points[1], [[0.00749922, 0.8000625, 0.00041667], [0.00249974, 1.8, 0]])

@@ -77,6 +77,17 @@ def test_places_of_nwb_are_in_the_files_unit(motion, tmp_path):
         file["processing/behavior/whip/tip/timestamps"][3] += 0.001
     with pytest.raises(InputError, match="series with different times"):
         read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])
+    with h5py.File(tmp_path / "a.nwb", "a") as file:  # a tip that is left out where it was not seen, as sleap-io does
+        for name, values in (("data", points[5:, 1] - 1000), ("timestamps", motion.t[5:] + 1e-9)):
+            attributes = dict(file[f"processing/behavior/whip/tip/{name}"].attrs)
+            del file[f"processing/behavior/whip/tip/{name}"]
+            file[f"processing/behavior/whip/tip/{name}"] = values
+            file[f"processing/behavior/whip/tip/{name}"].attrs.update(attributes)
+    less = read_recording(tmp_path / "a.nwb", axes=["x", "z", "-y"])
+    tip, handle = less.marker("tip")[:, :2], less.marker("handle")[:, :2]
+    np.testing.assert_allclose(tip, np.where(np.arange(len(less.t))[:, None] < 5, np.nan, motion.places[:, 1] / 1e3))
+    np.testing.assert_allclose(handle, motion.places[:, 0] / 1e3)
+    np.testing.assert_allclose(less.t, motion.t, atol=1e-8)
     with h5py.File(tmp_path / "c.nwb", "w") as file:
         file.attrs["nwb_version"] = "2.8.0"
     with pytest.raises(InputError, match=r"c\.nwb: NWB: got 'no PoseEstimation'; allowed: a PoseEstim"):
@@ -160,3 +171,25 @@ def test_without_h5py_its_extra_is_named_before_anything_is_read(tmp_path, monke
     with pytest.raises(InputError, match=r"HDF5 files: the package h5py is not .*pip install 'whiptool\[io\]'"):
         read_recording(tmp_path / "a.h5")
     assert needed_for([tmp_path / "a.h5"]) == ("h5py",)
+
+
+@pytest.mark.slow
+def test_the_nwb_file_that_sleap_io_writes_is_read(tmp_path):
+    """Its series leave out the frames in which a node was not seen, and it writes a frame a second."""
+    sio = pytest.importorskip("sleap_io")
+    skeleton, track, video = sio.Skeleton(["tip", "handle"], name="whip"), sio.Track("whip"), sio.Video("v.mp4")
+    pixels = np.random.default_rng(0).uniform(10, 90, (20, 2, 2))
+    pixels[3:5, 0] = np.nan
+    frames = []
+    for i, one in enumerate(pixels):
+        found = sio.PredictedInstance.from_numpy(
+            one, skeleton=skeleton, point_scores=np.ones(2), score=1.0, track=track
+        )
+        frames.append(sio.LabeledFrame(video=video, frame_idx=i, instances=[found]))
+    sio.save_nwb(sio.Labels(frames), str(tmp_path / "a.nwb"))
+    found = read_recording(tmp_path / "a.nwb", scale=0.01, origin=[0, 0], fps=100)
+    np.testing.assert_allclose(found.t, np.arange(20) / 100)
+    for i, name in enumerate(("tip", "handle")):
+        np.testing.assert_allclose(found.marker(name), pixels[:, i] * [0.01, -0.01])
+    with pytest.raises(InputError, match="fps: got None; allowed: frames per second"):
+        read_recording(tmp_path / "a.nwb", scale=0.01, origin=[0, 0])

@@ -255,3 +255,48 @@ def test_of_a_long_log_what_lies_near_the_frames_is_used(tmp_path):
     rows = np.column_stack([t - 1500, np.sin(t), np.cos(t)]).tolist()
     recording = log_of(tmp_path, ["t", "elbow", "shoulder"], rows).for_model(preset("lemon2024"))
     assert -1.01 < times(recording)[0] < times(recording)[-1] < 1.5
+
+
+COMMAS = "t;tip_x;tip_y\n0,00;0,5;-0,25\n0,01;{};-0,25\n0,02;0,5;-0,25\n"
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", "1.234", "-1.234.567,8", "12.345,67"])
+def test_separators_of_thousands_are_refused_with_the_cell(cell, tmp_path):
+    """A thousand without decimals would be read as one; a point in a column of points is a decimal point."""
+    (tmp_path / "a.csv").write_text(COMMAS.format(cell))
+    with pytest.raises(InputError, match=rf"row 3, column 2: got '{cell}'.*without separators of thousands"):
+        read_recording(tmp_path / "a.csv")
+    (tmp_path / "a.txt").write_text(TRACKS.replace("\t4\t", f"\t{cell}\t", 1))
+    with pytest.raises(InputError, match=rf"row 3, column 2: got '{cell}'.*without separators of thousands"):
+        read_recording(tmp_path / "a.txt")
+    (tmp_path / "a.csv").write_text(COMMAS.format("1,234").replace("0,01;", "0.01;").replace("0,02;", "0.02;"))
+    assert read_recording(tmp_path / "a.csv").points[1, 0].tolist() == [1.234, -0.25]
+
+
+TRACKS = "mass A\t\t\nt\tx\ty\n0,00\t4\t5,5\n0,01\t4,5\t5\n0,02\t4,5\t5\n"
+
+
+@pytest.mark.parametrize("cell", ["1_0.5", "1_0", "\u0661\u0662", "0x10", "1e5_0"])
+def test_numbers_in_a_notation_of_python_alone_are_refused(cell, tmp_path):
+    (tmp_path / "a.csv").write_text(f"t,tip_x,tip_y\n0,0,0\n0.1,{cell},1\n0.2,0,1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=rf"row 3, column 2: got '{cell}'; allowed: a number or empty"):
+        read_recording(tmp_path / "a.csv")
+    (tmp_path / "a.txt").write_text(TRACKS.replace("\t4\t", f"\t{cell}\t", 1), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"row 3, column 2: got '{cell}'; allowed: a number or empty"):
+        read_recording(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize("coded", ["utf-16", "utf-8-sig", "cp1252"])
+def test_tables_and_sidecars_are_read_in_the_encodings_that_windows_writes(coded, tmp_path):
+    """UTF-16 with its mark, as `Unicode text` of spreadsheets and redirected output of PowerShell are."""
+    side = 'units = "cm"\njoints = "log.csv"\n'
+    (tmp_path / "a.toml").write_text(side, encoding="utf-8" if coded == "cp1252" else coded)
+    (tmp_path / "a.csv").write_text("t;tip_x;tip_y\n0;0;50\n0,1;0;50\n0,2;0;50\n", encoding=coded)
+    (tmp_path / "log.csv").write_text("t\tq1 [\N{DEGREE SIGN}]\n0\t90\n0.1\t90\n0.2\t90\n", encoding=coded)
+    found = read_recording(tmp_path / "a.csv")
+    np.testing.assert_allclose(found.points[:, 0], [[0, 0.5]] * 3)
+    np.testing.assert_allclose(angles(found)[:, 0], np.pi / 2)
+    (tmp_path / "b.txt").write_text(TRACKS, encoding=coded)
+    np.testing.assert_array_equal(read_recording(tmp_path / "b.txt").points[:, 0], [[4, 5.5], [4.5, 5], [4.5, 5]])
+    (tmp_path / "c.csv").write_text("t,angle1\n0,0.1\n0.1,0.2\n0.2,0.3\n", encoding=coded)
+    assert read_recording(tmp_path / "c.csv").markers == ("link1",)

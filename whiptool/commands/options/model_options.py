@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from whiptool.commands.options.option_group import Names, OptionGroup, flag
 from whiptool.errors import NOTHING, InputError
+from whiptool.given_files import number_in
 
 if TYPE_CHECKING:
     from whiptool.models.parameters import Model
@@ -152,8 +153,8 @@ class ModelOptions(WhipOptions):
         name, *height = self.mount
         named = name in MOUNTS and len(height) <= 1
         try:
-            given = name if named else [float(x) for x in self.mount]
-            above = float(height[0]) if named and height else None
+            given = name if named else [number_in(x) for x in self.mount]
+            above = number_in(height[0]) if named and height else None
             return replace(model, arm=mounted(model.arm.in_space(), given, above))
         except InputError as error:
             raise error.renamed("--mount") from None

@@ -142,8 +142,7 @@ def find_format(path: Path | str) -> str:
             raise InputError("recording", str(path), "a file or folder that exists")
         if not path.is_dir():
             path = whole_file(path, largest=math.inf)
-            with path.open("rb") as file:
-                head = file.read(4096)
+            head = programs.beginning(path)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise

@@ -12,6 +12,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import read_toml
+from whiptool.models.numbers import float_array
 
 # keys of sidecars that no file of a model, a prior, a camera or a tracker has
 _OF_SIDECARS = {
@@ -131,8 +132,8 @@ class Keys:
         if key not in self.table:
             return None
         try:
-            array = np.array(self.table[key], float)
-        except (TypeError, ValueError):
+            array = float_array(key, self.table[key])
+        except InputError:
             array = np.array(np.nan)
         fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape))
         if not fits or not np.isfinite(array).all():

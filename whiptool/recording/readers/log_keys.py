@@ -13,7 +13,7 @@ from whiptool.models.pose_columns import POSE
 from whiptool.recording.logs import order_of
 from whiptool.recording.readers.joint_log import UNHEARD, JointLog
 from whiptool.recording.readers.keys import Keys, refuse_unheard
-from whiptool.recording.readers.programs import EXPORTS
+from whiptool.recording.readers.programs import EXPORTS, beginning
 from whiptool.recording.readers.robot_logs import read_hand, read_joints
 from whiptool.recording.strike_recording import TURNED, turned_poses
 
@@ -25,7 +25,6 @@ LOG_KEYS = (
 ANGLES = ("rad", "deg", "normalized")
 TEXTS = (".csv", ".txt", ".log")  # endings of logs without a place for a sidecar of theirs
 SIGNS = {"": 1.0, "-": -1.0}
-HEAD = 4096  # bytes by which exports of programs are recognised
 TURN = 0.6  # [rad] from a whole turn, of a joint between two samples
 
 
@@ -92,10 +91,7 @@ class LogKeys(Keys):
         fix = "of other programs rigid bodies, 6D data and segments are not read: write them as such a CSV file"
         if not file.exists():
             raise self.refuse("hand", rule, fix)
-        head = b""
-        if file.is_file():
-            with file.open("rb") as opened:
-                head = opened.read(HEAD)
+        head = beginning(file) if file.is_file() else b""
         if any(program.matches(file, head) for program in EXPORTS):
             raise self.refuse("hand", rule, fix)
 

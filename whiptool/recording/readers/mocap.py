@@ -21,9 +21,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import number_in
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.table import AXES, number_of, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -32,6 +34,10 @@ UNLABELED = re.compile(r"unlabell?ed.*|\*\d+|new \d+|u_\d+", re.IGNORECASE)  # o
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
+UNSTATED = {  # what to do where neither the file nor its sidecar states a key
+    "units": "state units in the sidecar file",
+    "axes": 'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +98,7 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         raise side.refuse(
             "axes",
             f"which of its axes point forward, up and out ({capture.axes}), for a model in space forward, left and up",
-            'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
+            UNSTATED["axes"],
         )
     if "axes" not in side.table and capture.axes:
         notes.append(f"axes: {capture.axes}; else say axes")
@@ -131,7 +137,13 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
 
 
 def _labeled(side: Sidecar, capture: Capture) -> Capture:
-    """The capture without markers that a program numbered for want of a label, where others have labels."""
+    """The capture without markers that a program numbered for want of a label, where others have labels; those without
+    a label of their own are numbered here."""
+    given = list(capture.labels)
+    own = [x if x and x not in given[:i] else f"marker{i + 1}" for i, x in enumerate(given)]
+    if new := [x for x, was in zip(own, given, strict=True) if x != was]:
+        said = f"markers without a name of their own are numbered in the file's order: {', '.join(new)[:200]}"
+        capture = replace(capture, labels=own, notes=(*capture.notes, said))
     kept = [i for i, label in enumerate(capture.labels) if not UNLABELED.fullmatch(label.rpartition(":")[2])]
     left = len(capture.labels) - len(kept)
     if "markers" in side.table or not left or not kept:
@@ -155,7 +167,7 @@ def _named(side: Sidecar, capture: Capture) -> dict[str, str]:
         return found
     parts = [label.rpartition(":")[2].lower() for label in labels]
     clear = {part for part in parts if PARTS.fullmatch(part) and parts.count(part) == 1}
-    return {part if part in clear else label: label for part, label in zip(parts, labels, strict=True) if label}
+    return {part if part in clear else label: label for part, label in zip(parts, labels, strict=True)}
 
 
 def axes_of(forward: str, up: str) -> tuple[str, str, str] | None:
@@ -182,7 +194,7 @@ def unit_of(name: str, what: str, side: Sidecar) -> str:
     if units in UNITS:
         return units
     if "units" not in side.table:
-        raise InputError(what, name, "one of " + ", ".join(UNITS), "state units in the sidecar file")
+        raise InputError(what, name, "one of " + ", ".join(UNITS), UNSTATED["units"])
     return side.word("units", UNITS, "m")
 
 
@@ -193,7 +205,7 @@ def rate_of(value: object, what: str) -> float:
         InputError: It is not a number from 1 to 100000.
     """
     try:
-        rate = float(str(value))
+        rate = number_in(str(value))
     except ValueError:
         rate = np.nan
     if not 1 <= rate <= LARGEST_RATE:
@@ -229,27 +241,16 @@ def text_rows(path: Path, mark: str) -> list[list[str]]:
     """Return all rows of a text table of another program without trailing empty cells, blank rows included.
 
     Args:
-        path: The file, in UTF-8 or Windows' encoding of western languages.
+        path: The file.
         mark: What separates cells.
     """
-    data = path.read_bytes()
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("cp1252")
     found = []
-    for row in csv.reader(io.StringIO(text, newline=""), delimiter=mark):
-        cells = [_number(cell.strip()) for cell in row]
+    for row in csv.reader(io.StringIO(text_of(path), newline=""), delimiter=mark):
+        cells = [cell.strip() for cell in row]
         while cells and not cells[-1]:
             cells.pop()
         found.append(cells)
-    return found
-
-
-def _number(cell: str) -> str:
-    """A cell, with a decimal comma as a point."""
-    comma = "," in cell and re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell)
-    return cell.replace(",", ".") if comma else cell
+    return with_points(found)
 
 
 def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: int) -> np.ndarray:
@@ -269,22 +270,39 @@ def numbers(rows: list[list[str]], first: int, columns: Sequence[int], width: in
         if len(row) > width:
             raise InputError(f"row {i}", f"{len(row)} cells", f"at most {width} cells, as the row of names has")
         if row:
-            table.append([_cell(row[j] if j < len(row) else "", i, j) for j in columns])
+            table.append([number_of(row[j] if j < len(row) else "", i, j + 1) for j in columns])
     if len(table) < 2:
         raise InputError("rows", len(table), "at least two frames")
     return np.array(table)
 
 
-def _cell(cell: str, row: int, column: int) -> float:
-    try:
-        return float(cell) if cell else np.nan
-    except ValueError:
-        raise InputError(f"row {row}, column {column + 1}", cell[:40], "a number or empty") from None
+def grouped(names: list[str], axes: list[str], wanted: Sequence[str] = AXES) -> tuple[list[str], list[list[int]]]:
+    """Return the labels of markers, each of which stands over the first of its columns or left of it, and the columns
+    of their `wanted` axes; where axes begin again without a name, the label is empty.
+    """
+    found: list[tuple[str, dict[str, int]]] = []
+    label = ""
+    for i, axis in enumerate(axes):
+        label = (names[i] if i < len(names) else "") or label
+        if axis.lower() in wanted:
+            if label or not found or axis.lower() in found[-1][1]:
+                found.append((label, {}))
+            found[-1][1][axis.lower()], label = i, ""
+    whole = [(label, list(of_one.values())) for label, of_one in found if len(of_one) == len(wanted)]
+    return [label for label, _ in whole], [of_one for _, of_one in whole]
 
 
-def announced(said: Mapping[str, str], key: str, count: int) -> tuple[str, ...]:
-    """Return a sentence if a file holds another number of frames than its header announces."""
+def padded(names: list[str], said: Mapping[str, str], key: str, rows: list[list[str]], before: int) -> list[str]:
+    """Return the markers' names with empty ones for those that a header counts and does not name, if the rows, of which
+    `before` columns are no positions, are as long.
+    """
+    number, most = said.get(key, ""), max((len(row) - before + 2) // 3 for row in rows) if rows else 0
+    return names + [""] * (min(int(number), most) - len(names) if number.isdigit() else 0)
+
+
+def announced(said: Mapping[str, str], key: str, count: int, what: str = "frames") -> tuple[str, ...]:
+    """Return a sentence if a file holds another number of frames, or of `what`, than its header announces."""
     number = said.get(key, "")
     if not number.isdigit() or int(number) == count:
         return ()
-    return (f"the file holds {count} frames, and announces {number} ({key})",)
+    return (f"the file holds {count} {what}, and announces {number} ({key})",)

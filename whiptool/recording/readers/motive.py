@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
 from whiptool.recording.readers.programs import MOTIVE
@@ -138,7 +138,7 @@ def _described(above: list[list[str]]) -> tuple[list[str], list[str], list[str],
 def _unfamiliar(said: dict[str, str]) -> list[str]:
     """A sentence on the format's version, if it is unknown."""
     try:
-        familiar = KNOWN[0] <= float(said["Format Version"]) < KNOWN[1]
+        familiar = KNOWN[0] <= number_in(said["Format Version"]) < KNOWN[1]
     except (KeyError, ValueError):
         familiar = False
     return [] if familiar else [f"format version {said.get('Format Version')}: read as versions 1.1 to 3 are"]

@@ -17,7 +17,7 @@ from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
 from whiptool.recording.readers.programs import NEXUS
 from whiptool.recording.readers.sidecar import Sidecar
-from whiptool.recording.readers.table import AXES, LARGEST_TABLE
+from whiptool.recording.readers.table import LARGEST_TABLE
 from whiptool.recording.strike_recording import StrikeRecording
 
 TRACKS = "Trajectories"
@@ -46,11 +46,11 @@ def read_nexus(path: Path | str, **options: Any) -> StrikeRecording:
         if len(rows) < at + 6:
             raise InputError(str(path), f"{NEXUS.what} whose trajectories are empty", "at least two frames")
         (rate, *_), names, axes, units = rows[at + 1 : at + 5]
-        columns = _columns(names, axes)
+        labels, columns = mocap.grouped(names, axes)
         end = next((i for i in range(at + 5, len(rows)) if not rows[i] or rows[i][0] in SECTIONS), len(rows))
-        table = numbers(rows[:end], at + 5, [0, *(i for found in columns.values() for i in found)], len(axes))
+        table = numbers(rows[:end], at + 5, [0, *(i for found in columns for i in found)], len(axes))
         per_second = mocap.rate_of(rate, "rate of the trajectories")
-        said = {units[i] for found in columns.values() for i in found if i < len(units)} or {""}
+        said = {units[i] for found in columns for i in found if i < len(units)} or {""}
         if len(said) > 1:
             raise InputError("units", ", ".join(sorted(said)), "one unit for all trajectories")
         capture = Capture(
@@ -58,7 +58,7 @@ def read_nexus(path: Path | str, **options: Any) -> StrikeRecording:
             t=(table[:, 0] - 1) / per_second,
             clock=f"times by frame number at {per_second:g} a second, frame 1 at 0",
             points=table[:, 1:].reshape(len(table), len(columns), 3),
-            labels=list(columns),
+            labels=labels,
             units=mocap.unit_of(said.pop(), "units of the trajectories", side),
             forward="x",
             up="z",
@@ -66,14 +66,3 @@ def read_nexus(path: Path | str, **options: Any) -> StrikeRecording:
             notes=(f"left out the sections {', '.join(sections)}",) if sections else (),
         )
         return mocap.recorded(path, side, capture)
-
-
-def _columns(names: list[str], axes: list[str]) -> dict[str, list[int]]:
-    """Columns x, y and z by the markers' names, each of which stands over the first of its columns."""
-    columns: dict[str, dict[str, int]] = {}
-    name = ""
-    for i, axis in enumerate(axes):
-        name = (names[i] if i < len(names) else "") or name
-        if name and axis.lower() in AXES:
-            columns.setdefault(name, {}).setdefault(axis.lower(), i)
-    return {name: list(found.values()) for name, found in columns.items() if len(found) == 3}

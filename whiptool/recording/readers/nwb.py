@@ -7,6 +7,7 @@ metres; those in space are in the file's unit, and `axes` have to be stated.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from whiptool.recording.strike_recording import StrikeRecording
 SERIES = "PoseEstimationSeries"
 WHAT = "an NWB file"
 PIXELS = ("pixel", "pixels", "px")
+SAME = 1e-3  # of the step between frames, within which two times are one
 
 
 def of_nwb(file: Any) -> dict[str, np.ndarray] | None:
@@ -52,8 +54,21 @@ def of_nwb(file: Any) -> dict[str, np.ndarray] | None:
 def _estimation(name: str, series: list[Any]) -> dict[str, np.ndarray]:
     """Parts, positions, unit, times and scores of the series of one PoseEstimation."""
     clocks = [_times(one) for one in series]
-    if any(len(t) != len(clocks[0][0]) or (t != clocks[0][0]).any() for t, _ in clocks):
-        raise InputError(name, "series with different times", "the same times for all body parts")
+    t = clocks[0][0]
+    if not all(np.array_equal(own, t) for own, _ in clocks):  # sleap-io leaves out the frames without a body part
+        every = np.unique(np.concatenate([own for own, _ in clocks]))
+        step = min((float(np.diff(own).min()) for own, _ in clocks if len(own) > 1), default=0.0)
+        t = every[np.diff(every, prepend=-np.inf) > SAME * step]
+        if not np.diff(t).min(initial=np.inf) > step / 2 >= 0:
+            raise InputError(name, "series with different times", "times of one clock for all body parts")
+    rows = [np.arange(len(t)) if own is t else np.searchsorted(t, own, "right") - 1 for own, _ in clocks]
+
+    def spread(values: list[np.ndarray]) -> np.ndarray:
+        found = np.full((len(t), len(values), *values[0].shape[1:]), np.nan)
+        for i, (at, of_part) in enumerate(zip(rows, values, strict=True)):
+            found[at, i] = of_part
+        return found
+
     data = [one["data"] for one in series]
     units = {_text(x.attrs.get("unit", "")).lower() for x in data}
     if len(units) > 1:
@@ -61,13 +76,13 @@ def _estimation(name: str, series: list[Any]) -> dict[str, np.ndarray]:
     points = [x[:] * x.attrs.get("conversion", 1.0) + x.attrs.get("offset", 0.0) for x in data]
     read = {
         "parts": np.array([one.name.rpartition("/")[2] for one in series], dtype=str),
-        "points": np.stack(points, axis=1).astype(float),
+        "points": spread(points),
         "unit": np.array(units.pop()),
-        "t": clocks[0][0],
+        "t": t,
         "clock": np.array(clocks[0][1]),
     }
     if all("confidence" in one for one in series):
-        read["scores"] = np.stack([one["confidence"][:] for one in series], axis=1).astype(float)
+        read["scores"] = spread([one["confidence"][:] for one in series])
     return read
 
 
@@ -94,6 +109,10 @@ def recorded(path: Path, options: dict[str, Any], read: dict[str, np.ndarray]) -
     parts, scores = [str(x) for x in read[f"{i}.parts"]], read.get(f"{i}.scores")
     if str(unit) in PIXELS and points.shape[2] == 2:
         found = Poses(WHAT, points, parts, scores, stamps=t, of=str(clock))
+        if np.median(np.diff(t)) == 1:  # sleap-io writes so if it was told no rate
+            if "fps" not in side.table:
+                raise side.refuse("fps", "frames per second, for the file has a frame a second, or counts frames")
+            found = replace(found, numbers=t, stamps=None)
         return poses.recorded(path, side, found)
     if scores is not None and "likelihood" in side.table:
         points = np.where((scores < side.number("likelihood", 0.0, low=0.0))[..., None], np.nan, points)

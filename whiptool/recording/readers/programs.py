@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from whiptool.errors import InputError
+from whiptool.given_files import encoding_of
 
+HEAD = 4096  # bytes by which files are recognised
 HDF5 = b"\x89HDF\r\n\x1a\n"  # the first bytes of such a file
 
 
@@ -65,6 +67,14 @@ OTHERS = (
     Program("a skeleton's motion", "export the markers as CSV, C3D or TRC", (".bvh", ".fbx", ".asf", ".amc")),
     Program("a pickle, as DeepLabCut writes it", "export CSV or .h5 there", (".pickle", ".pkl")),
 )
+
+
+def beginning(path: Path) -> bytes:
+    """Return the first bytes of a file; of a text in UTF-16 they are given in UTF-8."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    coded = encoding_of(head)
+    return head.decode(coded, "ignore").encode() if coded == "utf-16" else head
 
 
 def refuse_others(path: Path, head: bytes, known: tuple[Program, ...] = OTHERS) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
 from whiptool.recording.readers.programs import QUALISYS
@@ -52,14 +52,15 @@ def read_qualisys(path: Path | str, **options: Any) -> StrikeRecording:
         if said.get("DATA_INCLUDED", "3D") != "3D" or "MARKER_NAMES" not in keys:
             given = f"{QUALISYS.what} with {said.get('DATA_INCLUDED', 'no')} data, without 3D markers"
             raise InputError(str(path), given, "3D data", "export 3D data there, with the TSV header")
-        names = keys["MARKER_NAMES"]
         first = next((i for i, row in enumerate(rows) if row and _is_number(row[0] or "nan")), len(rows))
         timed = any(row[:2] == ["Frame", "Time"] for row in rows[:first])
+        names = mocap.padded(keys["MARKER_NAMES"], said, "NO_OF_MARKERS", rows[first:], 2 * timed)
         width = 3 * len(names) + 2 * timed
         table = numbers(rows, first, range(width), width)
         t, clock = _times(table, timed, said)
         filled = [name for name, kind in zip(names, keys.get("TRAJECTORY_TYPES", ())) if kind != "Measured"]
         notes = mocap.announced(said, "NO_OF_FRAMES", len(table))
+        notes += mocap.announced(said, "NO_OF_MARKERS", len(names), "markers")
         notes += (f"{', '.join(filled)}: not all points were measured (TRAJECTORY_TYPES)",) if filled else ()
         points = table[:, 2 * timed :].reshape(len(table), len(names), 3)
         capture = Capture(QUALISYS.what, t, clock, points, names, notes=notes, **USUAL)
@@ -68,7 +69,7 @@ def read_qualisys(path: Path | str, **options: Any) -> StrikeRecording:
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        number_in(cell)
     except ValueError:
         return False
     return True

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import encoding_of, number_in, parsing, whole_file
 from whiptool.recording.logs import SECONDS, TIME, Column
-from whiptool.recording.readers.programs import EXPORTS, OTHERS, refuse_others
+from whiptool.recording.readers.programs import EXPORTS, OTHERS, beginning, refuse_others
 
 _BY_BLANKS = re.compile(r"\w+( \w+)* actual_\w+( \w+)*")  # first row of Universal Robots' RTDE client
 AXES = ("x", "y", "z")  # of a marker's columns
@@ -66,14 +66,13 @@ def without_repeated_rows(table: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def csv_rows(path: Path) -> list[list[str]]:
-    """Return the non-blank rows of a CSV file in UTF-8, at least one.
+    """Return the non-blank rows of a CSV file, at least one.
 
     Raises:
         InputError: The file has no columns, or another program's format is recognised.
     """
-    data = path.read_bytes()
-    refuse_others(path, data[:4096], EXPORTS + OTHERS)
-    text = data.decode("utf-8-sig")
+    refuse_others(path, beginning(path), EXPORTS + OTHERS)
+    text = text_of(path)
     first = text.lstrip().partition("\n")[0]
     mark = next((mark for mark in ";\t" if mark in first and "," not in first), ",")
     mark = " " if mark not in first and _BY_BLANKS.fullmatch(first.strip()) else mark
@@ -81,7 +80,42 @@ def csv_rows(path: Path) -> list[list[str]]:
     rows = [row for row in reader if any(cell.strip() for cell in row)]
     if not rows:
         raise InputError("rows", 0, "at least one row")
-    return rows if mark == "," else [rows[0], *([cell.replace(",", ".") for cell in row] for row in rows[1:])]
+    return rows if mark == "," else [rows[0], *with_points([[x.strip() for x in row] for row in rows[1:]], 2)]
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file in UTF-8, in UTF-16, or in Windows' encoding of western languages."""
+    data = path.read_bytes()
+    try:
+        return data.decode(encoding_of(data))
+    except UnicodeDecodeError:
+        return data.decode("cp1252")
+
+
+_DECIMAL = {mark: re.compile(rf"[-+]?(\d+{mark}\d*|{mark}\d+)([eE][-+]?\d+)?") for mark in (r"\.", ",")}
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,])\d{3}((\1\d{3})*[.,]\d+)?")  # 1.234,5; and 1.234, which may be so
+_NUMERIC = re.compile(r"[-+\d.,eE]*|nan", re.IGNORECASE)
+
+
+def with_points(rows: list[list[str]], first: int = 1) -> list[list[str]]:
+    """Return rows of cells with decimal points in place of decimal commas; `first` is the number of the first row.
+
+    Raises:
+        InputError: A number has separators of thousands, or may have: its column has both marks.
+    """
+    if not any("," in cell for row in rows for cell in row):
+        return rows
+    used: dict[int, set[str]] = {}
+    numeric = [(i, row) for i, row in enumerate(rows, first) if all(_NUMERIC.fullmatch(cell) for cell in row)]
+    for _, row in numeric:
+        for j, cell in enumerate(row):
+            used.setdefault(j, set()).update(mark for mark, form in _DECIMAL.items() if form.fullmatch(cell))
+    for i, row in numeric:
+        for j, cell in enumerate(row):
+            if (found := _GROUPED.fullmatch(cell)) and (found[2] or len(used[j]) > 1):
+                fix = "write numbers with one decimal mark, and without separators of thousands"
+                raise InputError(f"row {i}, column {j + 1}", cell, "a number with at most one point or comma", fix)
+    return [[x.replace(",", ".") if _DECIMAL[","].fullmatch(x) else x for x in row] for row in rows]
 
 
 def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:
@@ -90,12 +124,16 @@ def cells(rows: list[list[str]], first: int, width: int) -> np.ndarray:
     for i, row in enumerate(rows[first:]):
         if len(row) != width:
             raise InputError(f"row {first + i + 1}", f"{len(row)} cells", f"{width} cells", "was the file cut off?")
-        for j, cell in enumerate(row):
-            try:
-                table[i, j] = float(cell) if cell.strip() else np.nan
-            except ValueError:
-                raise InputError(f"row {first + i + 1}, column {j + 1}", cell[:40], "a number or empty") from None
+        table[i] = [number_of(cell, first + i + 1, j) for j, cell in enumerate(row, 1)]
     return table
+
+
+def number_of(cell: str, row: int, column: int) -> float:
+    """Return the number in a cell; NaN if it is empty."""
+    try:
+        return number_in(cell) if cell.strip() else np.nan
+    except ValueError:
+        raise InputError(f"row {row}, column {column}", cell[:40], "a number or empty") from None
 
 
 def split_columns(

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, whole_file
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.logs import SECONDS
 from whiptool.recording.readers import mocap
 from whiptool.recording.readers.mocap import Capture, numbers, text_rows
-from whiptool.recording.readers.programs import TRACKER
+from whiptool.recording.readers.programs import TRACKER, beginning
 from whiptool.recording.readers.sidecar import Sidecar
 from whiptool.recording.readers.table import LARGEST_TABLE
 from whiptool.recording.strike_recording import StrikeRecording
@@ -46,20 +46,20 @@ def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
         if rows[0][:1] and rows[0][0].startswith("#multi"):  # the names are in this row, or in the next one
             rows = [["", *rows[0][1:]], *rows[1:]] if any(rows[0][1:]) else rows[1:]
         names, variables = rows[0], [_variable(cell) for cell in rows[1]]
-        columns = _columns(names, variables)
+        labels, columns = _columns(names, variables)
         if not columns:
             raise InputError(str(path), f"{TRACKER.what} without x and y", "the variables t, x and y of a point mass")
-        units = {unit for i in columns.values() for _, unit in (variables[j] for j in i)} - {""}
+        units = {unit for i in columns for _, unit in (variables[j] for j in i)} - {""}
         if len(units) > 1 or not units <= set(mocap.UNITS):
             raise InputError("units", ", ".join(sorted(units)), "one of " + ", ".join(mocap.UNITS))
-        table = numbers(rows, 2, [i for found in columns.values() for i in found], len(variables))
+        table = numbers(rows, 2, [i for found in columns for i in found], len(variables))
         t, clock = _even([row[0] for row in rows[2:] if row], SECONDS[variables[0][1] or "s"])
         capture = Capture(
             what=TRACKER.what,
             t=t,
             clock=clock,
             points=table.reshape(len(table), len(columns), 2),
-            labels=list(columns),
+            labels=labels,
             units=next(iter(units), "m"),
             assumed=not units,
             axes="x is taken as forward, y as up, and the origin as the shoulder, as they were set in Tracker",
@@ -69,8 +69,7 @@ def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
 
 def _mark(path: Path) -> str:
     """What separates the cells: what follows the variable t."""
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        head = file.read(4096)
+    head = beginning(path).decode("utf-8-sig", "replace")
     found = re.search(r'^#?"?t"?(?: *[(\[]\w+[)\]])?([\t,;])', head, re.MULTILINE)
     return found[1] if found else "\t"
 
@@ -81,22 +80,18 @@ def _variable(cell: str) -> tuple[str, str]:
     return (found[1], found[2] or "") if found else (cell, "")
 
 
-def _columns(names: list[str], variables: list[tuple[str, str]]) -> dict[str, list[int]]:
-    """Columns x and y by the masses' names, each of which stands over its first column or, of one mass, anywhere."""
-    alone = [name for name in names if name]
-    columns: dict[str, dict[str, int]] = {}
-    name = alone[0] if alone else "tip"
-    for i, (variable, _) in enumerate(variables):
-        if len(alone) > 1 and i < len(names) and names[i]:
-            name = names[i]
-        if variable in ("x", "y"):
-            columns.setdefault(name.replace(" ", "_"), {}).setdefault(variable, i)
-    return {name: [found["x"], found["y"]] for name, found in columns.items() if len(found) == 2}
+def _columns(names: list[str], variables: list[tuple[str, str]]) -> tuple[list[str], list[list[int]]]:
+    """Labels of the masses and their columns x and y; a mass's name stands over its first column or, if there is one
+    name, anywhere.
+    """
+    alone = [name for name in names if name] or ["tip"]
+    labels, columns = mocap.grouped(names if len(alone) > 1 else alone, [name for name, _ in variables], ("x", "y"))
+    return [name.replace(" ", "_") for name in labels], columns
 
 
 def _even(written: list[str], unit: float) -> tuple[np.ndarray, str]:
     """Times [s], and their source; those with few digits are those of the even clock that they belong to, if any."""
-    t = unit * np.array([float(cell) for cell in written])
+    t = unit * np.array([number_in(cell) for cell in written])
     places = np.array([int(Decimal(cell).as_tuple().exponent) for cell in written])
     plain = np.array(["e" not in cell.lower() for cell in written])  # trailing zeros of these may be left out
     places[plain] = places[plain].min(initial=0)

@@ -37,9 +37,10 @@ def read_trc(path: Path | str, **options: Any) -> StrikeRecording:
         head = next((i for i, row in enumerate(rows) if row[:1] == ["Frame#"]), None)
         if head is None:
             raise InputError("rows", "no row that begins with Frame#", f"that row, as in {TRC.what}")
-        names = [name for name in rows[head][2:] if name]
-        if len(set(names)) < len(names):
-            raise InputError("markers", ", ".join(names)[:200], "different names")
+        names = rows[head][2:]
+        spaced = not any(name for i, name in enumerate(names) if i % 3)  # each over the first of its columns
+        names = names[::3] if spaced else [name for name in names if name]
+        names = mocap.padded(names, said, "NumMarkers", rows[head + 2 :], 2)
         table = numbers(rows, head + 2, range(2 + 3 * len(names)), 2 + 3 * len(names))
         rate = mocap.rate_of(said.get("DataRate"), "DataRate")
         t, clock = mocap.even_times(table[:, 1], table[:, 0], rate, "the column Time")
@@ -53,6 +54,7 @@ def read_trc(path: Path | str, **options: Any) -> StrikeRecording:
             forward="x",
             up="y",
             axes="y is up, as OpenSim has it, for the file does not say it, x taken as forward",
-            notes=mocap.announced(said, "NumFrames", len(table)),
+            notes=mocap.announced(said, "NumFrames", len(table))
+            + mocap.announced(said, "NumMarkers", len(names), "markers"),
         )
         return mocap.recorded(path, side, capture)
