@@ -298,6 +298,8 @@ class FitRun:
         said, fault = warning(self.found), self.found.clock_fault
         if said is None:
             return None
+        if self.found.smoothed:
+            return f"{said}; export them as they were taken, or fit the filters with --per-recording smoothing"
         if fault is not None:
             return f"{said}; --per-recording {fault.kind} fits it" if fault.kind in CLOCK else said
         joints = all(recording.joints_q is not None for recording in self.recordings)

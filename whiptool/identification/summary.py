@@ -68,6 +68,8 @@ def misfit_line(fit: Fit) -> str:
     said = f"{fit.misfit:.2f} (RMS residual in standard errors; about 1 if the model fits)"
     if fit.explains:
         return said
+    if fit.smoothed:
+        return f"{said}; the tracks were smoothed before export"
     if fit.clock_fault is not None:
         return f"{said}; the times of {_source(fit, fit.clock_fault.recording)} are off"
     return f"{said}: above {MISFIT:g}, the model does not explain the recordings"
@@ -102,7 +104,10 @@ def warning(fit: Fit) -> str | None:
     """Return the warning that all classes and intervals are withdrawn, with the reason; None if the fit is valid."""
     if fit.explains:
         return None
-    if fit.clock_fault is not None:
+    if fit.smoothed:
+        edges = ", ".join(f"{_source(fit, i)} at {edge:.2g} Hz" for i, edge in enumerate(fit.smoothed))
+        said = f"the tracks seem to be smoothed before export, which took the fast motion from them: {edges}"
+    elif fit.clock_fault is not None:
         said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks a similar effect"
     else:
         largest = max(fit.misfit, math.sqrt(fit.uncertainty.residual_variance))
@@ -294,6 +299,7 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
         "misfit": fit.misfit,
         "warning": warning(fit),
         "remarks": list(fit.remarks),
+        "smoothed": list(fit.smoothed),
         "clock_fault": None if fit.clock_fault is None else _fault_table(fit, fit.clock_fault),
         "drive": fit.drive,
         "parameters": [
