@@ -99,6 +99,7 @@ class FitRun:
             seed=options.seed,
             knots=options.knots,
             pieces=options.pieces,
+            progress=True,
         )
         self._check_fit()
         self.version = code_version()
@@ -257,9 +258,13 @@ class FitRun:
     def write_recordings(self, folder: RunFolder) -> None:
         """Write all recordings, with the held-out ones, to the run folder, and print their readers' remarks."""
         recordings = [*self.recordings, *self.held_out]
+        said: dict[tuple[str, ...], list[str]] = {}
         for name, recording in zip(self.files, recordings, strict=True):
-            if recording.remarks:
-                self._say(f"{name}: {'; '.join(recording.remarks)}")
+            said.setdefault(recording.remarks, []).append(name)
+        for remarks, names in said.items():
+            others = f" and {counted(len(names) - 1, 'other')}" if len(names) > 1 else ""
+            if remarks:
+                self._say(f"{names[0]}{others}: {'; '.join(remarks)}")
         (folder.path / RECORDINGS).mkdir(exist_ok=True)
         for recording, file in zip(recordings, _file_names([r.source for r in recordings]), strict=True):
             recording.save(folder.path / RECORDINGS / file)
@@ -403,6 +408,7 @@ class FitRun:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
+        from whiptool.identification.results import known_part
         from whiptool.identification.summary import (
             assumed_errors,
             bound_lines,
@@ -418,7 +424,7 @@ class FitRun:
         ]
         said = f"{error_words(self.found.held_out)} held out" if self.held_out else "none held out"
         if any(r.predicted_from is not None for r in self.found.held_out):
-            said += " (second half; the first half gave what is unknown of each)"
+            said += f" (without the {known_part(self.found.drive)[1]} of each, which gave what is unknown of it)"
         lines.append(f"  error RMS   {error_words(self.found.recordings)} fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")

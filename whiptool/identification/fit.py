@@ -115,6 +115,8 @@ def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]
     runs = [FittedStart(problem.values(start), problem.values(end.z), end) for start, end in pairs]
     runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
     best = runs[0].solution
+    if best.status is Ending.DIVERGED and problem.refused is not None:
+        raise problem.refused
     if best.status is Ending.DIVERGED:
         raise InputError(
             "plant",

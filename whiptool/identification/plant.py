@@ -289,7 +289,7 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
 def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
     """Return the derivatives of the arrays of `plant.quantities()` by each named parameter, one dict per parameter.
 
-    The arrays are linear in the parameters of model and control law, so that a unit difference is the derivative;
+    The arrays are linear in the parameters of model and control law, so that any difference is the derivative;
     derivatives by a profile's parameters are computed with CasADi.
 
     Raises:
@@ -305,6 +305,22 @@ def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
         if name in by_profile:
             found.append({block: np.zeros_like(x) for block, x in base.items()} | by_profile[name])
             continue
-        moved = plant.changed({name: known[name] + 1}).quantities()
-        found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})
+        step, moved = _moved(plant, name, known[name])
+        found.append({block: np.round((moved[block] - x) / step, 12) for block, x in base.items()})
     return found
+
+
+def _moved(plant: Plant, name: str, value: float) -> tuple[float, Quantities]:
+    """Return a step of a parameter that its bounds allow, and the quantities after it.
+
+    Raises:
+        InputError: No step is allowed.
+    """
+    refused: InputError | None = None
+    for step in (1.0, -1.0, value or 1e-3, -value / 2 or -1e-3):
+        try:
+            return step, plant.changed({name: value + step}).quantities()
+        except InputError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused

@@ -14,7 +14,7 @@ from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor, named_own
 from whiptool.identification.readings import NEUTRAL, NUISANCE, SMOOTHING
 from whiptool.identification.resolution import resolve
-from whiptool.identification.results import RecordingFit
+from whiptool.identification.results import RecordingFit, known_part
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
@@ -28,7 +28,6 @@ HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Hu
 _OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5, SMOOTHING: 0.2} | {f"rotation_{x}": 0.5 for x in "xyz"}
 _OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
-_KNOWN, _KNOWN_OF_SWING = 0.5, 0.1  # shares of frames that a predicted recording's own unknowns are fitted to
 _EDGES = np.geomspace(60.0, 1.0, 25)  # [Hz] of a filter at which its search may begin
 _SHARE = 0.3  # of the squared residuals that a filter has to explain where one is claimed
 _SLIGHT = 0.02  # standard errors of the residuals below which nothing is left to explain
@@ -59,6 +58,7 @@ class FitOptions:
         seed: Seed of the starting points.
         check: Whether recordings are checked: their controller, their first readings
             (`whiptool.identification.beginnings`), and their times (`whiptool.identification.time_base`).
+        progress: Whether a fit that lasts shows its steps and its misfit.
         max_iterations, tolerance: Stopping criteria, see `whiptool.identification.solver.solve`.
     """
 
@@ -74,6 +74,7 @@ class FitOptions:
     knots: float | None = None
     seed: int = 0
     check: bool = True
+    progress: bool = False
     max_iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
 
@@ -119,6 +120,7 @@ class Problem:
         self._limit = options.loss
         self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
         self._resolved = False
+        self.refused: InputError | None = None  # why the model could not be evaluated, the last time that it could not
 
     def _make(self, recordings: Sequence[StrikeRecording]) -> Predictor:
         o = self.options
@@ -228,9 +230,9 @@ class Problem:
 
     def beginnings(self) -> list[np.ndarray]:
         """Return for each recording a mask (K,) of the readings to which a prediction fits the recording's own
-        unknowns before it predicts the others: the first half of the frames, of a free swing the first tenth; all
-        readings of a tracked handle; no readings without such unknowns."""
-        share = _KNOWN_OF_SWING if self.options.drive == "free" else _KNOWN
+        unknowns before it predicts the others: the first frames, see `known_part`; all readings of a tracked handle; no
+        readings without such unknowns."""
+        share = known_part(self.options.drive)[0]
         every = range(len(self._recordings))
         known = [self.first(i, share if self.fits_beginnings else 0.0) for i in every]
         if self.options.drive == "handle":
@@ -270,6 +272,7 @@ class Problem:
             loss=Loss(self._limit, [len(x) for x in stage.measured] + ([0] if self._prior else [])),
             max_iterations=self.options.max_iterations,
             tolerance=self.options.tolerance,
+            progress=self.options.progress,
         )
 
     def refine(self, solution: Solution) -> Solution:
@@ -300,11 +303,13 @@ class Problem:
         def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
             try:
                 plant, nuisance = self.split(z)
-            except InputError:  # a step beyond what a model may be
+                predictions = predictor(plant, nuisance, own, derivatives=derivatives)
+            except InputError as error:  # a step beyond what a model may be
+                self.refused = error
                 return [Block(np.full(1, np.inf), np.zeros((1, len(z))), np.zeros((1, len(x)))) for x in own]
             units = np.array([v.slope(x) for v, x in zip(slopes_of, z, strict=True)])
             blocks = []
-            for i, p in enumerate(predictor(plant, nuisance, own, derivatives=derivatives)):
+            for i, p in enumerate(predictions):
                 sigma, mask = predictor.sigma[i], None if known is None else known[i]
                 r = (p.value - predictor.measured[i]) / sigma
                 W, mean = regular[i]

@@ -90,13 +90,16 @@ def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]
 
 
 def lag_lines(fit: Fit) -> list[str]:
-    """Return as text how far the robot of each recording was behind its command, if that was fitted."""
+    """Return as text how far each recording's robot was behind its command, and how much of its motion, was fitted."""
     recordings, lines = [*fit.recordings, *fit.held_out], []
     for i, own in enumerate(found.own for found in recordings):
         if "lag" in own:
             lag, delay, shape = 1e3 * own["lag"], 1e3 * own["lag_delay"], own["lag_shape"]
             name = recordings[i].source or f"recording {i + 1}"
             lines.append(f"{name}: the robot lags by {lag:.1f} ms after a delay of {delay:.1f} ms (shape {shape:.2f})")
+        if fit.drive in ("joints", "hand") and (freed := sum(x.startswith("motion[") for x in own)):
+            name = recordings[i].source or f"recording {i + 1}"
+            lines.append(f"{name}: {freed} directions of the base's motion, which its log leaves open, were fitted, too")
     return lines
 
 
