@@ -217,6 +217,7 @@ class FitRun:
             remarks = check_beginnings(predictor, self.plant)
         except InputError as error:
             raise self._by_file(error, every) from None
+        self.remarks = remarks
         for remark in remarks:
             self._say(remark)
 
@@ -293,6 +294,9 @@ class FitRun:
                 self.tried.append((N, inside, outside))
         self.N = best_nodes(fits) if self.tried else next(iter(fits))
         self.found = fits[self.N]
+        for remark in self.found.remarks:
+            if remark not in self.remarks:
+                self._say(remark)
 
     @property
     def warning(self) -> str | None:
@@ -413,6 +417,7 @@ class FitRun:
             assumed_errors,
             bound_lines,
             error_words,
+            freed_line,
             lag_lines,
             misfit_line,
             parameter_lines,
@@ -431,6 +436,7 @@ class FitRun:
         lines.append(f"  misfit      {misfit_line(self.found)}")
         lines += [f"  errors      {line}" for line in assumed_errors(self.found, self.recordings)]
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
+        lines += [f"  base        {line}" for line in [freed_line(self.found)] if line]
         lines += [f"  lag         {line}" for line in lag_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")

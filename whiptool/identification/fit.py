@@ -73,12 +73,16 @@ def fit(
     variables = variables_of(
         {**plant.values(), **NEUTRAL}, free, options.bounds, units(plant.model.arm, plant.controller, free)
     )
-    recordings, left_out = _without_filled(recordings) if options.check else (recordings, ())
+    count, left_out = len(recordings), []
+    if options.check:
+        every, left_out = _without_filled([*recordings, *held_out])
+        recordings, held_out = every[:count], every[count:]
     with threadpool_limits(_BLAS_THREADS, "blas"):
         problem = Problem(recordings, plant, free, variables, options)
         remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
         starts = _starts(problem)
         runs = _solved(problem, starts)
+        problem.bar.close()
         smoothed = problem.smoothed(runs[0].solution) if options.check else ()
         fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check and not smoothed else None
         found = _found(problem, runs, held_out, clock_fault=fault, smoothed=smoothed)

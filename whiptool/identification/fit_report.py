@@ -150,7 +150,9 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
         )
         if any(f.predicted_from is not None for f in fit.held_out):
             part = known_part(fit.drive)[1]
-            said += f" They have their own unknowns, fitted to the {part} of their frames; the error is that of the others."
+            said += (
+                f" They have their own unknowns, fitted to the {part} of their frames; the error is that of the others."
+            )
         if fit.drive in _KNOWN:
             said += f" Of the motion of a held-out recording only {_KNOWN[fit.drive]} known."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]

@@ -22,7 +22,7 @@ from whiptool.identification.motion import (
 from whiptool.models.parameters import AnyArm
 
 _FINEST = 1e-8  # [rad], [m] of a log
-_STILL = 1.0  # [rad/s^3], [m/s^3] of an arm that stands
+_STILL = 0.1  # [rad/s^3], [m/s^3] of an arm that stands
 # which numbers of a hand in space are those of a planar arm, of axis (0, -1, 0), behind its angle, and their signs: the
 # angle's rates, and velocity, acceleration and place along x and z
 _IN_PLANE, _SIGNS = [10, 16, 12, 14, 18, 20, 21, 23], np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -65,9 +65,7 @@ class JointMotion:
         jerk = _jerk(t[near], q[near])
         knots = knots or cross_validated(t[near], q[near], noise, jerk=jerk, at_rest=at_rest)
         check_size(instants, knots, arm.n, width)
-        spline = SmoothSpline(
-            start=instants[0], end=instants[-1], knots=knots, jerk=jerk, d=arm.n, at_rest=at_rest
-        )
+        spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=jerk, d=arm.n, at_rest=at_rest)
         inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
         basis = spline.basis(t[inside])
         self.start = spline.fit(t[inside], q[inside], np.broadcast_to(noise, q[inside].shape))
@@ -163,8 +161,8 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
 
 
 def _jerk(t: np.ndarray, q: np.ndarray) -> float:
-    """Return the usual size of the third derivative between samples (S, a) at times (S,) [s]: ten times the largest that
-    they show, as an arm that stands at all of them does not move much between them, at most `JOINT_JERK`."""
+    """Return the usual third derivative between samples (S, a) at times (S,) [s]: ten times the largest that they
+    show, for an arm that stands at all of them hardly moves between them, and at most `JOINT_JERK`."""
     step = float(np.median(np.diff(t)))
     shown = float(np.abs(np.diff(q, n=3, axis=0)).max(initial=0.0)) / step**3
     return float(np.clip(10 * shown, _STILL, JOINT_JERK))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -305,22 +306,11 @@ def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
         if name in by_profile:
             found.append({block: np.zeros_like(x) for block, x in base.items()} | by_profile[name])
             continue
-        step, moved = _moved(plant, name, known[name])
-        found.append({block: np.round((moved[block] - x) / step, 12) for block, x in base.items()})
+        for step in (1.0, -1.0, known[name], -known[name] / 2):  # the first that its bounds allow
+            with suppress(InputError):
+                moved = plant.changed({name: known[name] + step}).quantities()
+                found.append({block: np.round((moved[block] - x) / step, 12) for block, x in base.items()})
+                break
+        else:
+            raise InputError("parameter", f"{name} = {known[name]:g}", "a value that can be changed", "leave it fixed")
     return found
-
-
-def _moved(plant: Plant, name: str, value: float) -> tuple[float, Quantities]:
-    """Return a step of a parameter that its bounds allow, and the quantities after it.
-
-    Raises:
-        InputError: No step is allowed.
-    """
-    refused: InputError | None = None
-    for step in (1.0, -1.0, value or 1e-3, -value / 2 or -1e-3):
-        try:
-            return step, plant.changed({name: value + step}).quantities()
-        except InputError as error:
-            refused = refused or error
-    assert refused is not None
-    raise refused

@@ -20,16 +20,20 @@ from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings,
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.numbers import number, whole
+from whiptool.progress import Progress
 from whiptool.recording.smoothing import is_smooth
 from whiptool.recording.strike_recording import StrikeRecording
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
-_OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5, SMOOTHING: 0.2} | {f"rotation_{x}": 0.5 for x in "xyz"}
+_OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5, SMOOTHING: 0.2} | {
+    f"rotation_{x}": 0.5 for x in "xyz"
+}
 _OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
 _EDGES = np.geomspace(60.0, 1.0, 25)  # [Hz] of a filter at which its search may begin
 _SHARE = 0.3  # of the squared residuals that a filter has to explain where one is claimed
+_SOON = 3.0  # [s] after which progress is shown
 _SLIGHT = 0.02  # standard errors of the residuals below which nothing is left to explain
 _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
 
@@ -58,7 +62,7 @@ class FitOptions:
         seed: Seed of the starting points.
         check: Whether recordings are checked: their controller, their first readings
             (`whiptool.identification.beginnings`), and their times (`whiptool.identification.time_base`).
-        progress: Whether a fit that lasts shows its steps and its misfit.
+        progress: Whether a fit that lasts shows how many rollouts it has made.
         max_iterations, tolerance: Stopping criteria, see `whiptool.identification.solver.solve`.
     """
 
@@ -121,6 +125,7 @@ class Problem:
         self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
         self._resolved = False
         self.refused: InputError | None = None  # why the model could not be evaluated, the last time that it could not
+        self.bar = Progress(desc="fit", unit=" rollouts", delay=_SOON, leave=False, disable=not options.progress)
 
     def _make(self, recordings: Sequence[StrikeRecording]) -> Predictor:
         o = self.options
@@ -176,8 +181,8 @@ class Problem:
         return solution
 
     def _begin_smoothed(self, z: np.ndarray, known: Sequence[np.ndarray] | None) -> None:
-        """Let the filter of each recording begin at the edge that explains it best, with z (G,) for the shared unknowns:
-        without a filter its edge changes nothing."""
+        """Let the filter of each recording begin at the edge that explains it best, with z (G,) for the shared
+        unknowns."""
         P, costs = self.predictor, []
         for edge in _EDGES:
             for x, of in zip(P.start, self._at_own(SMOOTHING), strict=True):
@@ -272,7 +277,6 @@ class Problem:
             loss=Loss(self._limit, [len(x) for x in stage.measured] + ([0] if self._prior else [])),
             max_iterations=self.options.max_iterations,
             tolerance=self.options.tolerance,
-            progress=self.options.progress,
         )
 
     def refine(self, solution: Solution) -> Solution:
@@ -301,6 +305,7 @@ class Problem:
         regular = [self._regular(predictor, i) for i in range(len(predictor.recordings))]
 
         def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
+            self.bar.update(len(own))
             try:
                 plant, nuisance = self.split(z)
                 predictions = predictor(plant, nuisance, own, derivatives=derivatives)

@@ -6,8 +6,9 @@ clock:
     measured = scale R position + shift
     stamped  = clock_rate time + delay
 
-Tracks that were smoothed before export are predicted as they were measured: with a zero-lag Butterworth filter of second
-order each way, the usual one of motion capture (Winter 2009), of edge 1 / smoothing. In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes.
+In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes. Tracks that were smoothed
+before export are predicted as they were measured: through a zero-lag Butterworth filter of second order each way, the
+usual one of motion capture (Winter 2009), whose edge is 1 / `smoothing`.
 """
 
 from __future__ import annotations
@@ -74,10 +75,11 @@ _STEP = 1e-4  # of the edge, for its derivative
 
 
 def low_pass(x: np.ndarray, edge: float) -> np.ndarray:
-    """Return tracks x (..., T) through the zero-lag filter with an edge per frame rate; unchanged if they are too short."""
+    """Return tracks x (..., T) through the zero-lag filter with an edge per frame rate; short ones unchanged."""
     if edge >= _HIGHEST or x.shape[-1] <= _PADDED:
         return x
-    return np.asarray(filtfilt(*butter(_ORDER, 2 * edge), x))
+    above, below = butter(_ORDER, 2 * edge)[:2]
+    return np.asarray(filtfilt(above, below, x))
 
 
 def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
@@ -160,7 +162,7 @@ class Reading:
     def read(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """Predict the readings from a simulated path; see `_taken`, of tracks that may have been smoothed afterwards."""
+        """Predict the readings from a simulated path as `_taken` does, smoothed if that is among the given."""
         value, by_path, nuisance, size = self._taken(path, dpath, given, start=start, interval=interval)
         if SMOOTHING not in given:
             return value, by_path, nuisance, size

@@ -14,10 +14,7 @@ from enum import Enum
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from whiptool.progress import Progress
-
 MAX_ITERATIONS = 300
-_SOON = 3.0  # [s] after which a bar is shown
 _SETTLING = 10  # steps over which shared unknowns have to stay, where recordings have their own unknowns
 _STILL = 10.0  # times the tolerance: square of the standard errors by which they may move meanwhile, usually 0.01
 _FLAT = 5e4  # times the tolerance: by which the cost may fall per mean squared residual, usually one standard error
@@ -150,7 +147,6 @@ def solve(
     loss: Loss = Loss(),
     max_iterations: int = MAX_ITERATIONS,
     tolerance: float = TOLERANCE,
-    progress: bool = False,
 ) -> Solution:
     """Minimise the loss of all blocks from a starting point inside the bounds.
 
@@ -166,7 +162,6 @@ def solve(
         tolerance: The solver stops if the predicted decrease of the cost, per mean squared residual, is at most this;
             or if the shared unknowns are constant and only those of single recordings change along a flat valley of the
             cost (`Ending.SETTLED`).
-        progress: Whether a bar shows steps and misfit, if the solver takes longer than some seconds.
 
     Returns:
         The solution, also if no step was possible; its `status` says why the solver stopped.
@@ -176,18 +171,15 @@ def solve(
     if not np.isfinite(here.cost):
         return Solution(here.z, here.own, np.inf, Ending.DIVERGED, evaluations=search.evaluations)
     history, steps = [(here.cost, search.damping, 0.0)], [here.z]
-    with Progress(desc="fit", unit=" steps", delay=_SOON, leave=False, disable=not progress) as bar:
-        for _ in range(max_iterations):
-            there = search.improved(here)
-            if isinstance(there, Ending):
-                return Solution(here.z, here.own, here.cost, there, history, search.evaluations)
-            history.append((there.cost, search.damping, float(np.linalg.norm(there.z - here.z))))
-            here = there if there.derivatives else search.point(there.z, there.own, derivatives=True)
-            steps.append(here.z)
-            if _have_settled(steps, [cost for cost, *_ in history], here, tolerance):
-                return Solution(here.z, here.own, here.cost, Ending.SETTLED, history, search.evaluations)
-            bar.set_postfix_str(f"cost {here.cost:.4g}", refresh=False)
-            bar.update()
+    for _ in range(max_iterations):
+        there = search.improved(here)
+        if isinstance(there, Ending):
+            return Solution(here.z, here.own, here.cost, there, history, search.evaluations)
+        history.append((there.cost, search.damping, float(np.linalg.norm(there.z - here.z))))
+        here = there if there.derivatives else search.point(there.z, there.own, derivatives=True)
+        steps.append(here.z)
+        if _have_settled(steps, [cost for cost, *_ in history], here, tolerance):
+            return Solution(here.z, here.own, here.cost, Ending.SETTLED, history, search.evaluations)
     return Solution(here.z, here.own, here.cost, Ending.STEPS, history, search.evaluations)
 
 

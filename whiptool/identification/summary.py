@@ -20,7 +20,7 @@ from whiptool.identification.variables import Variable, with_unit
 from whiptool.recording.strike_recording import StrikeRecording, assumed_size
 from whiptool.words import rounded
 
-ABOVE = 1.5  # RMS residual in standard errors from which assumed errors are said to be too small
+ABOVE = 1.5  # misfit from which more than half of the squared residuals is not what the stated errors leave
 _ALIKE = "frames that were lost or stamped twice have a similar effect"
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
@@ -66,8 +66,11 @@ def bound_lines(fit: Fit) -> list[str]:
 def misfit_line(fit: Fit) -> str:
     """Return the misfit as text, with the reason if the fit is not valid."""
     said = f"{fit.misfit:.2f} (RMS residual in standard errors; about 1 if the model fits)"
-    if fit.explains:
+    if fit.explains and fit.misfit <= ABOVE:
         return said
+    if fit.explains:
+        share = f"{1 - 1 / fit.misfit**2:.0%} of the squared residuals are more than the stated errors leave"
+        return f"{said}: {share}; intervals hold only if that is noise, and not the model's{_worst_words(fit)}"
     if fit.smoothed:
         return f"{said}; the tracks were smoothed before export"
     if fit.clock_fault is not None:
@@ -90,17 +93,22 @@ def assumed_errors(fit: Fit, recordings: Sequence[StrikeRecording]) -> list[str]
 
 
 def lag_lines(fit: Fit) -> list[str]:
-    """Return as text how far each recording's robot was behind its command, and how much of its motion, was fitted."""
+    """Return as text how far the robot of each recording was behind its command, if that was fitted."""
     recordings, lines = [*fit.recordings, *fit.held_out], []
     for i, own in enumerate(found.own for found in recordings):
         if "lag" in own:
             lag, delay, shape = 1e3 * own["lag"], 1e3 * own["lag_delay"], own["lag_shape"]
             name = recordings[i].source or f"recording {i + 1}"
             lines.append(f"{name}: the robot lags by {lag:.1f} ms after a delay of {delay:.1f} ms (shape {shape:.2f})")
-        if fit.drive in ("joints", "hand") and (freed := sum(x.startswith("motion[") for x in own)):
-            name = recordings[i].source or f"recording {i + 1}"
-            lines.append(f"{name}: {freed} directions of the base's motion, which its log leaves open, were fitted, too")
     return lines
+
+
+def freed_line(fit: Fit) -> str:
+    """Return as text how many directions of each measured motion of the base were fitted, too; empty if none was."""
+    counts = [sum(name.startswith("motion[") for name in found.own) for found in (*fit.recordings, *fit.held_out)]
+    if fit.drive not in ("joints", "hand") or not any(counts):
+        return ""
+    return f"{', '.join(map(str, counts))} directions of its motion that the logs leave open were fitted, too"
 
 
 def warning(fit: Fit) -> str | None:

@@ -11,59 +11,50 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import erf
 
 from whiptool.recording.finding import DOUBTFUL, MEASURED, Finding
 from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.words import counted
 
-_WINDOW = 12  # differences that are judged together
-_LEAST = 6  # windows that have to be there
+_WINDOW, _LEAST = 12, 6  # differences that are judged together, and windows that have to be there
 _QUIET = 0.6  # of the noise of independent readings is in the quietest quarter of their windows
 _ALTERNATE = 0.55  # share of changes of sign above which differences are those of independent readings
-_STATED = 0.25  # of a stated error: less noise than that is no noise of such readings
-_COARSE = 0.1  # of an error: where values are rounded to more, nothing is told of their noise
+_LITTLE = 0.25  # of the stated errors: less noise is not that of readings with such errors
+_COARSE = 0.1  # of an error: where values are rounded to more, nothing is known of their noise
 _EXACT = 0.02  # of the noise: what successive points on a filled line differ from it at most
-_CHANCE = 1e-6  # that independent readings lie so in some place of a recording
-_TOGETHER = 3  # frames filled in a row that are claimed at least
+_CHANCE = 1e-6  # that independent readings lie so anywhere in a recording
 _OFTEN = 0.2  # share of frames on a line through their neighbours, from which all such frames were interpolated
 _REPEATED = 0.05  # share of values that are the one before, from which they are medians of several
 
 
-def noise_of(recording: StrikeRecording) -> tuple[float, bool] | None:
-    """Return the noise of tracks in their quietest quarter, in units of their errors, and whether it is independent
-    from frame to frame; None for angles, and where frames are too few or values too coarsely rounded to tell."""
-    size = np.array([np.median(s[seen]) for s, seen in zip(recording.sigma.T, recording.seen.T, strict=True)])
-    step = _rounding(recording.points)
-    if recording.angular or len(recording.t) < _WINDOW + 4 or step > _COARSE * size.min():
+def noise_of(recording: StrikeRecording) -> tuple[float, bool, float] | None:
+    """Return the noise of tracks in their quietest quarter, whether it is independent from frame to frame, and the step
+    to which values are rounded, 0 if they are not, noise and step in units of the stated errors; None for angles, and
+    where frames are too few or the step too large to tell."""
+    if recording.angular:
         return None
-    differences = np.diff(recording.points / size[:, None], n=4, axis=0).reshape(len(recording.t) - 4, -1)
-    whole = len(differences) // _WINDOW * _WINDOW
-    windows = differences[:whole].T.reshape(-1, _WINDOW)
+    size = np.array([np.median(s[seen]) for s, seen in zip(recording.sigma.T, recording.seen.T, strict=True)])
+    there = recording.points[np.isfinite(recording.points)]
+    decimals = next((p for p in range(10) if np.abs(there - there.round(p)).max() < 1e-11), np.inf)
+    step = float(10.0**-decimals / size.min())
+    d = np.diff(recording.points / size[:, None], n=4, axis=0).reshape(max(len(recording.t) - 4, 0), -1)
+    windows = d[: len(d) // _WINDOW * _WINDOW].T.reshape(-1, _WINDOW)
     windows = windows[np.isfinite(windows).all(axis=1)]
-    if len(windows) < _LEAST:
+    if len(windows) < _LEAST or step > _COARSE:
         return None
     quiet = windows[np.argsort((windows**2).sum(axis=1))[: max(_LEAST, len(windows) // 4)]]
     level = float(np.sqrt(np.mean(quiet**2) / math.comb(8, 4))) / _QUIET
-    alternate = float(np.mean(quiet[:, 1:] * quiet[:, :-1] < 0))
-    return level, alternate > _ALTERNATE and level > step / 2 / size.min()
+    return level, bool(np.mean(quiet[:, 1:] * quiet[:, :-1] < 0) > _ALTERNATE and level > step / 2), step
 
 
 def is_smooth(recording: StrikeRecording) -> bool:
     """Whether tracks have no noise that independent readings with their errors would have."""
-    if (found := noise_of(recording)) is None:
+    if (noise := noise_of(recording)) is None:
         return False
-    level, independent = found
-    step = _rounding(recording.points) / float(np.median(recording.sigma[recording.seen]))
-    repeated = float(np.mean(np.diff(recording.points, axis=0) == 0))  # by a median of the neighbours
-    if independent and repeated > max(_REPEATED, step / level):
+    level, independent, step = noise
+    if independent and np.mean(np.diff(recording.points, axis=0) == 0) > max(_REPEATED, step / level):
         return True
-    return level < _STATED and not (independent and recording.sigma_assumed)
-
-
-def _rounding(points: np.ndarray) -> float:
-    """Return the step to which points are rounded, a power of ten; 0 if they are not."""
-    there = points[np.isfinite(points)]
-    return next((10.0**-p for p in range(10) if np.abs(there - there.round(p)).max() < 1e-11), 0.0)
+    return level < _LITTLE and not (independent and recording.sigma_assumed)
 
 
 def filled(recording: StrikeRecording) -> np.ndarray:
@@ -71,55 +62,45 @@ def filled(recording: StrikeRecording) -> np.ndarray:
     found = np.zeros_like(recording.seen)
     if (noise := noise_of(recording)) is None or not noise[1]:
         return found
-    step = _rounding(recording.points)
+    level, _, step = noise
     for m, sigma in enumerate(recording.sigma.T):
-        level = noise[0] * float(np.median(sigma[recording.seen[:, m]]))
+        x = recording.points[:, m] / np.median(sigma[recording.seen[:, m]])
         for order in (2, 4):
-            bound = max(_EXACT * level, 2.0 ** (order - 1) * step)
-            size = np.abs(np.diff(recording.points[:, m], n=order, axis=0))
-            on = (size <= bound).all(axis=1)  # NaN is on none
-            chance = float(erf(bound / level / math.sqrt(2 * math.comb(2 * order, order)))) ** size.shape[1]
-            least = max(_TOGETHER, math.ceil(math.log(_CHANCE / len(found)) / math.log(min(chance, 0.99))))
+            bound = max(_EXACT * level, 2 ** (order - 1) * step)
+            on = (np.abs(np.diff(x, n=order, axis=0)) <= bound).all(axis=1)  # NaN is on none
+            chance = math.erf(bound / level / math.sqrt(2 * math.comb(2 * order, order))) ** x.shape[1]
+            least = max(3, math.ceil(math.log(_CHANCE / len(x)) / math.log(min(chance, 0.99))))
             least = 1 if on.mean() > max(_OFTEN, 4 * chance) else least  # every second frame was interpolated
-            for first, end in _runs(on):
-                if end - first >= least:
-                    # the first and last points of a run were read
-                    found[first + 1 : end + order - 1, m] = True
+            if least <= len(on):
+                runs = np.convolve(on, np.ones(least), "valid") > least - 0.5
+                found[1:-1, m] |= np.convolve(runs, np.ones(least + order - 2)) > 0  # ends of a run were read
     return found
-
-
-def _runs(on: np.ndarray) -> list[tuple[int, int]]:
-    """Return the beginnings and ends of what is true in a row."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def without_filled(recording: StrikeRecording) -> tuple[StrikeRecording, str]:
     """Return a recording without points that were filled in, and which these were as text, empty without any."""
     which = filled(recording)
     spans = [
-        f"{name} from {recording.t[first]:.3f} to {recording.t[end - 1]:.3f} s"
+        f"{counted(on.sum(), 'point')} of {name} from {recording.t[on][0]:.3f} to {recording.t[on][-1]:.3f} s"
         for name, on in zip(recording.markers, which.T, strict=True)
-        for first, end in _runs(on)
+        if on.any()
     ]
     if not spans:
         return recording, ""
     points = np.where(which[..., None], np.nan, recording.points)
-    return replace(recording, points=points), f"{', '.join(spans)}: points on a line or cubic without noise"
+    return replace(recording, points=points), f"{', '.join(spans)}: on a line or cubic, without noise"
 
 
 def smoothing_findings(recording: StrikeRecording) -> Iterator[Finding]:
     """Yield how much noise tracks have, and whether they seem to be smoothed or filled."""
     if (noise := noise_of(recording)) is None:
         return
-    level, independent = noise
-    value = f"{level:.2g} standard errors from frame to frame"
-    numbers = {"level": level, "independent": independent}
+    value = f"{noise[0]:.2g} standard errors from frame to frame"
     if is_smooth(recording):
         fix = "export the readings as they were taken, or fit with --per-recording smoothing"
         reason = "tracks were smoothed before export, or computed, or their errors are far smaller than stated"
-        yield Finding("noise", value, DOUBTFUL, reason, fix, numbers)
+        yield Finding("noise", value, DOUBTFUL, reason, fix, {"level": noise[0]})
     else:
-        yield Finding("noise", value, MEASURED, "by fourth differences", numbers=numbers)
+        yield Finding("noise", value, MEASURED, "by fourth differences", numbers={"level": noise[0]})
     if said := without_filled(recording)[1]:
         yield Finding("filled", said, DOUBTFUL, "no readings: a fit leaves them out", "export them as missing")

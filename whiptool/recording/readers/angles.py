@@ -5,8 +5,8 @@ optionally `velocity` like `angle`. `NAME.csv` has one row of column names and o
 ...`, and optionally `velocity1, ...`. Angles are those between each link and the vertical. `NAME.toml` next to it may
 hold
 
-    zero = 3.14159265               # the angle at which a link hangs straight down; default 0, or half a turn where
-                                    # the links are fastest there
+    zero = 3.14159265               # the angle at which a link hangs straight down; default 0, or pi where links are
+                                    # fastest there
     angle_units = "rad"             # or "deg"
     relative = false                # true: each angle is counted from the link before
     sigma = 0.002                   # standard error of an angle [rad]
@@ -81,21 +81,11 @@ def read_swings(path: Path | str) -> list[StrikeRecording]:
             raise InputError(f"{path.with_suffix('.toml')}: {key}", side[key], "one of the keys " + ", ".join(SIDECAR))
     with parsing(path, path.suffix[1:].upper()):
         t, angle, velocity = (_from_csv if path.suffix.lower() == ".csv" else _from_npz)(path)
-        turned = "zero" not in side and _hangs_at_half_turn(angle, side)
-        side |= {"zero": 180.0 if side.get("angle_units") == "deg" else np.pi} if turned else {}
         rates = [None] * len(angle) if velocity is None else list(velocity)
         sources = [f"{path}#{i}" for i in range(len(angle))] if len(angle) > 1 else [str(path)]
         swings = [_recording(t, q, v, side) for q, v in zip(angle, rates, strict=True)]
-        notes = ("zero: taken as half a turn, at which the links are fastest: say zero if they hang elsewhere",) * turned
         digest = sha256(path)
-        return [replace(one, source=source, sha256=digest, notes=notes) for one, source in zip(swings, sources, strict=True)]
-
-
-def _hangs_at_half_turn(angle: np.ndarray, side: Mapping[str, Any]) -> bool:
-    """Whether the links of swings (swings, T, links), which are fastest where they hang, are so far from zero."""
-    q = np.deg2rad(angle) if side.get("angle_units") == "deg" else angle
-    q = q.cumsum(axis=2) if side.get("relative") else q
-    return bool(np.sum(np.diff(q, axis=1) ** 2 * np.cos((q[:, 1:] + q[:, :-1]) / 2)) < 0)
+        return [replace(one, source=source, sha256=digest) for one, source in zip(swings, sources, strict=True)]
 
 
 def first_state(t: np.ndarray, angles: np.ndarray) -> np.ndarray:
@@ -148,6 +138,12 @@ def _recording(
     q = angle - (zero * np.eye(1, angle.shape[1])[0] if relative else zero)
     q, v = (None if x is None else factor * (x.cumsum(axis=1) if relative else x) for x in (q, velocity))
     assert q is not None
+    notes: tuple[str, ...] = ()
+    if "zero" not in side and np.sum(np.diff(q, axis=0) ** 2 * np.cos(q[1:])) < 0:  # links are fastest where they hang
+        q, notes = (
+            q - np.pi,
+            ("zero: taken as half a turn, where the links are fastest: say zero if they hang elsewhere",),
+        )
     begun = first_state(t, q) if v is None else np.array([q[0], v[0]])
     markers = tuple(f"link{i + 1}" for i in range(q.shape[1]))
-    return StrikeRecording(t[::every], q[::every, :, None], markers, sigma, first_state=begun)
+    return StrikeRecording(t[::every], q[::every, :, None], markers, sigma, first_state=begun, notes=notes)
