@@ -99,6 +99,7 @@ class FitRun:
             seed=options.seed,
             knots=options.knots,
             pieces=options.pieces,
+            progress=True,
         )
         self._check_fit()
         self.version = code_version()
@@ -216,6 +217,7 @@ class FitRun:
             remarks = check_beginnings(predictor, self.plant)
         except InputError as error:
             raise self._by_file(error, every) from None
+        self.remarks = remarks
         for remark in remarks:
             self._say(remark)
 
@@ -257,9 +259,13 @@ class FitRun:
     def write_recordings(self, folder: RunFolder) -> None:
         """Write all recordings, with the held-out ones, to the run folder, and print their readers' remarks."""
         recordings = [*self.recordings, *self.held_out]
+        said: dict[tuple[str, ...], list[str]] = {}
         for name, recording in zip(self.files, recordings, strict=True):
-            if recording.remarks:
-                self._say(f"{name}: {'; '.join(recording.remarks)}")
+            said.setdefault(recording.remarks, []).append(name)
+        for remarks, names in said.items():
+            others = f" and {counted(len(names) - 1, 'other')}" if len(names) > 1 else ""
+            if remarks:
+                self._say(f"{names[0]}{others}: {'; '.join(remarks)}")
         (folder.path / RECORDINGS).mkdir(exist_ok=True)
         for recording, file in zip(recordings, _file_names([r.source for r in recordings]), strict=True):
             recording.save(folder.path / RECORDINGS / file)
@@ -288,6 +294,9 @@ class FitRun:
                 self.tried.append((N, inside, outside))
         self.N = best_nodes(fits) if self.tried else next(iter(fits))
         self.found = fits[self.N]
+        for remark in self.found.remarks:
+            if remark not in self.remarks:
+                self._say(remark)
 
     @property
     def warning(self) -> str | None:
@@ -298,6 +307,8 @@ class FitRun:
         said, fault = warning(self.found), self.found.clock_fault
         if said is None:
             return None
+        if self.found.smoothed:
+            return f"{said}; export them as they were taken, or fit the filters with --per-recording smoothing"
         if fault is not None:
             return f"{said}; --per-recording {fault.kind} fits it" if fault.kind in CLOCK else said
         joints = all(recording.joints_q is not None for recording in self.recordings)
@@ -401,10 +412,12 @@ class FitRun:
         return facts | recording_facts([*self.recordings, *self.held_out])
 
     def _text(self, summary: dict[str, Any], path: Path) -> str:
+        from whiptool.identification.results import known_part
         from whiptool.identification.summary import (
             assumed_errors,
             bound_lines,
             error_words,
+            freed_line,
             lag_lines,
             misfit_line,
             parameter_lines,
@@ -416,13 +429,14 @@ class FitRun:
         ]
         said = f"{error_words(self.found.held_out)} held out" if self.held_out else "none held out"
         if any(r.predicted_from is not None for r in self.found.held_out):
-            said += " (second half; the first half gave what is unknown of each)"
+            said += f" (without the {known_part(self.found.drive)[1]} of each, which gave what is unknown of it)"
         lines.append(f"  error RMS   {error_words(self.found.recordings)} fitted, {said}")
         if self.plane is not None:
             lines.append(f"  out of plane {1e3 * self.plane.rms:.3g} mm RMS")
         lines.append(f"  misfit      {misfit_line(self.found)}")
         lines += [f"  errors      {line}" for line in assumed_errors(self.found, self.recordings)]
         lines += [f"  at bound    {line}" for line in bound_lines(self.found)]
+        lines += [f"  base        {line}" for line in [freed_line(self.found)] if line]
         lines += [f"  lag         {line}" for line in lag_lines(self.found)]
         if self.assumed:
             lines.append(f"  controller  {self.options.law_label()}, assumed: no recording says")

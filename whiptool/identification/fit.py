@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,6 +23,7 @@ from whiptool.identification.uncertainty import Uncertainty, classify
 from whiptool.identification.variables import units, variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
+from whiptool.recording.smoothing import without_filled
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.words import counted
@@ -71,13 +73,20 @@ def fit(
     variables = variables_of(
         {**plant.values(), **NEUTRAL}, free, options.bounds, units(plant.model.arm, plant.controller, free)
     )
+    count, left_out = len(recordings), []
+    if options.check:
+        every, left_out = _without_filled([*recordings, *held_out])
+        recordings, held_out = every[:count], every[count:]
     with threadpool_limits(_BLAS_THREADS, "blas"):
         problem = Problem(recordings, plant, free, variables, options)
         remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
         starts = _starts(problem)
         runs = _solved(problem, starts)
-        fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check else None
-        return _found(problem, runs, held_out, clock_fault=fault, remarks=remarks, began=began)
+        problem.bar.close()
+        smoothed = problem.smoothed(runs[0].solution) if options.check else ()
+        fault = _clock_fault(problem, starts[0], runs[0].solution) if options.check and not smoothed else None
+        found = _found(problem, runs, held_out, clock_fault=fault, smoothed=smoothed)
+        return replace(found, remarks=(*remarks, *left_out), wall_time=time.perf_counter() - began)
 
 
 def _as_plant(plant: Plant | Model | BareArm, recordings: Sequence[StrikeRecording]) -> Plant:
@@ -110,6 +119,8 @@ def _solved(problem: Problem, starts: Sequence[np.ndarray]) -> list[FittedStart]
     runs = [FittedStart(problem.values(start), problem.values(end.z), end) for start, end in pairs]
     runs = judge_starts(runs, sum(len(x) for x in problem.predictor.measured))
     best = runs[0].solution
+    if best.status is Ending.DIVERGED and problem.refused is not None:
+        raise problem.refused
     if best.status is Ending.DIVERGED:
         raise InputError(
             "plant",
@@ -128,13 +139,12 @@ def _found(
     held_out: Sequence[StrikeRecording],
     *,
     clock_fault: ClockFault | None,
-    remarks: tuple[str, ...],
-    began: float,
+    smoothed: tuple[float, ...],
 ) -> Fit:
     """Return what came of a fit, its best run first."""
     best, options = runs[0].solution, problem.options
     uncertainty, compared = problem.assess(best), tuple(problem.compare(best))
-    withdrawn = not is_explained(uncertainty, compared, clock_fault)
+    withdrawn = not is_explained(uncertainty, compared, clock_fault, smoothed)
     fitted, nuisance = problem.split(best.z)
     starts = [runs[0].start[name] for name in problem.free]
     return Fit(
@@ -146,9 +156,9 @@ def _found(
         recordings=compared,
         held_out=tuple(_held_out(problem, held_out, best, uncertainty)) if held_out else (),
         runs=tuple(runs),
-        wall_time=time.perf_counter() - began,
+        wall_time=0.0,
         clock_fault=clock_fault,
-        remarks=remarks,
+        smoothed=smoothed,
     )
 
 
@@ -171,6 +181,13 @@ def _in_strike_plane(
     check_one_plane(list(upright.values()), plane)
     flat = [plane.project(upright[id(r)]) if id(r) in upright else r for r in every]
     return flat[: len(recordings)], flat[len(recordings) :]
+
+
+def _without_filled(recordings: Sequence[StrikeRecording]) -> tuple[list[StrikeRecording], list[str]]:
+    """Return recordings without points that were filled in where a marker was not seen, and remarks on these."""
+    found = [(recording, *without_filled(recording)) for recording in recordings]
+    remarks = [f"{old.called}: left out, for they are no readings: {said}" for old, _, said in found if said]
+    return [new for _, new, _ in found], remarks
 
 
 def _refined(problem: Problem, solution: Solution) -> Solution:

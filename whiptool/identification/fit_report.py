@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.typing import HashableList
 
-from whiptool.identification.results import Fit, RecordingFit
+from whiptool.identification.results import Fit, RecordingFit, known_part
 from whiptool.identification.similarity import Similarity
 from whiptool.identification.summary import (
     error_words,
@@ -149,12 +149,10 @@ def _prediction(fit: Fit, pairs: Sequence[tuple[StrikeRecording, RecordingFit, s
             "If this is much more than for the fitted ones, the model does not hold for new strikes."
         )
         if any(f.predicted_from is not None for f in fit.held_out):
+            part = known_part(fit.drive)[1]
             said += (
-                " They have their own unknowns: the first half of the frames fitted these, and the error is that of "
-                "the second half."
+                f" They have their own unknowns, fitted to the {part} of their frames; the error is that of the others."
             )
-        if fit.drive == "free":
-            said += " A held-out swing begins where its first samples say, and nothing else of it is fitted."
         if fit.drive in _KNOWN:
             said += f" Of the motion of a held-out recording only {_KNOWN[fit.drive]} known."
     alike = [(r, kind, s) for r, f, kind in pairs if (s := similarity_of(r, f)) is not None]

@@ -22,6 +22,7 @@ from whiptool.identification.motion import (
 from whiptool.models.parameters import AnyArm
 
 _FINEST = 1e-8  # [rad], [m] of a log
+_STILL = 0.1  # [rad/s^3], [m/s^3] of an arm that stands
 # which numbers of a hand in space are those of a planar arm, of axis (0, -1, 0), behind its angle, and their signs: the
 # angle's rates, and velocity, acceleration and place along x and z
 _IN_PLANE, _SIGNS = [10, 16, 12, 14, 18, 20, 21, 23], np.array([-1.0, -1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -61,11 +62,10 @@ class JointMotion:
         width = BASE + 2 if arm.dimension == 2 else SPATIAL_BASE + 3
         check_size(instants, knots or spacing(t, max(SAMPLES_A_KNOT)), arm.n, width)
         noise, near = _noise(q, arm), (t >= instants[0]) & (t <= instants[-1])
-        knots = knots or cross_validated(t[near], q[near], noise, jerk=JOINT_JERK, at_rest=at_rest)
+        jerk = _jerk(t[near], q[near])
+        knots = knots or cross_validated(t[near], q[near], noise, jerk=jerk, at_rest=at_rest)
         check_size(instants, knots, arm.n, width)
-        spline = SmoothSpline(
-            start=instants[0], end=instants[-1], knots=knots, jerk=JOINT_JERK, d=arm.n, at_rest=at_rest
-        )
+        spline = SmoothSpline(start=instants[0], end=instants[-1], knots=knots, jerk=jerk, d=arm.n, at_rest=at_rest)
         inside = (t >= instants[0] - knots) & (t <= instants[-1] + knots)
         basis = spline.basis(t[inside])
         self.start = spline.fit(t[inside], q[inside], np.broadcast_to(noise, q[inside].shape))
@@ -158,6 +158,14 @@ def _noise(q: np.ndarray, arm: AnyArm) -> np.ndarray:
         return float(np.median(np.abs(np.diff(q[:, kind], n=4, axis=0)))) / 0.6745 / math.sqrt(math.comb(8, 4))
 
     return np.maximum(_by_kind(arm, rough), _FINEST)
+
+
+def _jerk(t: np.ndarray, q: np.ndarray) -> float:
+    """Return the usual third derivative between samples (S, a) at times (S,) [s]: ten times the largest that they
+    show, for an arm that stands at all of them hardly moves between them, and at most `JOINT_JERK`."""
+    step = float(np.median(np.diff(t)))
+    shown = float(np.abs(np.diff(q, n=3, axis=0)).max(initial=0.0)) / step**3
+    return float(np.clip(10 * shown, _STILL, JOINT_JERK))
 
 
 def _smoothed(values: np.ndarray, t: np.ndarray, knots: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -289,7 +290,7 @@ def _with_law(controller: Controller, changes: Mapping[str, float]) -> Controlle
 def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
     """Return the derivatives of the arrays of `plant.quantities()` by each named parameter, one dict per parameter.
 
-    The arrays are linear in the parameters of model and control law, so that a unit difference is the derivative;
+    The arrays are linear in the parameters of model and control law, so that any difference is the derivative;
     derivatives by a profile's parameters are computed with CasADi.
 
     Raises:
@@ -305,6 +306,11 @@ def slopes(plant: Plant, names: Sequence[str]) -> list[Quantities]:
         if name in by_profile:
             found.append({block: np.zeros_like(x) for block, x in base.items()} | by_profile[name])
             continue
-        moved = plant.changed({name: known[name] + 1}).quantities()
-        found.append({block: np.round(moved[block] - x, 12) for block, x in base.items()})
+        for step in (1.0, -1.0, known[name], -known[name] / 2):  # the first that its bounds allow
+            with suppress(InputError):
+                moved = plant.changed({name: known[name] + step}).quantities()
+                found.append({block: np.round((moved[block] - x) / step, 12) for block, x in base.items()})
+                break
+        else:
+            raise InputError("parameter", f"{name} = {known[name]:g}", "a value that can be changed", "leave it fixed")
     return found

@@ -12,7 +12,7 @@ from whiptool.errors import InputError
 from whiptool.identification.drives import ORIGIN, Drive, DriveOptions, Shot, make_drive, unknown_markers
 from whiptool.identification.motion import BaseMotion
 from whiptool.identification.plant import BareArm, Plant, slopes
-from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, Reading, placed
+from whiptool.identification.readings import NEUTRAL, NUISANCE, NUISANCE_IN, SMOOTHING, Reading, placed
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.rollout.batch import OF_A_STEP, TOLERANCE, Batch
 from whiptool.rollout.engine import find_engine, wanted_rung
@@ -52,7 +52,7 @@ class Predictor:
         drive: Drive of the whip: `command`, `robot`, `joints`, `hand`, `handle`, `passive`, `free`.
         shared: Names of free parameters that are the same for all recordings: of the plant, or in `NUISANCE`.
         own: Names in `NUISANCE` of parameters that are free for each recording separately; also `start`, its initial
-            state.
+            state, and `smoothing`, the filter of its tracks.
         timestep: Time step [s]; None: 1 ms, or for the drive `command` chosen by the integration error.
         knots: Spacing of the knots of a prescribed motion's spline [s]; None: see `DriveOptions`.
 
@@ -86,8 +86,8 @@ class Predictor:
             if name not in known:
                 raise InputError("free parameter", name, "one of " + ", ".join(known))
         for name in self.own:
-            if name not in (*nuisance, "start"):
-                raise InputError("free per recording", name, "one of " + ", ".join((*nuisance, "start")))
+            if name not in (of_recordings := (*nuisance, *(SMOOTHING,) * bool(nuisance), "start")):
+                raise InputError("free per recording", name, "one of " + ", ".join(of_recordings))
         named = [*self.shared, *self.own]
         if len(set(named)) < len(named):
             raise InputError("free parameters", named, "different names, each shared or per recording")
@@ -114,7 +114,7 @@ class Predictor:
         self._links = sorted({i for read in self._read for i in read.links if i >= 0})
 
     def _first(self, drive: Drive) -> np.ndarray:
-        return np.concatenate([*drive.unknowns.values(), [NEUTRAL[name] for name in self._own_nuisance]])
+        return np.concatenate([*drive.unknowns.values(), [NEUTRAL.get(name, 0.0) for name in self._own_nuisance]])
 
     def set_motion(self, i: int, motion: BaseMotion) -> None:
         """Let the base in recording i move otherwise, with other unknowns."""

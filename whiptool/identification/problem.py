@@ -12,22 +12,29 @@ from whiptool.identification.drives import pieces
 from whiptool.identification.forecast import Forecast, Readings, calibrated
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor, named_own
-from whiptool.identification.readings import NEUTRAL, NUISANCE
+from whiptool.identification.readings import NEUTRAL, NUISANCE, SMOOTHING
 from whiptool.identification.resolution import resolve
-from whiptool.identification.results import RecordingFit
+from whiptool.identification.results import RecordingFit, known_part
 from whiptool.identification.solver import MAX_ITERATIONS, TOLERANCE, Block, Loss, Solution, huber, solve
 from whiptool.identification.time_base import CLOCK, ClockFault, FittedReadings, likeliest_fault
 from whiptool.identification.uncertainty import Uncertainty, assess
 from whiptool.identification.variables import Prior, Variable
 from whiptool.models.numbers import number, whole
+from whiptool.progress import Progress
+from whiptool.recording.smoothing import is_smooth
 from whiptool.recording.strike_recording import StrikeRecording
 
 HUBER = 1.345  # standard errors: 95 % efficient where the errors are normal (Huber 1981)
 # usual size of a recording's own unknowns around their first guess: a wide prior that leaves none undetermined
-_OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5} | {f"rotation_{x}": 0.5 for x in "xyz"}
+_OWN = {"delay": 0.1, "clock_rate": 0.05, "scale": 0.3, "rotation": 0.5, SMOOTHING: 0.2} | {
+    f"rotation_{x}": 0.5 for x in "xyz"
+}
 _OWN |= {f"shift_{x}": 1.0 for x in "xyz"}
 _START = (1.0, 30.0)  # [rad], [rad/s]
-_KNOWN, _KNOWN_OF_SWING = 0.5, 0.1  # shares of frames that a predicted recording's own unknowns are fitted to
+_EDGES = np.geomspace(60.0, 1.0, 25)  # [Hz] of a filter at which its search may begin
+_SHARE = 0.3  # of the squared residuals that a filter has to explain where one is claimed
+_SOON = 3.0  # [s] after which progress is shown
+_SLIGHT = 0.02  # standard errors of the residuals below which nothing is left to explain
 _GROWING = (0.1, 0.4)  # shares of a passive swing whose readings its first state is sought in, one after the other
 
 
@@ -40,8 +47,8 @@ class FitOptions:
             fitted lag); `joints` (measured joints); `hand` (the hand's measured pose, in space); `handle` (a tracked
             handle); `passive` (nothing: the whip hangs from a fixed point after release); `free` (a pendulum's angles).
         per_recording: Nuisance parameters with a separate value for each recording: names in `NUISANCE`, see
-            `whiptool.identification.readings`, and `start`, the initial state (always included for `passive` and
-            `free`).
+            `whiptool.identification.readings`, `smoothing`, the period [s] of the edge of a zero-lag filter that its
+            tracks went through, and `start`, the initial state (always included for `passive` and `free`).
         bounds: Bounds of free parameters, by name.
         prior: Prior of the shared free parameters.
         loss: Residual at which Huber's loss becomes linear, in standard errors; None: least squares.
@@ -55,6 +62,7 @@ class FitOptions:
         seed: Seed of the starting points.
         check: Whether recordings are checked: their controller, their first readings
             (`whiptool.identification.beginnings`), and their times (`whiptool.identification.time_base`).
+        progress: Whether a fit that lasts shows how many rollouts it has made.
         max_iterations, tolerance: Stopping criteria, see `whiptool.identification.solver.solve`.
     """
 
@@ -70,6 +78,7 @@ class FitOptions:
     knots: float | None = None
     seed: int = 0
     check: bool = True
+    progress: bool = False
     max_iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
 
@@ -115,6 +124,8 @@ class Problem:
         self._limit = options.loss
         self._judged: Sequence[str] = ()  # clocks of the recordings, which were not requested
         self._resolved = False
+        self.refused: InputError | None = None  # why the model could not be evaluated, the last time that it could not
+        self.bar = Progress(desc="fit", unit=" rollouts", delay=_SOON, leave=False, disable=not options.progress)
 
     def _make(self, recordings: Sequence[StrikeRecording]) -> Predictor:
         o = self.options
@@ -149,6 +160,8 @@ class Problem:
             known: For each recording 1 for readings that are fitted and 0 for the others, (K,); default: all 1.
         """
         self.resolve(z)
+        if SMOOTHING in self._own:
+            self._begin_smoothed(z, known)
         if self.options.drive == "passive":
             own: Sequence[np.ndarray] = self.predictor.start
             for share in _GROWING:
@@ -166,6 +179,36 @@ class Problem:
             z = solution.z
         assert solution is not None
         return solution
+
+    def _begin_smoothed(self, z: np.ndarray, known: Sequence[np.ndarray] | None) -> None:
+        """Let the filter of each recording begin at the edge that explains it best, with z (G,) for the shared
+        unknowns."""
+        P, costs = self.predictor, []
+        for edge in _EDGES:
+            for x, of in zip(P.start, self._at_own(SMOOTHING), strict=True):
+                x[of] = 1 / edge
+            costs.append([float(b.r @ b.r) for b in self._evaluator(P, known)(z, P.start, False)[: len(P.start)]])
+        for x, of, best in zip(P.start, self._at_own(SMOOTHING), np.argmin(costs, axis=0), strict=True):
+            x[of] = 1 / _EDGES[best]
+
+    def _at_own(self, name: str) -> list[int]:
+        """Return the place of an unknown among each recording's own."""
+        return [self.predictor.own_names(i).index(name) for i in range(len(self._recordings))]
+
+    def smoothed(self, solution: Solution) -> tuple[float, ...]:
+        """Return the edges [Hz] of the filters that the recordings' tracks seem to have gone through before export;
+        none if they have the noise of independent readings, or if a filter explains little of the residuals.
+        """
+        if SMOOTHING in self._own or not any(map(is_smooth, self._recordings)):
+            return ()
+        options = replace(self.options, per_recording=(*self.options.per_recording, SMOOTHING))
+        wider = Problem(self._recordings, self.plant, self.free, self.variables, options)
+        wider._limit = self._limit
+        end = wider.solve(solution.z)
+        residuals = sum(len(x) for x in self.predictor.measured)
+        if 2 * solution.cost < _SLIGHT**2 * residuals or end.cost > (1 - _SHARE) * solution.cost:
+            return ()
+        return tuple(1 / abs(float(x[of])) for x, of in zip(end.own, wider._at_own(SMOOTHING), strict=True))
 
     def resolve(self, z: np.ndarray) -> None:
         """Let measured motions have the unknowns that readings can resolve, once; with z (G,) for the shared ones."""
@@ -192,9 +235,9 @@ class Problem:
 
     def beginnings(self) -> list[np.ndarray]:
         """Return for each recording a mask (K,) of the readings to which a prediction fits the recording's own
-        unknowns before it predicts the others: the first half of the frames, of a free swing the first tenth; all
-        readings of a tracked handle; no readings without such unknowns."""
-        share = _KNOWN_OF_SWING if self.options.drive == "free" else _KNOWN
+        unknowns before it predicts the others: the first frames, see `known_part`; all readings of a tracked handle; no
+        readings without such unknowns."""
+        share = known_part(self.options.drive)[0]
         every = range(len(self._recordings))
         known = [self.first(i, share if self.fits_beginnings else 0.0) for i in every]
         if self.options.drive == "handle":
@@ -262,13 +305,16 @@ class Problem:
         regular = [self._regular(predictor, i) for i in range(len(predictor.recordings))]
 
         def evaluate(z: np.ndarray, own: list[np.ndarray], derivatives: bool) -> list[Block]:
+            self.bar.update(len(own))
             try:
                 plant, nuisance = self.split(z)
-            except InputError:  # a step beyond what a model may be
+                predictions = predictor(plant, nuisance, own, derivatives=derivatives)
+            except InputError as error:  # a step beyond what a model may be
+                self.refused = error
                 return [Block(np.full(1, np.inf), np.zeros((1, len(z))), np.zeros((1, len(x)))) for x in own]
             units = np.array([v.slope(x) for v, x in zip(slopes_of, z, strict=True)])
             blocks = []
-            for i, p in enumerate(predictor(plant, nuisance, own, derivatives=derivatives)):
+            for i, p in enumerate(predictions):
                 sigma, mask = predictor.sigma[i], None if known is None else known[i]
                 r = (p.value - predictor.measured[i]) / sigma
                 W, mean = regular[i]

@@ -6,7 +6,9 @@ clock:
     measured = scale R position + shift
     stamped  = clock_rate time + delay
 
-In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes.
+In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes. Tracks that were smoothed
+before export are predicted as they were measured: through a zero-lag Butterworth filter of second order each way, the
+usual one of motion capture (Winter 2009), whose edge is 1 / `smoothing`.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.signal import butter, filtfilt
 
 from whiptool.models.kinematics import rotation_about
 from whiptool.recording.camera import Camera
@@ -64,6 +67,19 @@ PLACED = {
 NUISANCE_IN = {1: (), **{d: ("delay", "clock_rate", *names) for d, names in PLACED.items()}}  # 1: angles of links
 NUISANCE = ("delay", "clock_rate", *dict.fromkeys((*PLACED[2], *PLACED[3])))
 NEUTRAL = {name: float(name in ("scale", "clock_rate")) for name in NUISANCE}
+
+SMOOTHING = "smoothing"  # [s] of a recording's own unknowns: period of the edge of its filter; 0: none
+_ORDER, _PADDED = 2, 9  # of the filter each way; frames by which it extends a track at either end
+_HIGHEST = 0.49  # of the frame rate: a filter with a higher edge does nothing
+_STEP = 1e-4  # of the edge, for its derivative
+
+
+def low_pass(x: np.ndarray, edge: float) -> np.ndarray:
+    """Return tracks x (..., T) through the zero-lag filter with an edge per frame rate; short ones unchanged."""
+    if edge >= _HIGHEST or x.shape[-1] <= _PADDED:
+        return x
+    above, below = butter(_ORDER, 2 * edge)[:2]
+    return np.asarray(filtfilt(above, below, x))
 
 
 def placed(x: np.ndarray, given: Mapping[str, float]) -> np.ndarray:
@@ -139,9 +155,28 @@ class Reading:
         self.measured, self.sigma = values[seen][self._there], sigma[seen][self._there]
         self._point, axis = np.nonzero(self._there)
         self.channels = np.stack([frame[self._point], self.which[self._point], axis], axis=1)
+        series = self.channels[:, 1] * 8 + self.channels[:, 2]
+        self._series = [np.flatnonzero(series == name) for name in np.unique(series)]
         self._grid: tuple | None = None
 
     def read(
+        self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
+    ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
+        """Predict the readings from a simulated path as `_taken` does, smoothed if that is among the given."""
+        value, by_path, nuisance, size = self._taken(path, dpath, given, start=start, interval=interval)
+        if SMOOTHING not in given:
+            return value, by_path, nuisance, size
+        rows = np.vstack([value, by_path, *nuisance.values()])
+        found, slope = np.empty_like(rows), np.zeros(len(value))
+        for series in self._series:
+            edge = float(np.median(np.diff(self.at[self._point[series]]))) / max(abs(given[SMOOTHING]), 1e-9)
+            found[:, series] = low_pass(rows[:, series], edge)
+            ends = [low_pass(value[series], edge * (1 + step)) for step in (_STEP, -_STEP)]
+            slope[series] = (ends[1] - ends[0]) / (2 * _STEP * (given[SMOOTHING] or 1.0))
+        by = dict(zip(nuisance, found[1 + len(by_path) :], strict=True)) | {SMOOTHING: slope}
+        return found[0], found[1 : 1 + len(by_path)], by, size
+
+    def _taken(
         self, path: np.ndarray, dpath: np.ndarray, given: dict[str, float], *, start: float, interval: float
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
         """Predict the readings from a simulated path.

@@ -26,6 +26,12 @@ DEPTH_AXIS = 2  # of a view's readings: after u and v
 _FAR = 0.999  # level of the region around the best end that another start's end has to lie in
 
 
+def known_part(drive: str) -> tuple[float, str]:
+    """Return the share of a predicted recording's frames, the first ones, to which its own unknowns are fitted, and its
+    name: a pendulum's free swing is long, and chaotic afterwards."""
+    return (0.1, "first tenth") if drive == "free" else (0.5, "first half")
+
+
 @dataclass(frozen=True)
 class RecordingFit:
     """One recording and its prediction.
@@ -201,14 +207,19 @@ def misfit_of(recordings: Sequence[RecordingFit]) -> float:
     return math.sqrt(sum(found.chi**2 for found in recordings) / len(recordings)) if recordings else math.nan
 
 
-def is_explained(uncertainty: Uncertainty, recordings: Sequence[RecordingFit], clock_fault: ClockFault | None) -> bool:
-    """Whether a model explains the readings and no recording's times are wrong; otherwise the fit's intervals are not
-    valid.
+def is_explained(
+    uncertainty: Uncertainty,
+    recordings: Sequence[RecordingFit],
+    clock_fault: ClockFault | None,
+    smoothed: Sequence[float] = (),
+) -> bool:
+    """Whether a model explains the readings, no recording's times are wrong and no tracks were smoothed; otherwise the
+    fit's intervals are not valid.
 
     The RMS residual has to be at most 3 standard errors (`MISFIT`), both with all readings and with Huber's weights.
     """
     too_far = misfit_of(recordings) > MISFIT or uncertainty.residual_variance > MISFIT**2
-    return clock_fault is None and not too_far
+    return clock_fault is None and not smoothed and not too_far
 
 
 @dataclass(frozen=True)
@@ -226,7 +237,8 @@ class Fit(NoArray, instead="its parameters"):
         runs: All starts, the best first.
         wall_time: Wall time [s].
         clock_fault: Fault of a recording's times, if the residuals show one.
-        remarks: Remarks about unusual first readings of the recordings.
+        remarks: Remarks about unusual first readings of the recordings, and about points that were left out.
+        smoothed: Edges [Hz] of the filters through which the recordings' tracks seem to have gone; empty if none has.
     """
 
     plant: Plant
@@ -240,6 +252,7 @@ class Fit(NoArray, instead="its parameters"):
     wall_time: float
     clock_fault: ClockFault | None = None
     remarks: tuple[str, ...] = ()
+    smoothed: tuple[float, ...] = ()
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of that name; `k` will do for `whip.k`.
@@ -262,7 +275,9 @@ class Fit(NoArray, instead="its parameters"):
         numbers = ", ".join(f"{p.name} = {value}" for p, value in zip(self.parameters, found, strict=True))
         count = f"{len(self.recordings)} recording{'s' * (len(self.recordings) != 1)}"
         unexplained = "" if self.explains else f", model does not fit: misfit {self.misfit:.1f}"
-        if self.clock_fault is not None:
+        if self.smoothed:
+            unexplained = ", withdrawn: the tracks were smoothed before export"
+        elif self.clock_fault is not None:
             unexplained = f", withdrawn: the times of {self.recordings[self.clock_fault.recording].source} are off"
         ended = self.status.value if self.converged else f"NOT CONVERGED: {self.status.value}"
         return f"Fit({numbers}; {ended}; {count}{unexplained})"
@@ -279,8 +294,9 @@ class Fit(NoArray, instead="its parameters"):
 
     @property
     def explains(self) -> bool:
-        """Whether the model explains the recordings and no times are wrong; otherwise all classes are withdrawn."""
-        return is_explained(self.uncertainty, self.recordings, self.clock_fault)
+        """Whether the model explains the recordings, with their times and no smoothing; otherwise all classes are
+        withdrawn."""
+        return is_explained(self.uncertainty, self.recordings, self.clock_fault, self.smoothed)
 
     @property
     def at_bounds(self) -> dict[str, str]:

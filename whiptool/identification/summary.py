@@ -20,7 +20,7 @@ from whiptool.identification.variables import Variable, with_unit
 from whiptool.recording.strike_recording import StrikeRecording, assumed_size
 from whiptool.words import rounded
 
-ABOVE = 1.5  # RMS residual in standard errors from which assumed errors are said to be too small
+ABOVE = 1.5  # misfit from which more than half of the squared residuals is not what the stated errors leave
 _ALIKE = "frames that were lost or stamped twice have a similar effect"
 _SHARE = 0.05  # part of a direction from which a number belongs to it
 
@@ -66,8 +66,13 @@ def bound_lines(fit: Fit) -> list[str]:
 def misfit_line(fit: Fit) -> str:
     """Return the misfit as text, with the reason if the fit is not valid."""
     said = f"{fit.misfit:.2f} (RMS residual in standard errors; about 1 if the model fits)"
-    if fit.explains:
+    if fit.explains and fit.misfit <= ABOVE:
         return said
+    if fit.explains:
+        share = f"{1 - 1 / fit.misfit**2:.0%} of the squared residuals are more than the stated errors leave"
+        return f"{said}: {share}; intervals hold only if that is noise, and not the model's{_worst_words(fit)}"
+    if fit.smoothed:
+        return f"{said}; the tracks were smoothed before export"
     if fit.clock_fault is not None:
         return f"{said}; the times of {_source(fit, fit.clock_fault.recording)} are off"
     return f"{said}: above {MISFIT:g}, the model does not explain the recordings"
@@ -98,11 +103,22 @@ def lag_lines(fit: Fit) -> list[str]:
     return lines
 
 
+def freed_line(fit: Fit) -> str:
+    """Return as text how many directions of each measured motion of the base were fitted, too; empty if none was."""
+    counts = [sum(name.startswith("motion[") for name in found.own) for found in (*fit.recordings, *fit.held_out)]
+    if fit.drive not in ("joints", "hand") or not any(counts):
+        return ""
+    return f"{', '.join(map(str, counts))} directions of its motion that the logs leave open were fitted, too"
+
+
 def warning(fit: Fit) -> str | None:
     """Return the warning that all classes and intervals are withdrawn, with the reason; None if the fit is valid."""
     if fit.explains:
         return None
-    if fit.clock_fault is not None:
+    if fit.smoothed:
+        edges = ", ".join(f"{_source(fit, i)} at {edge:.2g} Hz" for i, edge in enumerate(fit.smoothed))
+        said = f"the tracks seem to be smoothed before export, which took the fast motion from them: {edges}"
+    elif fit.clock_fault is not None:
         said = f"{_clock_words(fit, fit.clock_fault)}. If they are right, the model lacks a similar effect"
     else:
         largest = max(fit.misfit, math.sqrt(fit.uncertainty.residual_variance))
@@ -294,6 +310,7 @@ def fit_table(fit: Fit, fitted: Sequence[StrikeRecording], held_out: Sequence[St
         "misfit": fit.misfit,
         "warning": warning(fit),
         "remarks": list(fit.remarks),
+        "smoothed": list(fit.smoothed),
         "clock_fault": None if fit.clock_fault is None else _fault_table(fit, fit.clock_fault),
         "drive": fit.drive,
         "parameters": [

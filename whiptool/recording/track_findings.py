@@ -17,6 +17,7 @@ from whiptool.recording.log_findings import of_logged, rate_of
 from whiptool.recording.logs import gaps, told_of_spans
 from whiptool.recording.readers import READERS
 from whiptool.recording.readers.sidecar import UNITS
+from whiptool.recording.smoothing import smoothing_findings
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -43,6 +44,7 @@ def of_tracks(recording: StrikeRecording, form: str, said: dict[str, Any]) -> It
     own = not guess and ("sigma" in said or bool(np.ptp(sigma) > 0))
     reason = guess or "standard error of a point in the median"
     yield Finding("errors", measured, STATED if own else ASSUMED, reason)
+    yield from smoothing_findings(recording)
     if recording.camera:
         yield Finding("camera", recording.camera)
     if recording.exposure:

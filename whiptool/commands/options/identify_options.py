@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from whiptool.models.parameters import Model
 
 Drive = Annotated[str, Names("whiptool.identification.drives:DRIVES")]
-Own = Annotated[str, Names("whiptool.identification.readings:NEUTRAL", others=("start",))]
+Own = Annotated[str, Names("whiptool.identification.readings:NEUTRAL", others=("start", "smoothing"))]
 
 OF_WHIPS = (
     "per_recording",
@@ -106,7 +106,8 @@ class IdentifyOptions(ResumableOptions, SeedOptions, LawOptions, ModelOptions):
     """Recordings for validation, left out of the fit: their number or paths (default: 1 if there are 3 or more, 0 if
     fewer). A number counts from the last recording."""
     per_recording: tuple[Own, ...] = ()
-    """Parameters whose value is fitted for each recording separately; start is the first state. Default: none."""
+    """Parameters whose value is fitted for each recording separately; start is the first state, smoothing the
+    edge of a filter that tracks went through before export. Default: none."""
     nodes: tuple[int, ...] = ()  # pyrefly: ignore[bad-override]
     """Numbers of nodes of the whip to try (default: that of the model). The one with the smallest held-out error is
     kept."""

@@ -5,7 +5,8 @@ optionally `velocity` like `angle`. `NAME.csv` has one row of column names and o
 ...`, and optionally `velocity1, ...`. Angles are those between each link and the vertical. `NAME.toml` next to it may
 hold
 
-    zero = 3.14159265               # the angle at which a link hangs straight down; default 0
+    zero = 3.14159265               # the angle at which a link hangs straight down; default 0, or pi where links are
+                                    # fastest there
     angle_units = "rad"             # or "deg"
     relative = false                # true: each angle is counted from the link before
     sigma = 0.002                   # standard error of an angle [rad]
@@ -137,6 +138,12 @@ def _recording(
     q = angle - (zero * np.eye(1, angle.shape[1])[0] if relative else zero)
     q, v = (None if x is None else factor * (x.cumsum(axis=1) if relative else x) for x in (q, velocity))
     assert q is not None
+    notes: tuple[str, ...] = ()
+    if "zero" not in side and np.sum(np.diff(q, axis=0) ** 2 * np.cos(q[1:])) < 0:  # links are fastest where they hang
+        q, notes = (
+            q - np.pi,
+            ("zero: taken as half a turn, where the links are fastest: say zero if they hang elsewhere",),
+        )
     begun = first_state(t, q) if v is None else np.array([q[0], v[0]])
     markers = tuple(f"link{i + 1}" for i in range(q.shape[1]))
-    return StrikeRecording(t[::every], q[::every, :, None], markers, sigma, first_state=begun)
+    return StrikeRecording(t[::every], q[::every, :, None], markers, sigma, first_state=begun, notes=notes)
