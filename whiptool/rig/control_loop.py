@@ -319,7 +319,8 @@ class RigLoop:
             stamp = self.clock.now()
             if sample is not None:
                 self._sample = sample
-                error = watch.sample(stamp, sample, q_d)
+                push = joints.torque_constant * sample.current - self.arm.gravity_compensation(sample.q)
+                error = watch.sample(stamp, sample, q_d, push)
             if signals.received and error is None:
                 error = SafetyError("signal", f"{signals.received} came")
             if error is None and sample is not None:
