@@ -7,11 +7,11 @@ watchdog; a record whose cycles are not all there; a run without a fault that is
 strike without one.
 
 With `--encoders`, so many strikes get a fault of a random encoder at a random cycle. Random strikes of the default
-bounds, half of them with the friction of real servos, are each made five times: without a fault, and with an encoder
-that jumps by 0.05 to 3 rad for a cycle, jumps so for good, stops, or stops and flickers by a count. A reading is wrong
-from the first cycle in which it differs from the true position by more than three counts; cycles are counted from there
-to the fault. `slow` are encoders that stop while their joint is slower than 0.6 rad/s, which looks like a joint that
-stops.
+bounds, half of them with the friction of real servos, are each made nine times: without a fault, and twice with an
+encoder that jumps by 0.05 to 3 rad for a cycle, jumps so for good, stops, or stops and flickers by a count. A reading
+is wrong from the first cycle in which it differs from the true position by more than three counts; cycles are counted from
+there to the fault. `slow` are encoders that stop while their joint is slower than 0.6 rad/s, which looks like a joint
+that comes to rest.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def encoder_study(strikes: int, rng: np.random.Generator, model, said: bool) -> 
             free[whole["end"]] += 1
             if whole["end"] != "good":
                 continue  # other guards end it
-            for kind in ENCODERS:
+            for kind in 2 * ENCODERS:
                 begins = int(rng.integers(10, whole["cycles"] - 10))
                 found.append({"kind": kind} | strike_of(twin, model, x, n, begins, encoder_fault(rng, kind)))
             if said:

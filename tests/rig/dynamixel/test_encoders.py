@@ -23,12 +23,12 @@ def readings(speed, n: int = 200, start: int = 0):
     return [(np.array([a, 0.5]), np.array([b, 0.0]), np.array([c, c])) for a, b, c in zip(q, v, ticks, strict=True)]
 
 
-def first_fault(rows, push=0.0) -> tuple[int, str] | None:
+def first_fault(rows, push=0.0, short=0.0) -> tuple[int, str] | None:
     """The number of the reading that is found to be wrong, and what is said."""
     guards = Guards()
     encoders = Encoders(2, jump=guards.jump, push=guards.push)
     for k, (q, v, tick) in enumerate(rows):
-        fault = encoders.read(q, v, tick, np.array([push, 0.0]))
+        fault = encoders.read(q, v, tick, np.array([[push, 0.0], [short, 0.0]]))
         if fault is not None:
             assert fault.kind == "encoder"
             return k, str(fault)
@@ -83,10 +83,11 @@ def test_a_position_that_stands_while_its_velocity_says_that_it_moves_is_found()
     assert found[0] <= 99 + np.ceil(Guards().jump / PERIOD) + 2  # at 1 rad/s it is off by `jump`; and two cycles
 
 
-def test_a_joint_that_stands_is_believed_until_a_torque_ought_to_have_moved_it():
+@pytest.mark.parametrize(("torque", "most"), [("push", 1.5), ("short", 0.5)])
+def test_a_joint_that_stands_is_believed_until_the_torques_tell_otherwise(torque, most):
     rows = readings(lambda t: 0 * t)
-    assert first_fault(rows, push=2.4) is None
-    found = first_fault(rows, push=4.0)
+    assert first_fault(rows, **{torque: 0.9 * most}) is None
+    found = first_fault(rows, **{torque: 2 * most})
     assert found is not None
-    assert found[0] == pytest.approx(np.log(4 / 1.5) * 0.06 / PERIOD, abs=1)  # the mean of a first-order filter
-    assert first_fault(readings(lambda t: 3.0 + 0 * t), push=4.0) is None
+    assert found[0] == pytest.approx(np.log(2) * 0.1 / PERIOD, abs=1)  # the mean of a first-order filter
+    assert first_fault(readings(lambda t: 3.0 + 0 * t), **{torque: 2 * most}) is None

@@ -247,7 +247,7 @@ def test_defaults_and_rules():
     assert g.speed == pytest.approx(1.25 * XM430.no_load_speed)
     assert (g.low, g.high, g.current, g.temperature, g.voltage) == (-3.5, 4.5, 2.6, 70.0, 9.5)
     assert (g.tracking, g.stale, g.frozen, g.missed, g.overruns) == (1.2, 0.01, 0.3, 3, 5)
-    assert (g.jump, g.push) == (0.01, 2.5)
+    assert (g.jump, g.push) == (0.01, 1.5)
     for bad in (
         *({name: 0.0} for name in ("speed", "current", "temperature", "tracking", "stale", "frozen", "jump", "push")),
         {"low": (0.0, 1.0), "high": (1.0, 1.0)}, {"low": 5.0}, {"missed": 0}, {"overruns": 0},

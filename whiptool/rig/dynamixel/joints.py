@@ -226,8 +226,7 @@ class Guards:
         tracking: Largest tracking error of a joint [rad].
         stale: Largest lag of the servos' clocks behind the loop's between two samples [s].
         frozen: Largest movement of the reference while a joint's encoder does not change [rad].
-        push: Largest torque beyond gravity's [N m], averaged over 60 ms, while a joint's encoder changes by a count at
-            most.
+        push: Largest mean torque beyond gravity's [N m] while a joint's encoder changes by a count at most.
         jump: Largest difference between a joint's change of position and what its velocities say [rad], see `Encoders`.
         missed: Number of consecutive cycles without a sample at which the run ends.
         overruns: Number of consecutive cycles ending too late at which the run ends.
@@ -242,7 +241,7 @@ class Guards:
     tracking: float = 1.2
     stale: float = 0.01
     frozen: float = 0.3
-    push: float = 2.5
+    push: float = 1.5
     jump: float = 0.01
     missed: int = 3
     overruns: int = 5
@@ -285,9 +284,11 @@ class Watch:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
-    def sample(self, t: float, s: JointSample, q_d: np.ndarray, push: np.ndarray | float = 0.0) -> SafetyError | None:
-        """Check a sample at time t [s] with reference q_d [rad] and torque beyond gravity's [N m], (n,) each; return
-        the fault, if any.
+    def sample(
+        self, t: float, s: JointSample, q_d: np.ndarray, torques: np.ndarray | float = 0.0
+    ) -> SafetyError | None:
+        """Check a sample at time t [s] with reference q_d [rad], (n,), and torques as in `Encoders.read`; return the
+        fault, if any.
         """
         g = self.guards
         self._missed = 0
@@ -306,7 +307,7 @@ class Watch:
         )
         if not fine.all():
             return self._name(s, lag)
-        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, push) or self._frozen(s, q_d)
+        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, torques) or self._frozen(s, q_d)
 
     def _name(self, s: JointSample, lag: np.ndarray) -> SafetyError:
         """The limit that a bad sample exceeds, the gravest first."""
