@@ -284,28 +284,28 @@ def read_config(path: Path) -> dict:
     return read_toml(path / CONFIG)
 
 
-class RunLock:
-    """A lock of the operating system on the file `.lock` of a run folder, held until `release` or the end of the
-    process.
+class HeldLock:
+    """A lock of the operating system on a file, held until `release` or the end of the process.
 
     The file names its holder. The lock of a killed process is free.
 
     Args:
-        folder: An existing folder.
+        path: The file, in an existing folder.
+        name, given: Name and value of what is locked, for messages.
+        allowed: What has to be true of it.
 
     Raises:
         InputError: Another process holds the lock; it is named.
         OSError: The file cannot be written.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / LOCK
-        self._lock = FileLock(self.path, timeout=0, thread_local=False)
+    def __init__(self, path: Path, name: str, given: str, allowed: str) -> None:
+        self.path = path
+        self._lock = FileLock(path, timeout=0, thread_local=False)
         try:
             self._lock.acquire()
         except Timeout:
-            allowed = "a folder that no other command works in"
-            raise InputError("run folder", str(folder), allowed, _said(self.path)) from None
+            raise InputError(name, given, allowed, _said(path)) from None
 
         holder = {
             "process": os.getpid(),
@@ -324,6 +324,13 @@ class RunLock:
         if self._lock.is_locked:
             self.path.unlink(missing_ok=True)
             self._lock.release()
+
+
+class RunLock(HeldLock):
+    """The lock on a run folder, which is its file `.lock`; the folder has to exist."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder / LOCK, "run folder", str(folder), "a folder that no other command works in")
 
 
 def _said(path: Path) -> str:

@@ -145,6 +145,86 @@ def test_a_motion_leaves_a_mark_only_while_it_lasts_or_after_a_fault(tmp_path: P
     assert later() == "line: gone"
 
 
+def test_a_motion_whose_mark_cannot_be_written_does_not_begin(tmp_path: Path, monkeypatch, capsys) -> None:
+    """A full disk: only who stops an arm may go on without the mark."""
+    lock, one, other = Interlock(), tmp_path / "arm.json", tmp_path / STOPPED
+    lock.watch(one)
+    lock.watch(other)
+    write = stops.write_whole
+
+    def full(path: Path, text: str) -> None:
+        if path == other:
+            raise OSError(28, "No space left on device")
+        write(path, text)
+
+    monkeypatch.setattr(stops, "write_whole", full)
+    with pytest.raises(InputError, match=r"stopped\.json.*nothing moved; reason: .*No space left"), lock.moving():
+        pytest.fail("it moved")
+    assert list(tmp_path.iterdir()) == []
+    lock.trip("line: gone")
+    assert "cannot be written" in capsys.readouterr().err
+    with pytest.raises(Locked), lock.moving():
+        pytest.fail("it moved")
+
+
+class Arm(sessions.FilmedRig):
+    """An arm of which another program has a fault while this one connects, or that has one in its motion."""
+
+    def __init__(self, interlock: Interlock, fault: str = "", connecting=lambda: None) -> None:
+        super().__init__(MODEL, CONTROLLER, interlock=interlock)
+        self.fault, self.connecting, self.done = fault, connecting, []
+
+    def _connected(self):
+        self.connecting()
+        self.done.append("connected")
+        return nullcontext()
+
+    def _planned(self, arm, attempt):
+        return Motion(attempt.strike, "arm", "shoulder", 1.0, 1.0)
+
+    def _run(self, arm, attempt, motion):
+        self.done.append("moved")
+        if self.fault:
+            self.interlock.trip(self.fault)
+        raise RuntimeError(self.fault or "the end of the pretence")
+
+
+def test_a_fault_of_another_program_is_heard_before_the_arm_is_connected_and_never_erased(tmp_path: Path) -> None:
+    """Both read the mark before either moved; the second erased what the first had left."""
+    mark, strike = tmp_path / "arm.json", wt.Strike((0.1, 0.1), (0.2, 0.2), 1.0)
+    first, second = Interlock(), Interlock()
+    first.watch(mark)
+    second.watch(mark)
+    with pytest.raises(RuntimeError, match="line: gone"):
+        Arm(first, "line: gone").strike(strike)
+    late = Arm(second)
+    with pytest.raises(Locked, match="line: gone"):
+        late.strike(strike)
+    assert late.done == []
+    assert "line: gone" in mark.read_text()
+
+
+def test_two_programs_do_not_use_one_arm_at_once(tmp_path: Path) -> None:
+    mark, strike = tmp_path / "arm.json", wt.Strike((0.1, 0.1), (0.2, 0.2), 1.0)
+    first, second = Interlock(), Interlock()
+    for lock in (first, second):
+        lock.watch(mark)
+    other = Arm(second)
+
+    def meanwhile() -> None:
+        for act in (lambda: other.strike(strike), second.release, lambda: second.moving().__enter__()):
+            with pytest.raises(InputError, match=rf"arm: got 'arm'.*no other program uses.*process {os.getpid()}"):
+                act()
+
+    one = Arm(first, connecting=meanwhile)
+    with pytest.raises(RuntimeError, match="pretence"):
+        one.strike(strike)
+    assert (one.done, other.done) == (["connected", "moved"], [])
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(RuntimeError, match="pretence"):
+        other.strike(strike)  # the first has left
+
+
 def test_an_answer_at_the_arm_holds_for_the_run_that_was_stopped(tmp_path: Path) -> None:
     """A run that went on asked again after `robot recover` had asked; a run of another arm is not released."""
     arm, run, other = tmp_path / "arm.json", tmp_path / "run" / STOPPED, tmp_path / "other" / STOPPED

@@ -188,14 +188,16 @@ def _recover(options: RecoverOptions) -> int:
 
     robot, interlock = robot_at(options.robot, load_model(options.model or "ur5e")), Interlock()
     watch_port(interlock, options.robot)
-    stopped = "" if interlock.stop is None else f"The arm was stopped: {interlock.stop}. "
-    question = (
-        f"{stopped}Acknowledge the fault of {options.robot}? Is its cause gone, and everybody away? Type yes to go on: "
-    )
-    if (stopped or not options.yes) and not says_yes(question):
-        raise NotConfirmed("nothing was acknowledged")
-    robot.recover()
-    interlock.release()
+    with interlock.held():
+        stopped = "" if interlock.stop is None else f"The arm was stopped: {interlock.stop}. "
+        question = (
+            f"{stopped}Acknowledge the fault of {options.robot}? "
+            "Is its cause gone, and everybody away? Type yes to go on: "
+        )
+        if (stopped or not options.yes) and not says_yes(question):
+            raise NotConfirmed("nothing was acknowledged")
+        robot.recover()
+        interlock.release()
     options.tell({"recovered": True}, f"{options.robot}: the fault is acknowledged; nothing moved")
     return 0
 

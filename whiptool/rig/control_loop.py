@@ -319,7 +319,9 @@ class RigLoop:
             stamp = self.clock.now()
             if sample is not None:
                 self._sample = sample
-                error = watch.sample(stamp, sample, q_d)
+                acts = joints.torque_constant * sample.current
+                beyond, short = acts - self.arm.gravity_compensation(sample.q), joints.torque(safety.last) - acts
+                error = watch.sample(stamp, sample, q_d, np.array([beyond, short]))
             if signals.received and error is None:
                 error = SafetyError("signal", f"{signals.received} came")
             if error is None and sample is not None:

@@ -270,6 +270,8 @@ class FilmedRig(Rig):
         from whiptool.rig.filming import Filming
 
         with ExitStack() as stack:
+            stack.enter_context(self.interlock.held())
+            self.interlock.check()
             arm = stack.enter_context(self._connected())
             filming = None if self.camera is None else stack.enter_context(Filming(self.camera))
             if filming is not None:
@@ -286,6 +288,8 @@ class FilmedRig(Rig):
             with self.interlock.moving():
                 run = self._run(arm, attempt, motion)
             frames = [] if filming is None else filming.end()
+            if filming is not None and filming.lost:
+                self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
         if not came_to_its_strike(run):
             return carried_out(Struck(run, None))
         struck = Struck(run, self._recorded(run, folder))
@@ -293,7 +297,6 @@ class FilmedRig(Rig):
             struck = self._seen(struck, signals, lambda: self._recorded(run, folder, _tracked(frames, run)))
         struck = carried_out(struck)
         if filming is not None and filming.lost:
-            self.interlock.trip(f"camera: {filming.lost}", torque=run.torque)
             raise StrikeStopped(f"camera: {filming.lost}; the joints were recorded", struck, run.torque)
         return struck
 

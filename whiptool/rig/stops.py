@@ -7,11 +7,12 @@ import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, WhiptoolError
+from whiptool.runs import HeldLock
 from whiptool.whole_files import write_whole
 
 STOPPED = "stopped.json"  # in a run folder
@@ -96,7 +97,8 @@ class Interlock:
     """Prevents arming of the servos after a stop until a person has released it.
 
     A fault is also recorded in files, which later calls read; a signal is not recorded, as it came from a person. The
-    files are written before a motion and removed after its orderly end, so that a killed program leaves them.
+    files are written before a motion and removed after its orderly end, so that a killed program leaves them. One
+    program at a time reads, writes and removes them: who connects to the arm holds their locks until it leaves the arm.
 
     Attributes:
         stop: Reason why the arm was stopped; None: it was not stopped, or was released.
@@ -111,15 +113,42 @@ class Interlock:
         self._marks: list[Path] = []
         self._elsewhere: list[Path] = []  # files of the same stop, which other calls watched
         self._recorded = False  # a fault of the present motion, in the files
+        self._holds = 0  # how many blocks hold the locks
 
     def watch(self, mark: Path) -> None:
         """Record faults in the file `mark`; if it exists, a fault of an earlier call is taken from it."""
         if mark not in self._marks:
             self._marks.append(mark)
+        self._hear(mark)
+
+    def _hear(self, mark: Path) -> None:
+        """Take a fault of an earlier call from its file."""
         if mark.exists():
             reason, files = _read(mark)
             self.stop = self.stop or reason
             self._elsewhere += [file for file in files if file.name == STOPPED]
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold the locks of the files in a `with` block, at whose beginning the files are read again.
+
+        Raises:
+            InputError: Another program holds a lock, or a file's folder cannot be written.
+        """
+        with ExitStack() as stack:
+            for mark in [] if self._holds else self._marks:
+                try:
+                    mark.parent.mkdir(parents=True, exist_ok=True)
+                    lock = HeldLock(mark.with_suffix(".lock"), "arm", mark.stem, "an arm that no other program uses")
+                except OSError as error:
+                    raise InputError("arm", mark.stem, "a file of its own that can be written", str(error)) from None
+                stack.callback(lock.release)
+                self._hear(mark)
+            self._holds += 1
+            try:
+                yield
+            finally:
+                self._holds -= 1
 
     def trip(self, reason: str, *, lasting: bool = True, torque: str = "") -> None:
         """Lock, and record the stop in the files. No exception is raised, because torque is switched off afterwards.
@@ -132,37 +161,48 @@ class Interlock:
         self.stop = self.stop or reason
         if lasting:
             self._recorded = True
-            self._record(self.stop, torque)
+            for mark, error in self._record(self.stop, torque):
+                print(
+                    f"whiptool: {mark}, which says that the arm was stopped, cannot be written: {error}",
+                    file=sys.stderr,
+                )
 
     @contextmanager
     def moving(self) -> Iterator[None]:
         """Keep the files while the arm may move in a `with` block; afterwards they remain only if a fault was recorded.
 
         A later call that finds them after this program was killed asks a person, as after a fault.
-        """
-        self._recorded = False
-        self._record(UNENDED, self.torque)
-        try:
-            yield
-        finally:
-            if not self._recorded:
-                for mark in self._marks:
-                    with suppress(OSError):
-                        mark.unlink()
 
-    def _record(self, reason: str, torque: str) -> None:
-        """Write the files; one that cannot be written is said."""
+        Raises:
+            Locked: The arm was stopped, and not released.
+            InputError: Another program uses the arm, or a file cannot be written; nothing may move.
+        """
+        with self.held():
+            self.check()
+            self._recorded = False
+            try:
+                if unwritten := self._record(UNENDED, self.torque):
+                    rule = "a file that can be written: it says that the arm was stopped, if this program is killed"
+                    raise InputError("file", str(unwritten[0][0]), rule, f"nothing moved; reason: {unwritten[0][1]}")
+                yield
+            finally:
+                if not self._recorded:
+                    for mark in self._marks:
+                        with suppress(OSError):
+                            mark.unlink()
+
+    def _record(self, reason: str, torque: str) -> list[tuple[Path, OSError]]:
+        """Write the files, and return those that cannot be written."""
         record: dict[str, Any] = {"reason": reason, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
         record["files"] = [str(mark.absolute()) for mark in self._marks]
+        unwritten = []
         for mark in self._marks:
             try:
                 mark.parent.mkdir(parents=True, exist_ok=True)
                 write_whole(mark, json.dumps(record, indent=1) + "\n")
             except OSError as error:
-                print(
-                    f"whiptool: {mark}, which says that the arm was stopped, cannot be written: {error}",
-                    file=sys.stderr,
-                )
+                unwritten.append((mark, error))
+        return unwritten
 
     def check(self) -> None:
         """Refuse to continue after a stop.
@@ -180,12 +220,16 @@ class Interlock:
         """Allow arming again: a person has removed the cause of the stop, and no one is near the arm.
 
         The files that record the stop, also those in the folders of other runs, are renamed with a number and kept.
+
+        Raises:
+            InputError: Another program uses the arm.
         """
-        self.stop = None
-        for mark in (*self._marks, *self._elsewhere):
-            names = (mark.with_name(f"{mark.stem}-{i}{mark.suffix}") for i in itertools.count(1))
-            with suppress(FileNotFoundError, NotADirectoryError):
-                mark.rename(next(name for name in names if not name.exists()))
+        with self.held():
+            self.stop = None
+            for mark in (*self._marks, *self._elsewhere):
+                names = (mark.with_name(f"{mark.stem}-{i}{mark.suffix}") for i in itertools.count(1))
+                with suppress(FileNotFoundError, NotADirectoryError):
+                    mark.rename(next(name for name in names if not name.exists()))
 
 
 def _read(mark: Path) -> tuple[str, list[Path]]:

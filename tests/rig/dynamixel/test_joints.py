@@ -208,7 +208,7 @@ def test_clocks_are_compared_between_neighbouring_samples():
 
 
 def test_an_encoder_that_stands_still_is_seen_when_the_reference_has_moved_on():
-    guards = dataclasses.replace(LIMITS, frozen=0.2, tracking=9.0)
+    guards = dataclasses.replace(LIMITS, frozen=0.2, tracking=9.0, jump=9.0)
     watch = Watch(guards, 2)
 
     def at(q, q_d):
@@ -247,8 +247,9 @@ def test_defaults_and_rules():
     assert g.speed == pytest.approx(1.25 * XM430.no_load_speed)
     assert (g.low, g.high, g.current, g.temperature, g.voltage) == (-3.5, 4.5, 2.6, 70.0, 9.5)
     assert (g.tracking, g.stale, g.frozen, g.missed, g.overruns) == (1.2, 0.01, 0.3, 3, 5)
+    assert (g.jump, g.push) == (0.01, 1.5)
     for bad in (
-        *({name: 0.0} for name in ("speed", "current", "temperature", "tracking", "stale", "frozen")),
+        *({name: 0.0} for name in ("speed", "current", "temperature", "tracking", "stale", "frozen", "jump", "push")),
         {"low": (0.0, 1.0), "high": (1.0, 1.0)}, {"low": 5.0}, {"missed": 0}, {"overruns": 0},
     ):  # fmt: skip
         with pytest.raises(InputError):

@@ -224,20 +224,20 @@ def ask_to_release(interlock: Interlock, port: str, run_folder: Path | None = No
 
     Raises:
         Locked: The question was not answered with yes.
+        InputError: Another program uses the arm.
     """
     from whiptool.rig.stops import STOPPED
 
     watch_port(interlock, port)
     if run_folder is not None:
         interlock.watch(run_folder / STOPPED)
-    if interlock.stop is None:
-        return
-    question = (
-        f"The arm was stopped: {interlock.stop}. Is the cause found and gone, and everybody away? Type yes to go on: "
-    )
-    if says_yes(question):
-        interlock.release()
-    interlock.check()
+    with interlock.held():  # or the stop of a program that uses the arm now would be released
+        if interlock.stop is None:
+            return
+        asked = "Is the cause found and gone, and everybody away? Type yes to go on: "
+        if says_yes(f"The arm was stopped: {interlock.stop}. {asked}"):
+            interlock.release()
+        interlock.check()
 
 
 def _camera(name: str):

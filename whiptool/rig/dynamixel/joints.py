@@ -25,6 +25,7 @@ from whiptool.rig.dynamixel.control_table import (
     in_words,
     register,
 )
+from whiptool.rig.dynamixel.encoders import Encoders
 from whiptool.rig.stops import SafetyError
 
 
@@ -225,6 +226,8 @@ class Guards:
         tracking: Largest tracking error of a joint [rad].
         stale: Largest lag of the servos' clocks behind the loop's between two samples [s].
         frozen: Largest movement of the reference while a joint's encoder does not change [rad].
+        push: Largest mean torque beyond gravity's [N m] while a joint's encoder changes by a count at most.
+        jump: Largest difference between a joint's change of position and what its velocities say [rad], see `Encoders`.
         missed: Number of consecutive cycles without a sample at which the run ends.
         overruns: Number of consecutive cycles ending too late at which the run ends.
     """
@@ -238,11 +241,13 @@ class Guards:
     tracking: float = 1.2
     stale: float = 0.01
     frozen: float = 0.3
+    push: float = 1.5
+    jump: float = 0.01
     missed: int = 3
     overruns: int = 5
 
     def __post_init__(self) -> None:
-        for name in ("speed", "current", "temperature", "tracking", "stale", "frozen"):
+        for name in ("speed", "current", "temperature", "tracking", "stale", "frozen", "push", "jump"):
             number(name, getattr(self, name), low=0, strict=True)
         if np.any(np.asarray(self.low) >= np.asarray(self.high)):
             raise InputError("low, high", (self.low, self.high), "low below high")
@@ -257,6 +262,7 @@ class Watch:
         self.guards = guards
         self._missed = self._overruns = 0
         self._tick: tuple[float, np.ndarray] | None = None  # time and servo clocks of the last sample
+        self._encoders = Encoders(joints, jump=guards.jump, push=guards.push)
         self._still_q: np.ndarray | None = None  # of each joint: where its encoder stands ..
         self._still_ref = np.zeros(joints)  # .. and where the reference was when it came there
 
@@ -278,8 +284,12 @@ class Watch:
             return SafetyError("overrun", f"{self._overruns} cycles in a row ended too late")
         return None
 
-    def sample(self, t: float, s: JointSample, q_d: np.ndarray) -> SafetyError | None:
-        """Check a sample at time t [s] with reference q_d [rad], (n,); return the fault, if any."""
+    def sample(
+        self, t: float, s: JointSample, q_d: np.ndarray, torques: np.ndarray | float = 0.0
+    ) -> SafetyError | None:
+        """Check a sample at time t [s] with reference q_d [rad], (n,), and torques as in `Encoders.read`; return the
+        fault, if any.
+        """
         g = self.guards
         self._missed = 0
         lag = q_d - s.q
@@ -297,7 +307,7 @@ class Watch:
         )
         if not fine.all():
             return self._name(s, lag)
-        return self._stale(t, s) or self._frozen(s, q_d)
+        return self._stale(t, s) or self._encoders.read(s.q, s.v, s.tick, torques) or self._frozen(s, q_d)
 
     def _name(self, s: JointSample, lag: np.ndarray) -> SafetyError:
         """The limit that a bad sample exceeds, the gravest first."""

@@ -21,6 +21,8 @@ Kind = Literal[
     "dead",  # a servo loses power
     "hot",  # a servo gets too hot
     "stuck",  # an encoder stops
+    "flicker",  # an encoder stops, and its reading flickers by a count
+    "jump",  # an encoder's reading jumps
     "alert",  # a servo reports a hardware error that does not shut it down
     "sag",  # the supply of all servos sags
     "reboot",  # a servo reboots by itself
@@ -40,7 +42,8 @@ class Fault:
         servo: Index of the servo that a fault affects, from 0.
         seed: Seed of the fault's random choices: which bit flips, where a reply is split.
         volts: Voltage to which the supply sags [V].
-        lasting: Time after which the supply is as before [s]; default: it stays low.
+        angle: Angle by which an encoder's reading jumps [rad].
+        lasting: Time after which the supply, or an encoder that jumped, is as before [s]; default: it stays.
 
     Raises:
         InputError: The kind is unknown, or a value is out of range.
@@ -52,6 +55,7 @@ class Fault:
     servo: int = 0
     seed: int = 0
     volts: float = 8.0
+    angle: float = 0.3
     lasting: float | None = None
 
     def __post_init__(self) -> None:
@@ -59,6 +63,7 @@ class Fault:
             raise InputError("fault", self.kind, ", ".join(get_args(Kind)))
         number("at", self.at, low=0)
         number("volts", self.volts, low=0, strict=True)
+        object.__setattr__(self, "angle", number("angle", self.angle))
         if self.lasting is not None:
             number("lasting", self.lasting, low=0, strict=True)
         for name in ("count", "servo", "seed"):
@@ -73,7 +78,7 @@ class Fault:
             InputError: The text describes no fault; the message names what it may hold.
         """
         kind, *rest = text.split(":")
-        types = {"at": float, "count": int, "servo": int, "seed": int, "volts": float, "lasting": float}
+        types = {"at": float, "count": int, "servo": int, "seed": int, "volts": float, "angle": float, "lasting": float}
         values: dict[str, Any] = {}
         for item in rest:
             name, _, value = item.partition("=")

@@ -143,10 +143,15 @@ class Server:
             servo.dead = True
         elif fault.kind == "hot":
             servo.heat = 70.0
-        elif fault.kind == "stuck":
-            servo.stuck = True
+        elif fault.kind in ("stuck", "flicker"):
+            servo.stuck, servo.flickers = True, fault.kind == "flicker"
         elif fault.kind == "sag":
             self._sag(fault)
+        elif fault.kind == "jump":
+            servo.jump = fault.angle
+            servo.show()
+            if fault.lasting is not None:
+                self.faults.add(replace(fault, at=fault.at + fault.lasting, angle=0.0, lasting=None))
         elif fault.kind == "reboot":
             servo.boot()
         elif fault.kind == "same_id":

@@ -70,7 +70,9 @@ class Servo(Memory):
         self._per_count, self._per_speed, self._per_tick = self.units.current, self.units.velocity, self.units.position
         self.volts = motor.voltage  # [V] of the supply
         self.registered: tuple[int, bytes] | None = None
-        self.stuck = self.dead = self.deaf = False
+        self.stuck = self.flickers = self.dead = self.deaf = False
+        self.jump = 0.0  # [rad] by which the encoder's reading is off
+        self._flicker = 0  # [counts]
         self.heat = 0.0  # [K] above what the model says: an injected fault
         self.temperature = self.protection.ambient
         self._silent = self._overloaded = self.booting = 0.0  # [s]
@@ -263,11 +265,12 @@ class Servo(Memory):
         return 0 if ignored else homing
 
     def _ticks(self) -> int:
-        ticks = self._sign * round(self.q / self._per_tick) + self._zero
+        ticks = self._sign * round((self.q + self.jump) / self._per_tick) + self._zero + self._flicker
         return ticks + self._homing() if self.memory[20:24] != _NO_HOMING else ticks
 
     def feel(self, q: float, v: float, current: float, t: float) -> None:
         """Update the measured position q [rad], speed v [rad/s] and current [A] at time t [s]."""
+        self._flicker = int(self.flickers and not self._flicker)
         if not self.stuck:
             self.q, self.v = q, v
         self.current, self._t = current, t

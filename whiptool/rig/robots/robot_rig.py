@@ -109,7 +109,7 @@ class RobotRig(FilmedRig):
             InputError: The robot cannot be reached, or no strike is possible from where its arm stands.
         """
         if self._stands is None:
-            with self.robot as arm:
+            with self.interlock.held(), self.robot as arm:
                 self._stands = arm.posture()
             posture = tuple(self._stands.tolist())
             if said := Execution(posture=posture).refused_posture(self.model, self.limits.members):
