@@ -45,16 +45,16 @@ def passage(
     speed = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
     steep = np.maximum(-(seen @ normal) / speed, 1e-3)  # cosine of the angle from the normal
     by_offset, by_seen = np.tile(np.eye(d), (R, 1, 1)), np.zeros((R, d, d))
-    stretch, slant, least = np.ones(R), np.zeros(R), math.cos(FLATTEST)
+    stretch, slant, least, most = np.ones(R), np.zeros(R), math.cos(FLATTEST), (1 - LEAST_ROOM / 2) * room
     if ball:
         slant, of_offset, of_seen = _slant(offset, seen, down, normal, ball, since)
         least = max(least, ball / (ball + (1 - LEAST_ROOM) * room))
-        left = room - np.minimum(slant, (1 - LEAST_ROOM / 2) * room)
+        left = room - np.minimum(slant, most)
         stretch = room / left
-        grows = np.where(left > LEAST_ROOM / 2 * room, stretch / left, 0.0)[:, None, None] * offset[:, :, None]
+        grows = np.where(slant < most, stretch / left, 0.0)[:, None, None] * offset[:, :, None]
         by_offset = stretch[:, None, None] * by_offset + grows * of_offset[:, None, :]
         by_seen = grows * of_seen[:, None, :]
-    lift = np.where((steep < least) | (slant > (1 - LEAST_ROOM / 2) * room), room * np.maximum(least / steep, 1), 0.0)
+    lift = np.where((steep < least) | (slant > most), room * np.maximum(least / steep, 1), 0.0)
     flatter = normal / speed[:, None] + (steep / speed**2)[:, None] * seen
     by_seen += normal[:, None] * (np.where(steep < least, lift, 0.0) / steep)[:, None, None] * flatter[:, None, :]
     return stretch[:, None] * offset + lift[:, None] * normal, by_offset, by_seen
