@@ -1,23 +1,31 @@
 """Flight of a thrown thing through gravity and quadratic air drag to the plane of a box's opening, with derivatives.
 
 The equations of motion are `p' = v` and `v' = g - k |v| v`, with k the drag per mass [1/m] (e.g. Timmerman and van der
-Weele 1999, Am. J. Phys. 67, 538). The classical Runge-Kutta method integrates them with a fixed number of steps, which
-is exact without drag, and together with them their derivatives by the velocity at release and by k.
+Weele 1999, Am. J. Phys. 67, 538). Without drag the path is a parabola. With drag the classical Runge-Kutta method
+integrates it, in steps of each thing's own length that keep the error of a step below a tolerance, and together with it
+its derivatives by the velocity at release and by k.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from whiptool.errors import InputError
 from whiptool.models.numbers import NoArray, number
+from whiptool.throws.passage import passage
 
 AIR_DENSITY = 1.2  # [kg/m^3], at 20 degrees Celsius
 SPHERE = 0.47  # drag coefficient of a sphere at Reynolds numbers of 1e3 to 1e5
-STEPS = 16  # of the rise, and of the fall; `tests/throws/test_flight.py` has the errors
-_NEWTON = 3  # further steps to the apex, and to the plane
+MOST_DRAG = 100.0  # [1/m] per mass; a party balloon has about 5
+HIGHEST = 5.0  # [m], by which a thing may rise above its release and above the opening's plane
+EXACT = 1e-10  # [m], error of a step; `tests/throws/test_flight.py` has those of flights
+_ARRIVED, _IN_PLANE = 1e-12, 1e-9  # [s, m], from an event
+_MOST_STEPS = 20_000
+LONGEST = 60.0  # [s]; a thing that has not arrived by then does not arrive
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,7 @@ class Thing(NoArray, instead="its mass and drag"):
         radius: Radius [m], by which the opening of a box is narrower for its centre.
 
     Raises:
-        InputError: The mass is not positive, or a number is negative or not finite.
+        InputError: The mass is not positive, a number is negative or not finite, or drag / mass above `MOST_DRAG`.
     """
 
     mass: float = 0.02
@@ -41,6 +49,9 @@ class Thing(NoArray, instead="its mass and drag"):
         object.__setattr__(self, "mass", number("mass of the thing", self.mass, low=0, strict=True))
         for name in ("drag", "radius"):
             object.__setattr__(self, name, number(f"{name} of the thing", getattr(self, name), low=0))
+        if self.drag_per_mass > MOST_DRAG:
+            rule = f"at most {MOST_DRAG:g} 1/m; a party balloon has about 5"
+            raise InputError("drag per mass of the thing", self.drag_per_mass, rule, "give its mass in kg, its diameter in m")
 
     @classmethod
     def of_ball(cls, mass: float, diameter: float) -> Thing:
@@ -62,13 +73,15 @@ class Opening:
         centres: Centres of the openings, (R, d) [m].
         normal: Unit vector out of the box, (d,), with an upward component.
         drift: Velocity of the box, (d,) [m/s].
-        radius: Radius of the openings [m].
+        radius: Radius of the openings, less that of the things [m].
+        ball: Radius of the things [m].
     """
 
     centres: np.ndarray
     normal: np.ndarray
     drift: np.ndarray
     radius: float = 0.0
+    ball: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -76,13 +89,14 @@ class Landing:
     """Where R things cross the plane of an opening into the box; those that stay below it: their highest point.
 
     Args:
-        offset: Position relative to the centre of the opening at that instant, (R, d) [m]; of those that stay below,
-            lowered by the opening's radius.
+        offset: Position relative to the centre of the opening at that instant as it counts, see `passage`, (R, d) [m];
+            of those that stay below, lowered by the opening's radius; of those that rise too high, raised.
         velocity: Velocity, (R, d) [m/s].
         time: Time since release, (R,) [s].
         slopes: Derivatives of offset and velocity by position and velocity at release, and by drag per mass,
             (R, 2 d, 2 d + 1); None: not computed.
         time_slopes: Derivatives of `time`, (R, 2 d + 1).
+        place: Position relative to the centre of the opening as it is, (R, d) [m].
     """
 
     offset: np.ndarray
@@ -90,69 +104,72 @@ class Landing:
     time: np.ndarray
     slopes: np.ndarray | None = None
     time_slopes: np.ndarray | None = None
+    place: np.ndarray | None = None
 
 
 def land(
-    states: np.ndarray, opening: Opening, *, gravity: float, drag: float, steps: int = STEPS, slopes: bool = False
+    states: np.ndarray,
+    opening: Opening,
+    *,
+    gravity: float,
+    drag: float,
+    tolerance: float = EXACT,
+    slopes: bool = False,
 ) -> Landing:
     """Return where things land that are released in given states.
 
     Seen from the box, a thing first rises to its highest point over the opening's plane, and then falls through it. A
     thing that does not rise above the plane does not enter, however near it comes: it counts with its highest point,
-    lowered by the opening's radius.
+    lowered by the opening's radius. A thing that rises by more than `HIGHEST` does not count as entering either.
 
     Args:
         states: Positions and velocities at release, (R, 2 d) [m, m/s].
         opening: Openings of the boxes.
         gravity: Gravity [m/s^2], along the last axis.
         drag: Drag per mass [1/m].
-        steps: Number of Runge-Kutta steps of the rise, and of the fall.
+        tolerance: Error of a step [m].
         slopes: Whether to compute derivatives.
     """
     d = states.shape[1] // 2
     down = np.zeros(d)
     down[-1] = -gravity
-    flight = _Flight(states[:, :d].copy(), states[:, d:].copy(), down, drag, slopes=slopes)
-    n, u = opening.normal, opening.drift
-    rising = np.maximum((flight.velocity - u) @ n, 0.0) > 0
-    steps = steps if drag else 1
+    flight = _Flight(states[:, :d].copy(), states[:, d:].copy(), down, drag, slopes=slopes, tolerance=tolerance)
+    n, u, begin = opening.normal, opening.drift, flight.height(opening)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        flight.go(_rise_time(np.maximum((flight.velocity - u) @ n, 0.0), float(-down @ n), drag), steps, graded=True)
-        for _ in range(_NEWTON if drag else 0):
-            flight.go(np.where(rising, -((flight.velocity - u) @ n) / (flight.acceleration @ n), 0.0), 1)
-        height, speed = flight.height(opening), (flight.velocity - u) @ n
+        rising = (flight.velocity - u) @ n > 0
+        flight.go(_to_top, opening, rising)
+        height, top = flight.height(opening), flight.slopes()[:, :d] if slopes else None
         above = height > 0
-        fall = np.sqrt(np.maximum(speed**2 - 2 * (down @ n) * height, 0.0))
-        longer = _fall_ratio(np.maximum(height, 0.0), drag)
-        flight.go(np.where(above, (-speed - fall) / (down @ n) * longer, 0.0), steps)
-        for _ in range(_NEWTON if drag else 1):
-            flight.go(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0), 1)
-    lowered = np.where(above, 0.0, opening.radius)[:, None] * n
-    offset = flight.place - opening.centres - u * flight.time[:, None] - lowered
+        flight.go(_to_plane, opening, above)
+        if not drag:
+            flight.step(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0))
+    place = flight.place - opening.centres - u * flight.time[:, None]
+    seen = flight.velocity - u
+    arrives = above & (np.abs(place @ n) < _IN_PLANE)
+    counted, by_place, by_seen = passage(
+        place, seen, down, n, ball=opening.ball, room=opening.radius, since=flight.time
+    )
+    excess = height - np.maximum(begin, 0.0) - HIGHEST
+    raised = np.where(arrives & (excess > 0), opening.radius + excess, np.where(above & ~arrives, opening.radius, 0.0))
+    lowered = np.where(above, 0.0, opening.radius)
+    offset = np.where(arrives[:, None], counted, place) + (raised - lowered)[:, None] * n
     if not slopes:
-        return Landing(offset, flight.velocity, flight.time)
+        return Landing(offset, flight.velocity, flight.time, place=place)
     fixed = flight.slopes()  # at a fixed time of flight
     into, turns = (flight.velocity - u) @ n, flight.acceleration @ n
-    by_place, by_velocity = (np.einsum("d,rdm->rm", n, x) for x in (fixed[:, :d], fixed[:, d:]))
+    of_height, by_velocity = (np.einsum("d,rdm->rm", n, x) for x in (fixed[:, :d], fixed[:, d:]))
     sooner = np.where(rising[:, None], -by_velocity / np.where(turns == 0, 1, turns)[:, None], 0.0)
-    crossed = -by_place / np.where(into == 0, 1, into)[:, None]
+    crossed = -of_height / np.where(into == 0, 1, into)[:, None]
     later = np.where(above[:, None], crossed, sooner)  # (R, 2 d + 1)
     rates = np.concatenate([flight.velocity - u, flight.acceleration], axis=1)
-    return Landing(offset, flight.velocity, flight.time, fixed + rates[:, :, None] * later[:, None, :], later)
-
-
-def _rise_time(speed: np.ndarray, gravity: float, drag: float) -> np.ndarray:
-    """Return how long things rise that begin to rise vertically at a speed (R,) [m/s], (R,) [s]."""
-    if not drag:
-        return speed / gravity
-    return np.arctan(speed * math.sqrt(drag / gravity)) / math.sqrt(drag * gravity)
-
-
-def _fall_ratio(height: np.ndarray, drag: float) -> np.ndarray:
-    """Return the time of a vertical fall from rest over that without drag, of heights (R,) [m], (R,)."""
-    x = drag * height
-    found = (x + np.log1p(np.sqrt(-np.expm1(-2 * x)))) / np.sqrt(np.where(x > 0, 2 * x, 1.0))
-    return np.where(x > 0, found, 1.0)
+    whole = fixed + rates[:, :, None] * later[:, None, :]
+    assert top is not None
+    rise = np.einsum("d,rdm->rm", n, top)
+    rise[:, :d] -= np.where(begin > 0, 1.0, 0.0)[:, None] * n
+    of_offset = np.einsum("rij,rjm->rim", by_place, whole[:, :d]) + np.einsum("rij,rjm->rim", by_seen, whole[:, d:])
+    of_offset += n[:, None] * np.where(excess > 0, 1.0, 0.0)[:, None, None] * rise[:, None, :]
+    whole[:, :d] = np.where(arrives[:, None, None], of_offset, whole[:, :d])
+    return Landing(offset, flight.velocity, flight.time, whole, later, place)
 
 
 def fly(state: np.ndarray, times: np.ndarray, down: np.ndarray, drag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -166,16 +183,45 @@ def fly(state: np.ndarray, times: np.ndarray, down: np.ndarray, drag: float) -> 
     many = np.repeat(state, len(times), axis=0)
     place, velocity = np.split(many, 2, axis=1)
     flight = _Flight(place, velocity, down, drag, slopes=False)
-    flight.go(times, 2 * STEPS if drag else 1, graded=True)
+    clock = Opening(times[:, None], np.ones(1), np.zeros(1))  # whose "centres" are the times
+    flight.go(lambda one, until: until.centres[:, 0] - one.time, clock, np.ones(len(times), bool))
     return flight.place, flight.velocity
+
+
+def _to_top(flight: _Flight, opening: Opening) -> np.ndarray:
+    """Time to the highest point over the plane at the present acceleration, (R,) [s]."""
+    speed = (flight.velocity - opening.drift) @ opening.normal
+    slows = -(flight.acceleration if flight.drag else flight.down) @ opening.normal
+    return np.where(slows > 0, speed / slows, np.inf)
+
+
+def _to_plane(flight: _Flight, opening: Opening) -> np.ndarray:
+    """Time to the plane at the present acceleration, (R,) [s], of things that fall, or have fallen little too far."""
+    speed, height = (flight.velocity - opening.drift) @ opening.normal, flight.height(opening)
+    pull = (flight.acceleration if flight.drag else flight.down) @ opening.normal
+    fall = np.sqrt(np.maximum(speed**2 - 2 * pull * height, 0.0))
+    if not flight.drag:
+        return (-speed - fall) / pull
+    ahead = np.where((height > 0) & (fall <= speed), np.inf, 2 * height / (fall - speed))
+    return np.where(height == 0, 0.0, ahead)
 
 
 class _Flight:
     """R things in flight, and how they change by velocity at release and drag per mass."""
 
-    def __init__(self, place: np.ndarray, velocity: np.ndarray, down: np.ndarray, drag: float, *, slopes: bool) -> None:
+    def __init__(
+        self,
+        place: np.ndarray,
+        velocity: np.ndarray,
+        down: np.ndarray,
+        drag: float,
+        *,
+        slopes: bool,
+        tolerance: float = EXACT,
+    ) -> None:
         R, d = place.shape
         self.place, self.velocity, self.time, self.down, self.drag = place, velocity, np.zeros(R), down, drag
+        self.tolerance = tolerance
         self.by: list[np.ndarray] = []  # of place and velocity, (R, d, d + 1) each
         if slopes:
             self.by = [np.zeros((R, d, d + 1)), np.tile(np.eye(d, d + 1), (R, 1, 1))]
@@ -188,21 +234,47 @@ class _Flight:
         """Height over the opening's plane, (R,) [m]."""
         return (self.place - opening.centres - opening.drift * self.time[:, None]) @ opening.normal
 
-    def go(self, span: np.ndarray, steps: int, *, graded: bool = False) -> None:
-        """Fly on for some time, (R,) [s], by the classical Runge-Kutta method.
+    def go(self, left: Callable[[_Flight, Opening], np.ndarray], opening: Opening, moving: np.ndarray) -> None:
+        """Fly on, those things (R,) that move, until no time (R,) [s] is left; without drag that is one step."""
+        if not self.drag:
+            self.step(np.where(moving, left(self, opening), 0.0))
+            return
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for _ in range(_MOST_STEPS):
+                longest = np.where(moving & (self.time < LONGEST), self._longest(), 0.0)
+                h = np.clip(left(self, opening), -longest, longest)
+                moving = np.abs(h) > _ARRIVED
+                if 2 * moving.sum() <= len(h):
+                    break
+                self.step(np.where(moving, h, 0.0))
+            else:
+                return
+        if not moving.any():
+            return
+        part = _Flight(self.place[moving], self.velocity[moving], self.down, self.drag, slopes=False)
+        part.time, part.by, part.tolerance = self.time[moving], [x[moving] for x in self.by], self.tolerance
+        part.go(left, replace(opening, centres=opening.centres[moving]), np.ones(len(part.time), bool))
+        for whole, own in zip([self.place, self.velocity, self.time, *self.by],
+                              [part.place, part.velocity, part.time, *part.by], strict=True):  # fmt: skip
+            whole[moving] = own
 
-        Graded steps are in proportion to 1, 2, 3, ..., for a speed that is highest at first.
-        """
-        for i in range(steps):
-            h = span * (2 * (i + 1) / (steps * (steps + 1)) if graded else 1 / steps)
-            now = [self.place, self.velocity, *self.by]
-            one = self._rates(now)
-            two = self._rates(_ahead(now, one, h / 2))
-            three = self._rates(_ahead(now, two, h / 2))
-            four = self._rates(_ahead(now, three, h))
-            mean = [(a + 2 * (b + c) + e) / 6 for a, b, c, e in zip(one, two, three, four, strict=True)]
-            self.place, self.velocity, *self.by = _ahead(now, mean, h)
-        self.time = self.time + span
+    def step(self, h: np.ndarray) -> None:
+        """Fly on for some time, (R,) [s], by one step of the classical Runge-Kutta method."""
+        now = [self.place, self.velocity, *self.by]
+        one = self._rates(now)
+        two = self._rates(_ahead(now, one, h / 2))
+        three = self._rates(_ahead(now, two, h / 2))
+        four = self._rates(_ahead(now, three, h))
+        mean = [(a + 2 * (b + c) + e) / 6 for a, b, c, e in zip(one, two, three, four, strict=True)]
+        self.place, self.velocity, *self.by = _ahead(now, mean, h)
+        self.time = self.time + h
+
+    def _longest(self) -> np.ndarray:
+        """Longest step (R,) [s] whose error stays below the tolerance, and that is stable."""
+        speed, gravity = np.linalg.norm(self.velocity, axis=1), np.linalg.norm(self.down)
+        rate = self.drag * (2 * speed + math.sqrt(gravity / self.drag))  # at which a velocity changes
+        pull = np.linalg.norm(self.acceleration, axis=1)
+        return np.minimum((120 * self.tolerance * rate**2 / np.maximum(pull, 1e-12)) ** 0.2, 1.0) / rate
 
     def slopes(self) -> np.ndarray:
         """Derivatives of place and velocity by place and velocity at release and by drag, (R, 2 d, 2 d + 1)."""

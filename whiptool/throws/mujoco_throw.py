@@ -151,12 +151,13 @@ def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay
         path = simulator.throw(strike, until=until)
         if path.diverged or simulator.released is None:
             continue
-        expected = throws.landings(strike, [simulator.released], t_stay=t_stay).offset[0]
+        expected = throws.landings(strike, [simulator.released], t_stay=t_stay).place
+        assert expected is not None
         crossing = _crossing(path, throws, simulator.released)
         if crossing is None:
             continue
         offset, velocity = crossing
-        difference = float(np.linalg.norm(offset - expected))
+        difference = float(np.linalg.norm(offset - expected[0]))
         if difference <= AGREEMENT:
             return ThrowReplay(offset, velocity, difference, simulator.timestep, True)
     return ThrowReplay(offset, velocity, difference, simulator.timestep, False)

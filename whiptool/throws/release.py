@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from whiptool.models.trajectory import closest_on_segments
-from whiptool.throws.flight import STEPS, Landing, Opening, land
+from whiptool.throws.flight import EXACT, Landing, Opening, land
 
 RATE = 1000.0  # [Hz] of the samples between which states are interpolated by cubics
 BAND = 2.0  # standard deviations of the release time to either side: 95 % of normal releases
 NODES = 5  # instants of the band that are judged
 FARTHEST = 100.0  # [m]; a thing that misses by more counts as missing by this
 _STRIDE = 4  # samples between those from which the search for the best instant begins
-_COARSE, _FINE = 3, 8  # Runge-Kutta steps of a flight while the best instant is looked for, and found
+_COARSE, _FINE = 1e-5, 1e-8  # [m], error of a step of a flight while the best instant is looked for, and found
 _POWER = 8  # of the mean over the band; the larger, the nearer to the largest miss
 _ROUNDS, _EXACT = 20, 1e-14  # of the search for the root of a slope, and its last step [s]
 
@@ -57,11 +57,11 @@ class Release:
         B, S = self.states.shape[:2]
         rows, seen = np.arange(B), np.arange(0, S, _STRIDE)
         flat = np.repeat(rows, len(seen)), np.tile(seen / RATE, B)
-        offsets = self._land(*flat, steps=_COARSE).offset.reshape(B, len(seen), -1)
+        offsets = self._land(*flat, tolerance=_COARSE).offset.reshape(B, len(seen), -1)
         offsets[seen[None] > self.last[:, None]] = np.nan
         begin = _STRIDE * self._nearest(offsets, _STRIDE)
         near = np.clip(begin[:, None] + np.arange(-_STRIDE, 2 * _STRIDE + 1), 0, np.maximum(self.last, 0)[:, None])
-        misses = self.miss(np.repeat(rows, near.shape[1]), near.ravel() / RATE, steps=_COARSE).reshape(near.shape)
+        misses = self.miss(np.repeat(rows, near.shape[1]), near.ravel() / RATE, tolerance=_COARSE).reshape(near.shape)
         at = near[rows, misses.argmin(axis=1)]
         end = self.last / RATE
         return self._root(np.maximum(at - 1, 0) / RATE, np.minimum((at + 1) / RATE, np.maximum(end, 0)))
@@ -78,7 +78,7 @@ class Release:
 
     def _root(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return where the miss is smallest between two times (B,) [s], by the Illinois form of regula falsi."""
-        of_low, of_high = (self.half_slope(t, steps=_FINE) for t in (low, high))
+        of_low, of_high = (self.half_slope(t, tolerance=_FINE) for t in (low, high))
         at, side = np.where(of_low >= 0, low, high), np.zeros(len(low))
         within = (of_low < 0) & (of_high > 0)
         for _ in range(_ROUNDS):
@@ -86,7 +86,7 @@ class Release:
             before, at = at, np.where(within, np.clip(high - of_high * (high - low) / rise, low, high), at)
             if np.abs(at - before).max(initial=0.0) < _EXACT:
                 break
-            slope = self.half_slope(at, steps=_FINE)
+            slope = self.half_slope(at, tolerance=_FINE)
             above, below = within & (slope > 0), within & (slope <= 0)
             of_low = np.where(above & (side > 0), of_low / 2, np.where(below, slope, of_low))
             of_high = np.where(below & (side < 0), of_high / 2, np.where(above, slope, of_high))
@@ -154,22 +154,22 @@ class Release:
         each = np.repeat(rows, len(self.lags))
         return each, np.clip(asked, 0, np.maximum(self.last[each], 0) / RATE)
 
-    def miss(self, rows: np.ndarray, times: np.ndarray, *, steps: int = STEPS) -> np.ndarray:
+    def miss(self, rows: np.ndarray, times: np.ndarray, *, tolerance: float = EXACT) -> np.ndarray:
         """Return the misses of releases at times (R,) [s] along paths `rows` (R,), (R,) [m]."""
-        offsets = self._land(*self.band(rows, times), steps=steps).offset
+        offsets = self._land(*self.band(rows, times), tolerance=tolerance).offset
         return together(np.linalg.norm(offsets, axis=1).reshape(len(rows), -1))[0]
 
-    def half_slope(self, times: np.ndarray, *, steps: int = STEPS) -> np.ndarray:
+    def half_slope(self, times: np.ndarray, *, tolerance: float = EXACT) -> np.ndarray:
         """Return the derivatives of half the squared misses by the times of release (B,) [s], (B,)."""
         rows, instants = self.band(np.arange(len(times)), times)
         states, rates = self.at(rows, instants)
-        return self.half_slope_of(states, rates, rows, instants, steps=steps)
+        return self.half_slope_of(states, rates, rows, instants, tolerance=tolerance)
 
     def half_slope_of(
-        self, states: np.ndarray, rates: np.ndarray, rows: np.ndarray, instants: np.ndarray, *, steps: int = STEPS
+        self, states: np.ndarray, rates: np.ndarray, rows: np.ndarray, instants: np.ndarray, *, tolerance: float = EXACT
     ) -> np.ndarray:
         """Return the derivatives of half the squared misses by time, of states (B J, 2 d) that change at `rates`."""
-        found = self.landing(states, rows, instants, slopes=True, steps=steps)
+        found = self.landing(states, rows, instants, slopes=True, tolerance=tolerance)
         by_time = self.by_time(found, rates)
         weights = together(np.linalg.norm(found.offset, axis=1).reshape(-1, len(self.lags)))[1]
         return (weights * (found.offset * by_time).sum(axis=1).reshape(weights.shape)).sum(axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, get_args
 
@@ -11,7 +12,7 @@ import numpy as np
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller
 from whiptool.models.hand_space import StrikeSpace
-from whiptool.models.numbers import number
+from whiptool.models.numbers import array_of, number
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike
 from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
@@ -71,7 +72,8 @@ class ThrowRollout(Rollout):
     """Simulator of throws: the closest approach of a strike is the landing of the thing that it releases.
 
     The thing is released where its line of flight is best, at the instant with the smallest miss, or at a given time.
-    An `Approach` has the thing's miss as its distance, and position, velocity and time of its landing.
+    An `Approach` has the thing's miss as its distance, and velocity and time of its landing. `tip` is the opening's
+    centre plus the offset that counts, see `passage`; that of a `trajectory` is the landing point itself.
 
     Args:
         model: Model of arm and whip, without the thing.
@@ -79,7 +81,7 @@ class ThrowRollout(Rollout):
         controller: Controller of the arm; default: `default_controller`.
         thing: The thing.
         place: Where the thing is until its release: `tip` or `hand`.
-        release_time: Time of the release [s]; None: the best.
+        release_time: Time of the release [s]; None: the best. Strikes that end before it count as missing by `FARTHEST`.
         release_noise: Standard deviation of the release time [s]. The miss is then at least the largest of those
             of five releases up to two standard deviations early or late.
         options: Further arguments of `CompiledRollout`, by name.
@@ -141,8 +143,10 @@ class ThrowRollout(Rollout):
     ) -> Landing:
         """Return where the thing lands that one strike releases at each of R times [s]."""
         release = self._released(self.one_vector(strike), self.box, t_stay, ())[0]
-        asked = np.clip(np.asarray(times, float), 0, release.last[0] / RATE)
-        rows = np.zeros(len(asked), int)
+        asked, end = array_of("release times", times, "finite numbers of seconds"), release.last[0] / RATE
+        if asked.ndim != 1 or (asked < 0).any() or (asked > end + 1 / RATE).any():
+            raise InputError("release times", asked.tolist(), f"times from 0 to {end:g} s, the end of the strike")
+        asked, rows = np.minimum(asked, max(end, 0)), np.zeros(len(asked), int)
         return release.landing(release.at(rows, asked)[0], rows, asked)
 
     def gradient(
@@ -188,11 +192,13 @@ class ThrowRollout(Rollout):
         landing = self._approach(release, base, at)
         longest = max(t_stay, float(landing.time[0]) + _SEEN_AFTER - vector[-1])
         path = self.rollout.trajectory(vector, t_stay=t_stay if not np.isfinite(longest) else longest)
-        there = replace(landing, tip=landing.tip + self.box.drift * landing.time[:, None])
+        start = release.at(np.zeros(1, int), at)[0]
+        place = release.landing(start, np.zeros(1, int), at).place
+        there = replace(landing, tip=self.box.at(float(landing.time[0])).vector + place)
         rest = vars(path) | {"release_time": float(at[0]), "landing": there}
-        if base.diverged[0]:
+        if base.diverged[0] or self._kept(at)[0]:
             return ThrownTrajectory(**rest | {"landing": None})
-        start, down = release.at(np.zeros(1, int), at)[0], np.zeros(self.model.dimension)
+        down = np.zeros(self.model.dimension)
         down[-1] = -self.model.gravity
         free, over = path.t > at[0], path.t >= landing.time[0]
         flown = fly(start, np.minimum(path.t[free], landing.time[0]) - at[0], down, release.drag)
@@ -214,7 +220,9 @@ class ThrowRollout(Rollout):
         states, slopes, base = self.rollout.release_path(
             vectors, t_stay=t_stay, rate=RATE, names=inner, by_hand=self.place == "hand"
         )
-        opening = Opening(np.array(centres), np.array(self.box.normal), self.box.drift, self.box.hit_radius)
+        self._check_release(vectors, t_stay)
+        how = (np.array(self.box.normal), self.box.drift, self.box.hit_radius, self.thing.radius)
+        opening = Opening(np.array(centres), *how)
         release = Release(states, opening, self.model.gravity, self.thing.drag_per_mass, self.release_noise)
         if RELEASE in names:
             if self.release_time is None:
@@ -226,17 +234,34 @@ class ThrowRollout(Rollout):
     def _mass_name(self) -> str:
         return "whip.hinge_mass" if self.place == "hand" else f"whip.m[{self.model.whip.N - 1}]"
 
+    def _check_release(self, vectors: np.ndarray, t_stay: float) -> None:
+        """Refuse a release time that is after the end of these strikes and of all that are searched."""
+        if self.release_time is None or not len(vectors) or self.release_time <= vectors[:, -1].max() + t_stay:
+            return
+        with suppress(InputError):  # an arm without default bounds
+            vectors = np.vstack([vectors, self.space.bounds.upper])
+        longest = float(vectors[:, -1].max()) + t_stay
+        if self.release_time > longest:
+            rule = f"from 0 to {longest:g} s: the longest D, and {t_stay:g} s after it"
+            raise InputError("release time", self.release_time, rule, "the thing would never be released")
+
     def _times(self, release: Release) -> np.ndarray:
         if self.release_time is None:
             return release.best()
         return np.minimum(self.release_time, np.maximum(release.last, 0) / RATE)
 
+    def _kept(self, times: np.ndarray) -> np.ndarray:
+        """Return which strikes end before the given release time, (B,)."""
+        return times < (-np.inf if self.release_time is None else self.release_time - 1 / RATE)
+
     def _approach(self, release: Release, base: Approach, times: np.ndarray) -> Approach:
         rows = np.arange(len(times))
         found = release.landing(release.at(rows, times)[0], rows, times)
-        miss = np.minimum(release.miss(rows, times), FARTHEST)
+        kept = self._kept(times)
+        miss = np.where(kept, FARTHEST, np.minimum(release.miss(rows, times), FARTHEST))
         lost = base.diverged | ~np.isfinite(miss)
-        offset = self._shown(found.offset, miss) if release.noise else found.offset
+        shown = kept | bool(release.noise)
+        offset = np.where(shown[:, None], self._shown(found.offset, miss), found.offset)
         return replace(
             base,
             distance=np.where(lost, np.inf, miss),
