@@ -190,7 +190,8 @@ class ArmChoice:
         taken = chain if self.moving is None else self.moving
         movers = [name for name in chain if name in taken and name not in self.locked]
         if not movers:
-            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(none)"))
+            fix = "" if chain else "no joint between base and tip moves: choose another tip, or the file of a robot"
+            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(none)"), fix)
         return movers
 
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
@@ -211,6 +212,8 @@ class ArmChoice:
             if self.tip not in frames:
                 raise InputError("tip", self.tip, "one of " + ", ".join(frames))
             return self.tip
+        if not ends:
+            raise InputError("bodies", "none", "a robot, whose bodies hang on joints", "choose another file")
         tools = [name for name in ends if name.endswith(_TOOL_FRAMES)]
         found = ends if len(ends) == 1 else tools
         if len(found) != 1:
