@@ -1,14 +1,14 @@
 """Every robot description in some folders is loaded and makes a strike: it hits, or is refused with what mends it.
 
-`python benchmarks/robots.py FOLDER ... [--search N] [--quick] [--json] [--kept KEPT]`. The folders are unpacked packages that hold
-URDF or MJCF files, such as the wheels of `example-robot-data`, `robosuite`, `gymnasium-robotics` or `pybullet` (`pip
+`python benchmarks/robots.py FOLDER ... [--read] [--search N] [--most N] [--quick] [--json] [--kept KEPT]`. The folders
+are unpacked packages that hold URDF or MJCF files, such as the wheels of `example-robot-data`, `robosuite`, `gymnasium-robotics` or `pybullet` (`pip
 download --no-deps` and `python -m zipfile -e`). Files without a joint that moves, files that others include, and copies of
 a file are left out and counted. Each robot is read in a process of its own, which has `TIME` seconds and `MEMORY` bytes.
 Where a message says that a tip or the moving joints have to be named, they are, once each. The robot then makes one strike
 within its bounds in MuJoCo (`ReferenceRollout`), which the default limits judge, and with `--search` a search of N trials for
 the usual target (`whiptool.search`). It prints what became of each, and the sum by kind:
 
-- `hit`: the search hit; `struck`: the strike was simulated, and kept the limits or was refused in words;
+- `read`: it was read, which is all with `--read`; `hit`: the search hit; `struck`: the strike was simulated, and kept the limits or was refused in words;
 - `refused`: an `InputError` with a fix; `no cure`: one without; `traceback`, `time`, `memory`: what should not be.
 """
 
@@ -90,7 +90,7 @@ def chosen(file: Path) -> tuple[Model, list[str]]:
 def deepest(file: Path, ends: list[str]) -> str:
     """The end with most joints before it, of those that are read without a further word; else the first."""
     counts = {}
-    for end in ends[:40]:
+    for end in ends[:6]:
         try:
             counts[end] = read_robot(file, ArmChoice(tip=end)).n
         except InputError:
@@ -99,10 +99,12 @@ def deepest(file: Path, ends: list[str]) -> str:
 
 
 def struck(file: Path, trials: int) -> dict[str, Any]:
-    """What became of one robot."""
+    """What became of one robot, with a search of so many trials; none at 0, and at -1 no strike either."""
     model, named = chosen(file)
     controller = wt.default_controller(model)
     found: dict[str, Any] = {"joints": model.arm.n, "named": named, "notes": list(model.arm.notes)}
+    if trials < 0:
+        return found | {"kind": "read", "said": f"{model.arm.n} joints"}
     rollout = wt.ReferenceRollout(model, controller)
     limits = AllLimits(default_limits(model, prescribed=controller.prescribed))
     strike = limits.random_strikes(default_bounds(model), np.random.default_rng(0), 1)[0]
@@ -164,13 +166,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path, help="folders with robots' files, searched to any depth")
     parser.add_argument("--search", type=int, default=0, metavar="N", help="trials of a search as well; default: none")
+    parser.add_argument("--read", action="store_true", help="read the robots alone, and make no strike")
+    parser.add_argument("--most", type=int, default=None, metavar="N", help="at most so many robots; default: all")
     parser.add_argument("--quick", action="store_true", help=f"the first {QUICK} robots")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of lines")
     parser.add_argument("--kept", type=Path, help="keep results there, and go on where it was left")
     options = parser.parse_args()
     files, left = descriptions(options.folders)
     kinds, found = Counter[str](), []
-    for row in rows(files[:QUICK] if options.quick else files, options.search, options.kept):
+    trials, files = -1 if options.read else options.search, files[: QUICK if options.quick else options.most]
+    for row in rows(files, trials, options.kept):
         kinds[row["kind"]] += 1
         found.append(row)
         if not options.json:

@@ -74,18 +74,28 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
     Raises:
         InputError: As for `read_mjcf`, or a mesh's file is missing.
     """
-    import mujoco
-
     path = Path(path)
-    check_mjcf(path)
     try:
-        model = mujoco.MjSpec.from_file(str(path)).compile()
+        model = _parsed(path).compile()
+    except InputError:
+        raise
     except Exception as error:  # MuJoCo's own are of several kinds
         raise InputError("file", "no model", "an MJCF file with its meshes, that MuJoCo compiles", str(error)) from None
     try:
         return _Robot(model, set(), [], choice or ArmChoice()).looks()
     except InputError as error:
         raise error.within(f"{path}: ") from None
+
+
+def _parsed(path: Path) -> Any:
+    """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
+    import mujoco
+
+    check_mjcf(path)
+    spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
+    for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
+        setattr(spec, name, getattr(usual, name))
+    return spec
 
 
 def _compiled(path: Path) -> tuple[Any, set[str], list[str]]:
@@ -95,12 +105,13 @@ def _compiled(path: Path) -> tuple[Any, set[str], list[str]]:
     Meshes are read where they may collide, or where a body's inertia or a shape that is fitted to one needs them; where
     one is not there, only the latter, and where one of these is not there, none.
     """
-    check_mjcf(path)
     failed: list[Exception] = []
     for kept in ("colliding", "needed", ""):
         try:
             spec, weightless, left = _without_meshes(path, kept)
             return spec.compile(), weightless, left
+        except InputError:
+            raise
         except Exception as error:  # MuJoCo's own are of several kinds
             failed.append(error)
     fix = "MuJoCo's own words are in brackets; other files have to be where this one names them"
@@ -118,7 +129,7 @@ def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
     """
     import mujoco
 
-    spec, weightless, left = mujoco.MjSpec.from_file(str(path)), set(), {}
+    spec, weightless, left = _parsed(path), set(), {}
     in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
     from_shapes = spec.compiler.inertiafromgeom == 1 or spec.compiler.settotalmass > 0
     meshes = set()
@@ -236,8 +247,11 @@ class _Robot:
                 )
 
     def _ends(self) -> list[str]:
+        """Bodies that carry no other: those that a hinge or slide moves, or all where none is moved so."""
         carriers = set(self.model.body_parentid[1:].tolist())
-        return [self.bodies[i] for i in range(1, self.model.nbody) if i not in carriers]
+        ends = [i for i in range(1, self.model.nbody) if i not in carriers]
+        moving = [i for i in ends if any(self._kind(j) in ("hinge", "slide") for j in self._joints_to(i))]
+        return [self.bodies[i] for i in moving or ends]
 
     def _at_tip(self) -> int:
         if self.tip in self.bodies:
@@ -331,7 +345,7 @@ class _Robot:
         """The simple shape of a geom, or around it, and by how much that is thicker [m]."""
         if kind in _SIMPLE:
             return self._capsule(geom, kind, R, p), 0.0
-        points = DIRECTIONS * self.model.geom_size[geom] if kind == "ellipsoid" else self._mesh(geom)[0]
+        points = DIRECTIONS * self.model.geom_size[geom] if kind == "ellipsoid" else self._hull(geom)
         shape = Capsule.around(points @ R.T + p, [R] if kind == "ellipsoid" else [R, np.eye(3)])
         return shape, shape.beyond(points @ R.T + p)
 
@@ -384,6 +398,13 @@ class _Robot:
         model, mesh = self.model, int(self.model.geom_dataid[geom])
         vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
         return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+
+    def _hull(self, geom: int) -> np.ndarray:
+        """Vertices of a mesh's convex hull, where MuJoCo has one, or of the mesh (V, 3) [m]."""
+        start = int(self.model.mesh_graphadr[self.model.geom_dataid[geom]])
+        count = int(self.model.mesh_graph[start]) if start >= 0 else 0
+        vertices = self._mesh(geom)[0]
+        return vertices[self.model.mesh_graph[start + 2 + count :][:count]] if count else vertices
 
     def _shape(self, geom: int) -> str:
         return self.mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()

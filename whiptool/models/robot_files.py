@@ -26,11 +26,32 @@ from whiptool.models.strike import FARTHEST_TURN
 _DEEPEST = 200  # elements within elements
 _MOST = 20_000  # elements, with those that MuJoCo makes of one
 _FILES = 100  # that are included
+_LARGEST = 20_000_000  # numbers that MuJoCo makes of attributes: of height fields, pictures, meshes and `user` data
+_SIZES = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "mesh": ("params", "params")}  # their product
+_WEIGHTS = {"mesh": 20, "flexcomp": 10_000}  # numbers that MuJoCo makes of one vertex
 _TAG = re.compile(r"""<(/?)([A-Za-z_][\w:.-]*)((?:[^<>"']|"[^"]*"|'[^']*')*?)(/?)>""")
 _PASSED_OVER = re.compile(r"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)", re.DOTALL)
 _FOLDER = re.compile(r"""\b(?:meshdir|texturedir|assetdir)\s*=\s*["']([^"'<>]*)["']""")  # where files are looked for
 _MAKING = ("replicate", "composite", "flexcomp")  # of MuJoCo, each with a `count`
-_PIXELS = ("width", "height", "nrow", "ncol")
+
+
+@dataclass
+class _Tally:
+    """What MuJoCo makes of a file and of those that it includes: elements, those of a model once it is attached, and
+    numbers.
+    """
+
+    files: list[Path] = field(default_factory=list)
+    elements: int = 0
+    attached: int = 0
+    of_model: int = 0
+    numbers: int = 0
+    user: int = 0
+
+    @property
+    def whole(self) -> int:
+        """Elements, with those of attached models."""
+        return self.elements + self.attached * self.of_model
 
 
 def read_urdf_text(path: Path | str) -> str:
@@ -40,39 +61,46 @@ def read_urdf_text(path: Path | str) -> str:
         InputError: The file cannot be read, is nested too deeply, is too large, or defines XML entities.
     """
     text = read_text(path, "URDF")
-    _check(Path(path), text, [])
+    _check(Path(path), text, _Tally())
     return text
 
 
 def check_mjcf(path: Path | str) -> None:
-    """Refuse an MJCF file that is not safe to parse.
+    """Refuse an MJCF file that is not safe to parse, or of which MuJoCo makes too much.
 
     Raises:
         InputError: See `read_urdf_text`; also for files that it includes.
     """
-    _check(Path(path), read_text(path, "MJCF"), [])
+    _check(Path(path), read_text(path, "MJCF"), _Tally())
 
 
-def _check(path: Path, text: str, included: list[Path]) -> None:
+def _check(path: Path, text: str, tally: _Tally, times: int = 1) -> None:
     if "<!ENTITY" in text:
         raise InputError("file", str(path), "XML that defines no entities")
     folders = ["", *_FOLDER.findall(text)]
-    copies, elements = [1], 0  # of what is within, for each element that is open
+    copies = [times]  # of what is within, for each element that is open
     for closing, name, attributes, closed in _TAG.findall(_PASSED_OVER.sub("", text)):
         if closing:
-            copies = copies[:-1] or [1]
+            copies = copies[:-1] or [times]
             continue
         made = copies[-1] * (_count(attributes) if name in _MAKING else 1)
-        elements += made
-        if elements > _MOST:
-            raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
-        _check_pixels(path, attributes)
-        if name == "include":
-            _check_included(path, attributes, included)
+        tally.elements += made
+        tally.attached += made * (name == "attach")
+        tally.numbers += made * _numbers(name, attributes)
+        tally.user = max(tally.user, len(_value(attributes, "user").split()))
+        if name == "include" or (name == "model" and _value(attributes, "file")):
+            _check_included(path, name, attributes, tally, made)
         elif file := _value(attributes, "file"):
             for folder in folders:
                 if (path.parent / folder / file).exists():
                     whole_file(path.parent / folder / file, f"file of <{name}>")
+        if tally.whole > _MOST:
+            raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
+        if max(tally.numbers, tally.user * tally.whole) > _LARGEST:
+            given, allowed = f"<{name}{attributes}>", "height fields, pictures, meshes and user data of at most"
+            raise InputError(
+                "file", given, f"{allowed} {_LARGEST} numbers in all ({path})", "remove it, or make it smaller"
+            )
         if not closed:
             copies.append(made)
         if len(copies) > _DEEPEST:
@@ -84,23 +112,28 @@ def _count(attributes: str) -> int:
     return math.prod(int(x) for x in re.findall(r"\d{1,9}", _value(attributes, "count"))) or 1
 
 
-def _check_pixels(path: Path, attributes: str) -> None:
-    for name in _PIXELS:
-        if re.fullmatch(r"\d{6,}", value := _value(attributes, name)):
-            raise InputError(
-                "file",
-                f"{name} {value[:20]}",
-                f"pictures and height fields of fewer than 100000 pixels a side ({path})",
-            )
+def _numbers(name: str, attributes: str) -> int:
+    """How many numbers MuJoCo makes of an element, about; where one side is not given, it is as long as the other."""
+    given = [re.findall(r"\d{1,9}", _value(attributes, side)) for side in _SIZES.get(name, ())]
+    sides = [max(map(int, numbers)) for numbers in given if numbers]
+    made = math.prod(sides) ** (1 + (len(sides) == 1)) if sides else 0
+    return _WEIGHTS.get(name, 1) * (_count(attributes) if name == "flexcomp" else made)
 
 
-def _check_included(path: Path, attributes: str, included: list[Path]) -> None:
+def _check_included(path: Path, name: str, attributes: str, tally: _Tally, made: int) -> None:
     file = path.parent / _value(attributes, "file")
-    included.append(file)
-    if len(included) > _FILES:
+    tally.files.append(file)
+    if len(tally.files) > _FILES:
         raise InputError("file", str(path), f"at most {_FILES} included files")
-    if file.exists():  # MuJoCo says which is not there
-        _check(file, read_text(file, "MJCF"), included)
+    if not file.exists():  # MuJoCo says which is not there
+        return
+    if name == "include":
+        _check(file, read_text(file, "MJCF"), tally, made)
+        return
+    model = _Tally(tally.files)
+    _check(file, read_text(file, "MJCF"), model)
+    tally.of_model = max(tally.of_model, model.whole)
+    tally.numbers, tally.user = tally.numbers + model.numbers, max(tally.user, model.user)
 
 
 def _value(attributes: str, name: str) -> str:
