@@ -11,6 +11,7 @@ import os
 import re
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -27,31 +28,13 @@ _DEEPEST = 200  # elements within elements
 _MOST = 20_000  # elements, with those that MuJoCo makes of one
 _FILES = 100  # that are included
 _LARGEST = 20_000_000  # numbers that MuJoCo makes of attributes: of height fields, pictures, meshes and `user` data
+_LONGEST = 99_999  # pixels of one side
 _SIZES = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "mesh": ("params", "params")}  # their product
 _WEIGHTS = {"mesh": 20, "flexcomp": 10_000}  # numbers that MuJoCo makes of one vertex
 _TAG = re.compile(r"""<(/?)([A-Za-z_][\w:.-]*)((?:[^<>"']|"[^"]*"|'[^']*')*?)(/?)>""")
 _PASSED_OVER = re.compile(r"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)", re.DOTALL)
 _FOLDER = re.compile(r"""\b(?:meshdir|texturedir|assetdir)\s*=\s*["']([^"'<>]*)["']""")  # where files are looked for
 _MAKING = ("replicate", "composite", "flexcomp")  # of MuJoCo, each with a `count`
-
-
-@dataclass
-class _Tally:
-    """What MuJoCo makes of a file and of those that it includes: elements, those of a model once it is attached, and
-    numbers.
-    """
-
-    files: list[Path] = field(default_factory=list)
-    elements: int = 0
-    attached: int = 0
-    of_model: int = 0
-    numbers: int = 0
-    user: int = 0
-
-    @property
-    def whole(self) -> int:
-        """Elements, with those of attached models."""
-        return self.elements + self.attached * self.of_model
 
 
 def read_urdf_text(path: Path | str) -> str:
@@ -61,7 +44,7 @@ def read_urdf_text(path: Path | str) -> str:
         InputError: The file cannot be read, is nested too deeply, is too large, or defines XML entities.
     """
     text = read_text(path, "URDF")
-    _check(Path(path), text, _Tally())
+    _check(Path(path), text, Counter())
     return text
 
 
@@ -71,10 +54,11 @@ def check_mjcf(path: Path | str) -> None:
     Raises:
         InputError: See `read_urdf_text`; also for files that it includes.
     """
-    _check(Path(path), read_text(path, "MJCF"), _Tally())
+    _check(Path(path), read_text(path, "MJCF"), Counter())
 
 
-def _check(path: Path, text: str, tally: _Tally, times: int = 1) -> None:
+def _check(path: Path, text: str, tally: Counter[str], times: int = 1) -> None:
+    """Refuse what is unsafe, and count into a tally what MuJoCo makes of elements that are there so many times."""
     if "<!ENTITY" in text:
         raise InputError("file", str(path), "XML that defines no entities")
     folders = ["", *_FOLDER.findall(text)]
@@ -84,23 +68,27 @@ def _check(path: Path, text: str, tally: _Tally, times: int = 1) -> None:
             copies = copies[:-1] or [times]
             continue
         made = copies[-1] * (_count(attributes) if name in _MAKING else 1)
-        tally.elements += made
-        tally.attached += made * (name == "attach")
-        tally.numbers += made * _numbers(name, attributes)
-        tally.user = max(tally.user, len(_value(attributes, "user").split()))
-        if name == "include" or (name == "model" and _value(attributes, "file")):
+        tally["elements"] += made
+        if name == "attach":
+            if not tally["of a model"]:
+                raise InputError("file", str(path), "XML with each <model> before the <attach> that needs it")
+            tally["elements"] += made * tally["of a model"]
+        tally["numbers"] += made * _numbers(name, attributes)
+        tally["user"] = max(tally["user"], len(_value(attributes, "user").split()))
+        if name in ("include", "model") and _value(attributes, "file"):
             _check_included(path, name, attributes, tally, made)
         elif file := _value(attributes, "file"):
             for folder in folders:
                 if (path.parent / folder / file).exists():
                     whole_file(path.parent / folder / file, f"file of <{name}>")
-        if tally.whole > _MOST:
+        if tally["elements"] > _MOST:
             raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
-        if max(tally.numbers, tally.user * tally.whole) > _LARGEST:
-            given, allowed = f"<{name}{attributes}>", "height fields, pictures, meshes and user data of at most"
-            raise InputError(
-                "file", given, f"{allowed} {_LARGEST} numbers in all ({path})", "remove it, or make it smaller"
+        if max(tally["numbers"], tally["user"] * tally["elements"]) > _LARGEST:
+            rule = (
+                f"height fields, pictures, meshes, flexes and user data of at most {_LARGEST} numbers in all ({path})"
             )
+            given = " ".join([name, *re.findall(r"[^\s=\"']+", attributes)])
+            raise InputError("file", given, rule, "remove it, or make it smaller")
         if not closed:
             copies.append(made)
         if len(copies) > _DEEPEST:
@@ -117,23 +105,21 @@ def _numbers(name: str, attributes: str) -> int:
     given = [re.findall(r"\d{1,9}", _value(attributes, side)) for side in _SIZES.get(name, ())]
     sides = [max(map(int, numbers)) for numbers in given if numbers]
     made = math.prod(sides) ** (1 + (len(sides) == 1)) if sides else 0
+    made += (max(sides, default=0) > _LONGEST) * _LARGEST
     return _WEIGHTS.get(name, 1) * (_count(attributes) if name == "flexcomp" else made)
 
 
-def _check_included(path: Path, name: str, attributes: str, tally: _Tally, made: int) -> None:
+def _check_included(path: Path, name: str, attributes: str, tally: Counter[str], made: int) -> None:
+    """Check an included file, or a model that is attached elsewhere, which counts once more at each `<attach>`."""
     file = path.parent / _value(attributes, "file")
-    tally.files.append(file)
-    if len(tally.files) > _FILES:
+    tally["files"] += 1
+    if tally["files"] > _FILES:
         raise InputError("file", str(path), f"at most {_FILES} included files")
-    if not file.exists():  # MuJoCo says which is not there
-        return
-    if name == "include":
+    if file.exists():  # MuJoCo says which is not there
+        before = tally["elements"]
         _check(file, read_text(file, "MJCF"), tally, made)
-        return
-    model = _Tally(tally.files)
-    _check(file, read_text(file, "MJCF"), model)
-    tally.of_model = max(tally.of_model, model.whole)
-    tally.numbers, tally.user = tally.numbers + model.numbers, max(tally.user, model.user)
+        if name == "model":
+            tally["of a model"] = max(tally["of a model"], tally["elements"] - before)
 
 
 def _value(attributes: str, name: str) -> str:
