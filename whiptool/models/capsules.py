@@ -46,7 +46,7 @@ def _ratio(over: np.ndarray, under: np.ndarray, least: np.ndarray | float = 0.0)
 Point: TypeAlias = tuple[float, float, float]
 
 
-def _turned(R: np.ndarray, point: Point) -> Point:
+def turned_point(R: np.ndarray, point: Point) -> Point:
     x, y, z = (R @ np.array(point)).tolist()
     return x, y, z
 
@@ -98,8 +98,8 @@ class Capsule:
 
     def turned(self, R: np.ndarray) -> Capsule:
         """Return the shape turned about the origin by a rotation (3, 3)."""
-        width = None if self.width is None else _turned(R, self.width)
-        return replace(self, start=_turned(R, self.start), end=_turned(R, self.end), width=width)
+        width = None if self.width is None else turned_point(R, self.width)
+        return replace(self, start=turned_point(R, self.start), end=turned_point(R, self.end), width=width)
 
     @property
     def length(self) -> float:
@@ -179,11 +179,8 @@ class Capsule:
 
     @classmethod
     def around(cls, points: np.ndarray, frames: Sequence[np.ndarray]) -> Capsule:
-        """Return the smallest box, cylinder or capsule around points (V, 3) [m], along an axis of one of some frames.
-
-        Args:
-            points: Positions in the link's frame, of which the shape contains the convex hull.
-            frames: Rotations in the link's frame, (3, 3) each.
+        """Return the smallest box, cylinder or capsule around points (V, 3) [m], along an axis of one of some frames,
+        rotations (3, 3).
         """
         found: list[tuple[float, Capsule]] = []
         for R in frames:

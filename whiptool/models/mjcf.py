@@ -11,15 +11,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import DIRECTIONS, Capsule
-from whiptool.models.mjcf_forces import (
-    joints_that_follow,
-    pulled_elsewhere,
-    refuse_tendons,
-    torque_note,
-    torques,
-    unread_actuators,
-    untold_forces,
-)
+from whiptool.models.mjcf_forces import notes_on_forces, refuse_tendons, torque, torque_note
 from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.spatial_arm import (
     BASE,
@@ -75,10 +67,9 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
         InputError: As for `read_mjcf`, or a mesh's file is missing.
     """
     path = Path(path)
+    check_mjcf(path)
     try:
         model = _parsed(path).compile()
-    except InputError:
-        raise
     except Exception as error:  # MuJoCo's own are of several kinds
         raise InputError("file", "no model", "an MJCF file with its meshes, that MuJoCo compiles", str(error)) from None
     try:
@@ -91,7 +82,6 @@ def _parsed(path: Path) -> Any:
     """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
     import mujoco
 
-    check_mjcf(path)
     spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
     for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
         setattr(spec, name, getattr(usual, name))
@@ -105,13 +95,12 @@ def _compiled(path: Path) -> tuple[Any, set[str], list[str]]:
     Meshes are read where they may collide, or where a body's inertia or a shape that is fitted to one needs them; where
     one is not there, only the latter, and where one of these is not there, none.
     """
+    check_mjcf(path)
     failed: list[Exception] = []
     for kept in ("colliding", "needed", ""):
         try:
             spec, weightless, left = _without_meshes(path, kept)
             return spec.compile(), weightless, left
-        except InputError:
-            raise
         except Exception as error:  # MuJoCo's own are of several kinds
             failed.append(error)
     fix = "MuJoCo's own words are in brackets; other files have to be where this one names them"
@@ -119,13 +108,9 @@ def _compiled(path: Path) -> tuple[Any, set[str], list[str]]:
 
 
 def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
-    """The file without the shapes of meshes, the names of moving bodies that have lost their inertia by that, and of
-    the bodies that have lost shapes that may collide.
-
-    Args:
-        path: Path of the file.
-        kept: Which meshes stay: `needed`: those that tell an inertia, or what a simple shape is fitted to; `colliding`:
-            these and those that may collide; empty: none.
+    """The file without the shapes of meshes but those that are `needed` for an inertia or a shape that is fitted to
+    one, or these and those `colliding`; the names of moving bodies that have lost their inertia by that, and of the
+    bodies that have lost shapes that may collide.
     """
     import mujoco
 
@@ -290,17 +275,12 @@ class _Robot:
         arm = replace(arm, notes=(*self._notes(), *thicker, *self._unseen()))
         return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
 
-    def _notes(self) -> tuple[str, ...]:
-        """What of the file has no part in the arm, or another one."""
+    def _notes(self) -> list[str]:
+        """What of the file's forces has no part in the arm, or another one."""
         moved = {body: name for body, name in enumerate(self.bodies) if self._mover_of(body) != _BASE}
-        notes = untold_forces(self.model, self.movers, self.names, moved)
-        notes += joints_that_follow(self.model, self.movers, self.names)
-        notes += unread_actuators(self.model, self.movers, self.names)
-        notes += pulled_elsewhere(self.model, self.movers, self.names, self._joints_to)
-        for i in self.movers:
-            unit = "N" if self._kind(i) == "slide" else "N m"
-            notes += torque_note(self.names[i], torques(self.model, i), self._torque(i), unit)
-        return tuple(notes)
+        notes = notes_on_forces(self.model, self.movers, self.names, moved, self._joints_to)
+        slides = [i for i in self.movers if self._kind(i) == "slide"]
+        return notes + [x for i in self.movers for x in torque_note(self.model, i, self.names[i], i in slides)]
 
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
@@ -436,7 +416,7 @@ class _Robot:
             kind="prismatic" if self._kind(joint) == "slide" else "revolute",
             friction=float(model.dof_damping[v]),
             armature=float(model.dof_armature[v]),
-            limits=JointLimits(position=self._range(joint), torque=self._torque(joint)),
+            limits=JointLimits(position=self._range(joint), torque=torque(model, joint)),
         )
 
     def _range(self, joint: int) -> tuple[float, float]:
@@ -444,8 +424,3 @@ class _Robot:
             return (-np.inf, np.inf)
         low, high = self.model.jnt_range[joint].tolist()
         return low, high
-
-    def _torque(self, joint: int) -> float:
-        """Largest torque in both directions; of a range that begins or ends at 0, in the other one."""
-        low, high = sorted(np.abs(torques(self.model, joint)).tolist())
-        return low or high

@@ -15,14 +15,7 @@ _STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionlos
 def refuse_tendons(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> None:
-    """Refuse tendons that exert forces on joints of the arm; tendons that only measure or are beyond the tip are
-    ignored.
-
-    Args:
-        model: MuJoCo model.
-        movers: Indices of the arm's joints.
-        names: Names of all joints.
-        joints_to: Function that returns the indices of the joints between the world and a body.
+    """Refuse tendons that exert forces on joints of the arm; those that only measure or are beyond the tip are ignored.
 
     Raises:
         InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
@@ -48,8 +41,8 @@ def refuse_tendons(
             raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
 
 
-def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Return a note that lists the joints beyond the arm which an equality couples to joints of the arm."""
+def _joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Note on the joints beyond the arm which an equality couples to joints of the arm."""
     import mujoco
 
     tied = [
@@ -61,12 +54,10 @@ def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) 
     return [held] if tied else []
 
 
-def pulled_elsewhere(
+def _pulled_elsewhere(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> list[str]:
-    """Return a note that lists the arm's joints with actuators on tendons or sites, whose limits cannot be assigned to
-    one joint.
-    """
+    """Note on the arm's joints with actuators on tendons or sites, whose limits cannot be assigned to one joint."""
     import mujoco
 
     places: dict[str, set[int]] = {}
@@ -97,7 +88,13 @@ def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[i
     return joints | (set.union(*bodies) - set.intersection(*bodies) if bodies else set())
 
 
-def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodies: Mapping[int, str]) -> list[str]:
+def notes_on_forces(
+    model: Any,
+    movers: Sequence[int],
+    names: Sequence[str],
+    bodies: Mapping[int, str],
+    joints_to: Callable[[int], list[int]],
+) -> list[str]:
     """Return notes on the forces in a file that the arm's model ignores, one line for each kind.
 
     Args:
@@ -105,6 +102,7 @@ def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodie
         movers: Indices of the arm's joints.
         names: Names of all joints.
         bodies: Names of the bodies that the arm moves, by index.
+        joints_to: Function that returns the indices of the joints between the world and a body.
     """
 
     def of(has: Callable[[int], Any]) -> str:
@@ -122,36 +120,36 @@ def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodie
         f"gravcomp of {balanced} has no part in the model: the joints bear the whole weight": balanced,
         f"{air} of <option> has no part in the model: the arm moves without drag": air,
     }
-    return [note for note, there in notes.items() if there]
+    found = [note for note, there in notes.items() if there]
+    found += _joints_that_follow(model, movers, names) + _unread_actuators(model, movers, names)
+    return found + _pulled_elsewhere(model, movers, names, joints_to)
 
 
-def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:
-    """Return a note if a joint's torque limits differ between the two directions.
-
-    Args:
-        name: Name of the joint.
-        span: Lowest and highest torque in the file, in `unit`.
-        taken: Limit that the model uses, in `unit`.
-        unit: Unit of the torques or forces.
-    """
-    low, high = span
+def torque_note(model: Any, joint: int, name: str, slides: bool) -> list[str]:
+    """Return a note if a joint's torque limits differ between the two directions."""
+    low, high = _torques(model, joint)
     if np.isclose(-low, high):
         return []
+    unit, taken = "N" if slides else "N m", torque(model, joint)
     return [f"{name} has {low:g} to {high:g} {unit} in the file: {taken:g} {unit} is taken for both directions"]
 
 
-def torques(model: Any, joint: int) -> tuple[float, float]:
-    """Return the lowest and highest torque [N m] or force [N] that the motors at a joint give together, within what the
-    joint itself allows; infinite without a limit.
-    """
+def torque(model: Any, joint: int) -> float:
+    """Return the largest torque or force in both directions; of a range that begins or ends at 0, in the other one."""
+    low, high = sorted(np.abs(_torques(model, joint)).tolist())
+    return low or high
+
+
+def _torques(model: Any, joint: int) -> tuple[float, float]:
+    """Lowest and highest torque that the motors at a joint give together, within what the joint itself allows."""
     ends = model.jnt_actfrcrange[joint].tolist() if model.jnt_actfrclimited[joint] else (-np.inf, np.inf)
     own = [i for i in _motors(model, joint) if not _unread(model, i)]
     low, high = np.clip(np.sum([_forces(model, i) for i in own], axis=0), *ends).tolist() if own else ends
     return low, high
 
 
-def unread_actuators(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Return a note that lists the actuators at joints of the arm that are no motors of a known largest torque."""
+def _unread_actuators(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
+    """Note on the actuators at joints of the arm that are no motors of a known largest torque."""
     found: dict[str, list[str]] = {}
     for j in movers:
         for kind in {_unread(model, i) for i in _motors(model, j)} - {""}:

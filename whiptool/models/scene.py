@@ -30,19 +30,12 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True)
 class _Body:
-    """A capsule that moves: of a link, the base (`_BASE`) or the whip (`_WHIP`).
+    """A capsule that moves: of a link, the base (`_BASE`) or the whip (`_WHIP`)."""
 
-    Args:
-        name: For people.
-        link: Its number.
-        capsule: Capsule in the link's frame; for the whip one of its length anywhere.
-        segment: Segment of the whip, from the hand.
-    """
-
-    name: str
-    link: int
-    capsule: Capsule
-    segment: int = 0
+    name: str  # for people
+    link: int  # its number
+    capsule: Capsule  # in the link's frame; for the whip one of its length anywhere
+    segment: int = 0  # of the whip, from the hand
 
 
 @dataclass(frozen=True)
@@ -316,11 +309,8 @@ class Scene:
         return found
 
     def _candidates(self, middles: np.ndarray, groups: np.ndarray, enough: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return instants and pairs, (C,) each, among which the nearest of each group is.
-
-        Args:
-            middles: Middles of the bodies [m], (T, bodies, 3).
-            groups, enough: As in `contacts`.
+        """Return instants and pairs, (C,) each, among which the nearest of each group of `contacts` is, by the middles
+        of the bodies [m], (T, bodies, 3).
         """
         T = len(middles)
         size = min(_BLOCK, max(1, T // _BLOCK))
@@ -344,13 +334,8 @@ class Scene:
         groups: np.ndarray,
         enough: np.ndarray,
     ) -> np.ndarray:
-        """Return among which pairs the nearest of each group may be, (C,), by balls around bodies and in them.
-
-        Args:
-            middles, spread: Middles and spread of the bodies, and how far from there they go [m], (R, bodies, 3) and
-                (R, bodies).
-            rows, pairs: Which of them, and the numbers of the pairs, (C,) each.
-            groups, enough: As in `contacts`.
+        """Return among which pairs (C,), in which rows (C,), the nearest of each group of `contacts` may be, by balls
+        around bodies and in them, whose middles (R, bodies, 3) go so far, `spread` (R, bodies) [m].
         """
         first, other, floor = self._first[pairs], self._other[pairs], self._floor[pairs]
         one = middles[rows, first]
@@ -383,12 +368,7 @@ class Scene:
         return Solids([body.capsule for body in self.bodies], self._surfaces)
 
     def _of_solids(self, places: np.ndarray, pair: int) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return how near a pair of which one is a cylinder or a box comes, as `_distances` does.
-
-        Args:
-            places: Places of the bodies at one state, see `_places`, (bodies, 3, 3).
-            pair: Its number.
-        """
+        """Return how near a pair of which one is a cylinder or a box comes at `_places` (bodies, 3, 3)."""
         bodies = int(self._first[pair]), int(self._second[pair])
         poses = [_pose(*places[i]) if i < len(places) else (np.eye(3), np.zeros(3)) for i in bodies]
         return self._solids.distance(bodies, poses)
@@ -396,11 +376,8 @@ class Scene:
     def _distances(
         self, starts: np.ndarray, ends: np.ndarray, instants: np.ndarray, pairs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return how near pairs come at instants, as `distances` does, (C, ...) each.
-
-        Args:
-            starts, ends: Starts and ends of the bodies [m], (T, bodies, 3) each.
-            instants, pairs: Numbers of the states and of the pairs, (C,) each.
+        """Return how near pairs (C,) come at instants (C,), as `distances` does, by the bodies' starts and ends [m],
+        (T, bodies, 3) each.
         """
         first, second, floor = self._first[pairs], self._second[pairs], self._floor[pairs]
         start, end = starts[instants, first], ends[instants, first]
@@ -439,9 +416,7 @@ def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndar
 
 
 def numbers_of(arm: SpatialArm) -> dict[str, int]:
-    """Return the numbers of links by the names of `SpatialArm.bodies`: the base's is -1, those of things beside the
-    robot are below `_WHIP`.
-    """
+    """Return the numbers of links by `SpatialArm.bodies`; those of things beside the robot are below `_WHIP`."""
     things = arm.bodies[arm.n + 1 :]
     return (
         {name: i for i, name in enumerate(arm.joints)}
