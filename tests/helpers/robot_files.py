@@ -67,7 +67,7 @@ MJCF = """<mujoco model="small">
       <body name="cart" pos="0 0 0.2" euler="0 0 1.5707963267948966">
         <joint name="rail" type="slide" axis="1 0 0" range="-0.3 0.4" damping="0.5" actuatorfrcrange="-80 80"/>
         <inertial pos="0.01 0.02 0.03" euler="0.3 0 0" mass="2" diaginertia="0.02 0.03 0.025"/>
-        <geom type="mesh" mesh="cart"/>
+        <geom type="mesh" mesh="cart" contype="0" conaffinity="0"/>
         <body name="upper" pos="0 0.05 0.1" euler="1.5707963267948966 0 0">
           <joint name="shoulder-joint" axis="0 0.6 0.8"/>
           <inertial pos="0 0 0.15" mass="1.2" diaginertia="0.01 0.012 0.004"/>

@@ -8,9 +8,11 @@ import math
 import numpy as np
 import pytest
 
+from whiptool.commands.strike_lines import limit_lines, limits_table
 from whiptool.errors import InputError
-from whiptool.limits.arm_limits import XM430, ArmLimits, MotorLimits, limits_preset, torque_rates
-from whiptool.models import JointLimits, preset
+from whiptool.limits.all_limits import AllLimits
+from whiptool.limits.arm_limits import XM430, ArmLimits, MotorLimits, limits_preset, torque_rates, unlimited
+from whiptool.models import JointLimits, Strike, preset
 from whiptool.models.joint_trajectory import free_hand
 from whiptool.models.trajectory import Approach, Trajectory
 
@@ -33,6 +35,24 @@ def test_a_step_is_one_change_within_a_millisecond():
 
 def test_a_strike_that_broke_off_at_once_has_none():
     assert torque_rates(np.zeros(1), np.zeros((1, 2)))[1].shape == (0, 2)
+
+
+def test_limits_that_an_arm_lacks_are_named_where_a_strike_is_within_the_others():
+    arm = preset("ur5e").arm.in_space()
+    assert ArmLimits.of(arm, keep_free=0.1).words == "the arm's limits, 10% of them kept free"
+    slow = [dataclasses.replace(x, limits=dataclasses.replace(x.limits, velocity=math.inf)) for x in arm.links]
+    turning = dataclasses.replace(slow[-1], limits=JointLimits(torque=9.0))
+    words = ArmLimits.of(dataclasses.replace(arm, links=(*slow[:-1], turning))).words
+    assert words == (
+        "the arm's limits (it has none for the speed of all joints, the position of wrist_3; "
+        "arm.limits in a model file gives them)"
+    )
+    limits = ArmLimits.of(dataclasses.replace(arm, links=(*arm.links[:-1], slow[-1])))
+    assert unlimited(limits.joints, arm.joints) == {"speed": [arm.joints[-1]]}
+    trajectory = path(np.zeros((1, 6)), np.zeros((1, 6)), np.zeros((1, 6)))
+    table = limits_table(AllLimits([limits]), trajectory, Strike((0.0,) * 6, (0.1,) * 6, 1.0), arm)
+    assert table["unlimited"] == {"speed": [arm.joints[-1]]}
+    assert f"(it has none for the speed of {arm.joints[-1]}; " in limit_lines(AllLimits([limits]), table)[0]
 
 
 TURNS = JointLimits(position=(-1.0, 3.0), velocity=2.0, torque=10.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
-from whiptool.models.capsules import Capsule, checked_capsules, nearest_points
+from whiptool.models.capsules import DIRECTIONS, Capsule, checked_capsules, nearest_points
 from whiptool.models.kinematics import rotation_about
 
 
@@ -72,6 +72,33 @@ def test_a_box_is_in_the_capsule_around_it_and_no_smaller_one_holds_it(halves):
     corners = [p + R @ (np.array(signs) * halves) for signs in itertools.product((-1, 1), repeat=3)]
     assert max(distance(capsule, corner) for corner in corners) == pytest.approx(capsule.radius, rel=1e-6)
     assert capsule.length == pytest.approx(2 * max(halves))
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "capsule", "points", "plate"])
+def test_the_shape_around_points_holds_them_and_is_as_thick_as_it_says(kind):
+    """Points of a simple shape get that shape, within their spacing; the distance to coal's solid is 0 for each."""
+    rng = np.random.default_rng(1)
+    R, p = rotation_about((0.0, 0.6, 0.8), 1.1), np.array([0.1, -0.2, 0.3])
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    circle = np.stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), 0 * angle], axis=1)
+    ball, up = 0.05 * DIRECTIONS, np.array([0.0, 0.0, 0.2])
+    own = {
+        "box": np.array(list(itertools.product((-0.1, 0.1), (-0.05, 0.05), (-0.2, 0.2)))),
+        "cylinder": np.vstack([circle + up / 2, circle - up / 2]),
+        "capsule": np.vstack([ball + up, ball - up]),
+        "points": rng.normal(size=(50, 3)) * [0.1, 0.2, 0.05],
+        "plate": np.array(list(itertools.product((-0.1, 0.1), (-0.05, 0.05), (0.0,)))),
+    }[kind]
+    shape = Capsule.around(own @ R.T + p, [np.eye(3), R])
+    assert (shape.width is not None, shape.flat) == (kind in ("box", "points", "plate"), kind == "cylinder")
+    pose = coal.Transform3s(shape.rotation, (np.array(shape.start) + shape.end) / 2)
+    for point in own @ R.T + p:
+        at = coal.Transform3s(np.eye(3), point)
+        apart = coal.distance(shape.solid(), pose, coal.Sphere(1e-6), at, coal.DistanceRequest(), coal.DistanceResult())
+        assert apart < 1e-6
+    thicker = shape.beyond(own @ R.T + p)
+    assert thicker < {"box": 1e-9, "cylinder": 1e-3, "capsule": 1e-3, "plate": 6e-4}.get(kind, np.inf)
+    assert kind != "points" or thicker > 0.02
 
 
 def test_what_is_no_capsule():

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from repository import ROOT
 from robot_files import MJCF
 
 from whiptool.errors import InputError
 from whiptool.impedance import ConstantImpedance, Controller, PositionControl
+from whiptool.limits.clearance import Clearance
+from whiptool.models import Model
+from whiptool.models.files import read_robot
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mjcf import read_mjcf
 from whiptool.models.presets import preset
 from whiptool.models.robot_files import ArmChoice
+from whiptool.models.scene import Scene
 from whiptool.rollout.mujoco_model import build_spec, export_xml
 
 TIP = ArmChoice(tip="tool")
@@ -124,7 +131,8 @@ def test_meshes_tell_an_inertia_and_what_a_shape_is_fitted_to(read, tmp_path):
     """A tetrahedron of 1/6 m3, as MuJoCo weighs it, and its ball."""
     (tmp_path / "corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     text = """<mujoco><asset><mesh name="corner" file="corner.obj"/></asset><worldbody><body name="one">
-      <joint name="j"/>{}</body></worldbody></mujoco>"""
+      <joint name="j"/>{}</body>
+</worldbody></mujoco>"""
     arm = read(text.format('<geom type="mesh" mesh="corner" density="600"/>'), ArmChoice())
     assert arm.links[0].mass == pytest.approx(100, rel=1e-6)
     assert arm.links[0].com == pytest.approx((0.25, 0.25, 0.25))
@@ -145,8 +153,16 @@ def test_torques_of_motors_are_what_they_can_be_told_times_their_gear(read):
         ('<motor joint="shoulder-joint" ctrlrange="-5 8"/>', 5.0),
         ('<motor joint="shoulder-joint" ctrlrange="0 9"/><motor joint="shoulder-joint" ctrlrange="-9 0"/>', 9.0),
         (motor + motor, 40.0),
+        ('<motor joint="shoulder-joint" gear="50" ctrlrange="-1 1" forcerange="-100 100"/>', 50.0),
+        ('<motor joint="shoulder-joint" ctrlrange="-20 20" forcerange="-100 100"/>', 20.0),
+        ('<general joint="shoulder-joint" gainprm="10" ctrlrange="-1 1" forcerange="-100 100"/>', 10.0),
+        ('<general joint="shoulder-joint" gainprm="10" ctrlrange="-9 9" dyntype="integrator" actrange="-3 3"/>', 30.0),
+        (motor.replace("/>", ' group="2"/>') + motor, 20.0),
+        (motor.replace("/>", ' group="2"/>'), np.inf),
+        (motor + '<damper joint="shoulder-joint" kv="1" ctrlrange="0 1"/>', 20.0),
     ):
-        assert read(MJCF.replace(motor, given)).links[1].limits.torque == pytest.approx(torque)
+        told = MJCF.replace(motor, given).replace("<asset>", '<option actuatorgroupdisable="2"/><asset>')
+        assert read(told).links[1].limits.torque == pytest.approx(torque), given
     both = MJCF.replace(motor, '<motor joint="rail" ctrlrange="-9 9"/>')
     assert read(both).links[0].limits.torque == 9  # the joint's own actuatorfrcrange allows 80
 
@@ -222,6 +238,96 @@ def test_actuators_of_tendons_are_said_to_limit_no_torque(read):
     pulling = _with_tendon('<fixed name="t"><joint joint="elbow" coef="1"/><joint joint="rail" coef="1"/></fixed>')
     arm = read(pulling.replace("<actuator>", '<actuator><motor tendon="t" ctrlrange="-1 1"/>'))
     assert arm.notes == ("actuators that pull at tendons limit no torque here: of rail, elbow",)
+
+
+def test_dampers_muscles_and_actuators_at_sites_are_named(read):
+    site = MJCF.replace('<body name="tool"', '<site name="high"/><body name="tool"')
+    further = """<damper joint="rail" kv="1" ctrlrange="0 1"/><muscle joint="elbow" lengthrange="0 1"/>
+      <general site="high" gear="1 0 0 0 0 0" ctrlrange="-1 1"/>"""
+    assert read(site.replace("<actuator>", f"<actuator>{further}")).notes == (
+        "dampers of rail and muscles of elbow (actuators) have no part in the model, and limit no torque here",
+        "actuators that pull at sites limit no torque here: of rail, shoulder-joint, elbow",
+    )
+    off = further.replace("<general", '<general group="3"').replace("<damper", '<damper group="3"')
+    off = off.replace("<muscle", '<muscle group="3"')
+    disabled = site.replace("<asset>", '<option actuatorgroupdisable="3"/><asset>')
+    assert read(disabled.replace("<actuator>", f"<actuator>{off}")).notes == ()
+
+
+WORLD = Path(os.environ.get("WHIPTOOL_DATA") or ROOT.parent / "shared" / "data") / "cases" / "robots" / "world.xml"
+
+
+@pytest.mark.skipif(not WORLD.exists(), reason=f"{WORLD} is not there")
+def test_distances_to_what_stands_in_the_world_are_those_of_mujoco():
+    """A table of the world, a rack beside the robot, a mesh and an ellipsoid; the table is 0.118 m deep at the end."""
+    arm = read_robot(WORLD, ArmChoice(tip="tip"))
+    model = Model(preset("ur5e").whip, arm)
+    scene = Scene(model, 0.0, ("close", "apart"))
+    theirs, robot = {"table_in_world": 1, "rack": 2, "the floor": 0}, mujoco.MjModel.from_xml_path(str(WORLD))
+    theirs |= {f"the link of j{i + 1}": 3 + i for i in range(3)}
+    data, (note,) = mujoco.MjData(robot), arm.notes
+    assert note == "meshes or ellipsoids of c count as simple shapes around them that may touch, up to 17 mm thicker"
+    end = [0.3, 1.9, 1.0]
+    for q in (end, *np.random.default_rng(0).uniform(-2, 2, (20, 3))):
+        data.qpos[:] = q
+        mujoco.mj_forward(robot, data)
+        for pair, distance in zip(scene.pairs, scene.distances(np.array([q]))[0][0], strict=True):
+            names = scene.names_of(pair)
+            right = mujoco.mj_geomDistance(robot, data, *(theirs[name] for name in names), 10.0, None)
+            least = 0.0171 if "the link of j3" in names else 1e-6
+            assert right - least < distance < right + 1e-6, names
+            if q is end and names == ("the link of j3", "table_in_world"):
+                assert distance == pytest.approx(-0.118, abs=2e-3)
+    found = Clearance(model, 0.0).beyond_on_way(np.linspace(0, 1, 9), np.linspace([0, 0.5, 0.5], end, 9))
+    assert "the link of j3 is 119 mm inside table_in_world" in str(found)
+    named = replace(arm, never_touch=(*arm.never_touch, ("table_in_world", "j3")))
+    pairs = [(scene.names_of(pair)) for pair in Scene(replace(model, arm=named), 0.0, "apart").pairs]
+    assert ("the link of j3", "table_in_world") not in pairs
+    assert ("the link of j2", "table_in_world") in pairs
+
+
+BESIDE = """<mujoco><asset><hfield name="hills" nrow="2" ncol="2" size="1 1 1 1"/>
+  <mesh name="gone" file="gone.obj"/></asset><worldbody>{}
+  <body name="one"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><joint name="j"/>{}</body>
+</worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("world", "link", "note"),
+    [
+        ('<geom type="plane" size="1 1 1"/>', "", ()),
+        ('<geom name="wall" type="plane" size="1 1 1" euler="0 90 0"/>', "", ("planes (wall) are not looked at: ",)),
+        ('<geom name="low" type="plane" size="1 1 1" pos="0 0 -1"/>', "", ("planes (low) are not looked at: ",)),
+        ('<geom type="hfield" hfield="hills"/>', "", ("meshes without a readable file, height fields or distance fields"
+                                                      " of world are not looked at: ",)),
+        ("", '<geom type="mesh" mesh="gone"/>', ("meshes without a readable file, height fields or distance fields of "
+                                                 "one are not looked at: nothing is judged to touch them",)),
+        ("", '<geom type="mesh" mesh="gone" contype="0" conaffinity="0"/>', ()),
+    ],
+)  # fmt: skip
+def test_shapes_that_are_not_looked_at_are_said(read, world, link, note):
+    notes = read(BESIDE.format(world, link), ArmChoice()).notes
+    assert len(notes) == len(note)
+    assert all(mine.startswith(its) for mine, its in zip(notes, note, strict=True))
+
+
+def test_a_thing_that_is_called_like_a_joint_is_told_apart(read):
+    arm = read(BESIDE.format('<geom name="j" size="0.1"/><body name="base"><geom size="0.1"/></body>', ""), ArmChoice())
+    assert arm.bodies == ("j", "base", "j (shape)", "base (shape)")
+
+
+def test_memory_that_a_file_asks_for_is_not_taken(read):
+    """MuJoCo would take 2 GB, or half a minute."""
+    sizes = '<size nuserdata="300000000" nuser_body="99999999" nkey="9999999" memory="9G"/>'
+    assert read(MJCF.replace("<asset>", f"{sizes}<asset>")) == read(MJCF)
+
+
+def test_a_free_joint_is_refused_with_the_joints_that_can_move(read):
+    free = MJCF.replace('<body name="base">', '<body name="base"><freejoint name="root"/>')
+    with pytest.raises(InputError, match=r'root: got .free.*arm.moving = \["rail", "shoulder-joint", "elbow"\] in a'):
+        read(free)
+    moving = ArmChoice(tip="tool", moving=("rail", "shoulder-joint", "elbow"))
+    assert read(free, moving) == read(MJCF, moving)
 
 
 def test_joints_that_follow_the_arm_are_said_to_be_held(read):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from whiptool.errors import InputError
 from whiptool.models.mjcf import read_mjcf
-from whiptool.models.robot_files import ArmChoice
+from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.urdf import read_urdf
 
 BODY = '<body><joint/><geom size="0.1"/>{}</body>'
@@ -141,6 +141,42 @@ def test_the_tip_is_the_one_named_or_the_only_end():
         ArmChoice().only_tip(("tool", "finger"), frames)
     with pytest.raises(InputError, match=r"^tip: got 'flange'; allowed: one of base, fore, tool, finger"):
         ArmChoice(tip="flange").only_tip(("tool",), frames)
+
+
+@pytest.mark.parametrize(
+    ("asset", "world", "found"),
+    [
+        ('<hfield name="h" nrow="99999" ncol="99999" size="1 1 1 1"/>', "", "numbers in all"),
+        ('<hfield name="h" nrow="2000" ncol="2000" size="1 1 1 1"/>', "", None),
+        ('<hfield nrow="2000" ncol="2000" size="1 1 1 1"/>' * 6, "", "numbers in all"),
+        ('<texture name="t" type="cube" builtin="flat" width="9999"/>', "", "numbers in all"),
+        ('<mesh name="m" builtin="supersphere" params="5000 1 1"/>', "", "numbers in all"),
+        ('<mesh name="m" builtin="supersphere" params="32 1.5 2.55"/>', "", None),
+        ("", '<flexcomp name="f" type="grid" count="25 25 25"/>', "numbers in all"),
+        ('<include file="part.xml"/>' * 6, "", "numbers in all"),
+        ("", '<replicate count="6"><include file="part.xml"/></replicate>', "numbers in all"),
+        ('<model file="part.xml"/>' * 6, "", "numbers in all"),
+        ("", f'<geom user="{"1 " * 5000}"/>' + "<body/>" * 5000, "numbers in all"),
+        (
+            '<model name="m" file="many.xml"/>',
+            '<replicate count="30"><attach model="m"/></replicate>',
+            "20000 elements",
+        ),
+        ("", '<attach model="m"/>', "each <model> before the <attach>"),
+    ],
+)
+def test_sizes_that_multiply_are_refused_before_mujoco_makes_anything(tmp_path, asset, world, found):
+    """MuJoCo took 8 to 12 GB for some of these, or minutes."""
+    (tmp_path / "part.xml").write_text("<mujocoinclude><hfield nrow='2000' ncol='2000'/></mujocoinclude>")
+    (tmp_path / "many.xml").write_text(f"<mujoco><worldbody>{'<body/>' * 1000}</worldbody></mujoco>")
+    path = tmp_path / "robot.xml"
+    path.write_text(f"<mujoco><asset>{asset}</asset><worldbody>{world}</worldbody></mujoco>")
+    if found is None:
+        return check_mjcf(path)
+    with pytest.raises(InputError, match=found) as caught:
+        check_mjcf(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 800
 
 
 @given(st.tuples(*[st.floats(-5, 5)] * 3))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -65,7 +67,7 @@ def arms(tmp_path):
 def test_shapes_of_mjcf_are_where_mujoco_has_them(arms):
     arm = arms(MJCF, "arm.xml")
     assert [len(link.capsules) for link in arm.links] == [1, 2]  # not what does not collide
-    assert len(arm.base) == 1  # not the world's
+    assert [shape.name for shape in arm.base] == ["shape 0 of the world", ""]
     robot = mujoco.MjModel.from_xml_string(MJCF)
     data = mujoco.MjData(robot)
     shapes = [i for i in range(robot.ngeom) if robot.geom_contype[i] and robot.geom_bodyid[i]]
@@ -75,8 +77,14 @@ def test_shapes_of_mjcf_are_where_mujoco_has_them(arms):
         mujoco.mj_kinematics(robot, data)
         poses = zip(shapes, halves, strict=True)
         theirs = [shape_ends(data.geom_xmat[i].reshape(3, 3), data.geom_xpos[i], half) for i, half in poses]
-        np.testing.assert_allclose(ends_of(arm, q), theirs, atol=1e-12)
-    assert [c.radius for c in (*arm.base, *(c for link in arm.links for c in link.capsules))] == [0.1, 0.05, 0.07, 0.02]
+        np.testing.assert_allclose(ends_of(arm, q)[1:], theirs, atol=1e-12)  # but for the world's box
+    assert [c.radius for c in (*arm.base, *(c for link in arm.links for c in link.capsules))] == [
+        pytest.approx(math.hypot(1, 0.1)),
+        0.1,
+        0.05,
+        0.07,
+        0.02,
+    ]
 
 
 def test_shapes_of_urdf_are_where_pinocchio_has_them(arms):

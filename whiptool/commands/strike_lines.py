@@ -134,10 +134,12 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
     """Return how much of the limits a strike uses, as a table for JSON; it is empty if there are no limits.
 
     Each kind of limit has a key: `joint_usage`, `motor_usage` and `speed_usage` are fractions of it, `clearance` is the
-    smallest distance [m]. `point_speeds` are the largest speeds of elbow, flange and hand of an arm in space [m/s].
-    `beyond` describes the limit that is exceeded most, None: all are kept; `overlap` is whether this is that two shapes
-    are inside each other. Numbers of a diverged strike are None.
+    smallest distance [m]. `unlimited` names the joints that have no limit of speed, torque or position. `point_speeds`
+    are the largest speeds of elbow, flange and hand of an arm in space [m/s]. `beyond` describes the limit that is
+    exceeded most, None: all are kept; `overlap` is whether this is that two shapes are inside each other. Numbers of a
+    diverged strike are None.
     """
+    from whiptool.limits.arm_limits import ArmLimits, unlimited
     from whiptool.limits.clearance import Clearance
 
     if not limits:
@@ -148,6 +150,8 @@ def limits_table(limits: AllLimits, trajectory: Trajectory, strike: Strike, arm:
             nearest = None if trajectory.diverged else each.nearest(trajectory)[0]
             table["clearance"] = None if nearest is None else nearest.clearance
             continue
+        if isinstance(each, ArmLimits):
+            table["unlimited"] = unlimited(each.joints, arm.joints)
         used = each.violation(trajectory) + 1
         if each.command is not None and each.command in limits.commands:  # not of a strike of the hand
             used = max(used, 1 + float(each.command.violation(strike.vector[None])[0]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import number_in
-from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
+from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset, unlimited
 from whiptool.limits.clearance import Clearance
 from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.point_speeds import PointSpeeds
@@ -97,6 +97,8 @@ def unchecked_by(limits: Sequence[Limits]) -> tuple[str, ...]:
         "floor": any(x.floor is not None for x in distances),
         "torques and speeds of the joints in the simulated strike": any(isinstance(x, ArmLimits) for x in limits),
     }
+    lacking = {word for x in limits if isinstance(x, ArmLimits) for word in unlimited(x.joints, [""] * len(x.joints))}
+    found |= {f"{word}s of joints that have no limit of it": word not in lacking for word in ("speed", "torque")}
     return tuple(what for what, checked in found.items() if not checked)
 
 

@@ -39,11 +39,21 @@ def torque_rates(t: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray
 FOLLOWED, PRESCRIBED = 0.9, 1.0 - ROUNDING  # shares of the velocities that searches command
 RESTING = 1e-9  # [rad/s or m/s] and less is no velocity
 _NAMES = ("position", "velocity", "torque")
+_SAID = {"velocity": "speed", "torque": "torque", "position": "position"}  # of `_NAMES`, for people
 
 
 def _limited(joints: Sequence[JointLimits]) -> bool:
     """Whether any joint has a limit."""
     return any(joint != JointLimits() for joint in joints)
+
+
+def unlimited(joints: Sequence[JointLimits], names: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of the joints that have no limit of speed, torque or position, by these words."""
+    lacking = {
+        word: [own for own, joint in zip(names, joints, strict=True) if not np.isfinite(getattr(joint, name)).all()]
+        for name, word in _SAID.items()
+    }
+    return {word: found for word, found in lacking.items() if found}
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,12 @@ class ArmLimits(Limits):
         """
         joints = tuple(joint.keeping_free(keep_free) for joint in arm.joint_limits)
         words = "the arm's limits" + (f", {keep_free:.0%} of them kept free" if keep_free else "")
+        lacking = [
+            f"{word} of {'all joints' if len(names) == arm.n else ', '.join(names)}"
+            for word, names in unlimited(joints, arm.joints).items()
+        ]
+        if lacking:
+            words += f" (it has none for the {', the '.join(lacking)}; arm.limits in a model file gives them)"
         slides = tuple(np.flatnonzero(~arm.turns).tolist())
         return cls(joints, words, PRESCRIBED if prescribed else FOLLOWED, slides)
 

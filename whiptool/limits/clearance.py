@@ -188,8 +188,9 @@ class Clearance(Limits):
 
     @staticmethod
     def is_of(model: Model) -> bool:
-        """Whether a model's arm has capsules."""
-        return model.dimension == 3 and any(link.capsules for link in model.arm.in_space().links)
+        """Whether a model's arm has capsules, or things stand beside it."""
+        arm = model.arm.in_space()
+        return model.dimension == 3 and any((*(link.capsules for link in arm.links), *(x.name for x in arm.base)))
 
     @property
     def words(self) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from whiptool.errors import InputError
+from whiptool.errors import InputError, expect
 from whiptool.models.numbers import number, numbers
 
 
@@ -45,9 +46,14 @@ def _ratio(over: np.ndarray, under: np.ndarray, least: np.ndarray | float = 0.0)
 Point: TypeAlias = tuple[float, float, float]
 
 
-def _turned(R: np.ndarray, point: Point) -> Point:
+def turned_point(R: np.ndarray, point: Point) -> Point:
     x, y, z = (R @ np.array(point)).tolist()
     return x, y, z
+
+
+THINNEST = 5e-4  # [m] half of a thing that has no thickness
+_GRID = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 3), axis=-1).reshape(-1, 3)
+DIRECTIONS = _GRID[_GRID.any(axis=1)] / np.linalg.norm(_GRID[_GRID.any(axis=1)], axis=1)[:, None]  # all around
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,7 @@ class Capsule:
         flat: Whether the shape is the cylinder without round ends.
         width: For a box along the segment, the half vector of one of its sides across [m], (3,); the other side is such
             that the edges are at the radius. None: no box.
+        name: Name of a thing that stands beside the robot, such as a table; empty for parts of the robot.
 
     Raises:
         InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
@@ -71,11 +78,13 @@ class Capsule:
     radius: float
     flat: bool = False
     width: Point | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
         for name in ("start", "end"):
             object.__setattr__(self, name, numbers(name, getattr(self, name), 3))
         object.__setattr__(self, "radius", number("radius", self.radius, low=0))
+        expect(str, name=self.name)
         if not isinstance(self.flat, bool):
             raise InputError("flat", self.flat, "true or false")
         if self.flat and not (self.length and self.radius):
@@ -89,8 +98,8 @@ class Capsule:
 
     def turned(self, R: np.ndarray) -> Capsule:
         """Return the shape turned about the origin by a rotation (3, 3)."""
-        width = None if self.width is None else _turned(R, self.width)
-        return replace(self, start=_turned(R, self.start), end=_turned(R, self.end), width=width)
+        width = None if self.width is None else turned_point(R, self.width)
+        return replace(self, start=turned_point(R, self.start), end=turned_point(R, self.end), width=width)
 
     @property
     def length(self) -> float:
@@ -167,6 +176,41 @@ class Capsule:
             return held
         width = turned[:, 0] * np.roll(halves, 2 - longest)[0]
         return replace(held, width=tuple(width.tolist()))
+
+    @classmethod
+    def around(cls, points: np.ndarray, frames: Sequence[np.ndarray]) -> Capsule:
+        """Return the smallest box, cylinder or capsule around points (V, 3) [m], along an axis of one of some frames,
+        rotations (3, 3).
+        """
+        found: list[tuple[float, Capsule]] = []
+        for R in frames:
+            low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)
+            halves = np.maximum((high - low) / 2, THINNEST)
+            found.append((8 * float(np.prod(halves)), cls.around_box(R, R @ (low + high) / 2, halves)))
+            for k in range(3):
+                axes = np.roll(R, 2 - k, axis=1)  # the last is along the shape
+                middle = np.roll(low + high, 2 - k) / 2
+                own = points @ axes - middle
+                across = np.hypot(own[:, 0], own[:, 1])
+                radius, half = float(max(across.max(), THINNEST)), float(halves[k])
+                found.append((2 * np.pi * radius**2 * half, cls.along(axes, axes @ middle, half, radius, flat=True)))
+                caps = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+                ends = np.sort([(own[:, 2] + caps).min(), (own[:, 2] - caps).max()])  # how far in the round ends may be
+                volume = np.pi * radius**2 * (float(np.ptp(ends)) + 4 / 3 * radius)
+                middle[2] += ends.mean()
+                found.append((volume, cls.along(axes, axes @ middle, float(np.ptp(ends)) / 2, radius)))
+        return min(found, key=lambda x: x[0])[1]
+
+    def beyond(self, points: np.ndarray) -> float:
+        """Return by how much the shape is thicker than the convex hull of points (V, 3), in some 700 directions [m]."""
+        towards = DIRECTIONS @ self.rotation
+        along, (x, y) = np.abs(towards[:, 2]) * self.length / 2, np.abs(towards[:, :2].T)
+        if self.width is not None:
+            out = along + x * float(np.linalg.norm(self.width)) + y * self._height
+        else:
+            out = along + self.radius * (np.hypot(x, y) if self.flat else 1.0)
+        middle = (np.array(self.start) + self.end) / 2
+        return float((out + DIRECTIONS @ middle - (DIRECTIONS @ points.T).max(axis=1)).max())
 
 
 def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:

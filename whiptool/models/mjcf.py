@@ -1,9 +1,8 @@
-"""Arms from MJCF files, the format of MuJoCo, and notes on joint forces in them that the model does not have."""
+"""Arms from MJCF files, the format of MuJoCo."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.capsules import Capsule
+from whiptool.models.capsules import DIRECTIONS, Capsule
+from whiptool.models.mjcf_forces import notes_on_forces, refuse_tendons, torque, torque_note
 from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.spatial_arm import (
+    BASE,
     JointLimits,
     RigidBody,
     SpatialArm,
@@ -24,134 +25,12 @@ from whiptool.models.spatial_arm import (
 )
 from whiptool.models.visuals import Look, Surface
 
-_STRAINS = ("stiffness", "stiffnesspoly", "damping", "dampingpoly", "frictionloss", "armature")  # of tendons
-
-
-def refuse_tendons(
-    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
-) -> None:
-    """Refuse tendons that exert forces on joints of the arm; tendons that only measure or are beyond the tip are
-    ignored.
-
-    Args:
-        model: MuJoCo model.
-        movers: Indices of the arm's joints.
-        names: Names of all joints.
-        joints_to: Function that returns the indices of the joints between the world and a body.
-
-    Raises:
-        InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
-            friction or inertia.
-    """
-    import mujoco
-
-    in_equality = {
-        tendon
-        for i in range(model.neq)
-        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_TENDON)
-        for tendon in (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
-    }
-    for i in range(model.ntendon):
-        strained = [name for name in _STRAINS if np.any(getattr(model, f"tendon_{name}")[i])]
-        does = ["an equality"] * (i in in_equality) + ["a range"] * bool(model.tendon_limited[i]) + strained
-        moved = _joints_of_tendon(model, i, joints_to)
-        held = [names[j] for j in movers if j in moved]
-        if does and held:
-            given = f"{does[0].removesuffix('poly')}, over {', '.join(names[j] for j in sorted(moved))}"
-            rule = "tendons without forces on the joints between base and tip"
-            fix = f"take it out of the file, or lock {', '.join(held)} in a model file"
-            raise InputError(f"tendon {model.tendon(i).name or i}", given, rule, fix)
-
-
-def joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
-    """Return a note that lists the joints beyond the arm which an equality couples to joints of the arm."""
-    import mujoco
-
-    tied = [
-        names[model.eq_obj1id[i]]
-        for i in range(model.neq)
-        if model.eq_active0[i] and model.eq_type[i] == int(mujoco.mjtEq.mjEQ_JOINT) and model.eq_obj2id[i] in movers
-    ]
-    held = f"what an equality ties to joints of the arm does not move with them, but is held: {', '.join(tied)}"
-    return [held] if tied else []
-
-
-def pulled_by_tendons(
-    model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
-) -> list[str]:
-    """Return a note that lists the arm's joints with actuators on tendons, whose limits cannot be assigned to one
-    joint.
-    """
-    import mujoco
-
-    tendons = model.actuator_trnid[model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON), 0]
-    pulled = {joint for tendon in tendons for joint in _joints_of_tendon(model, int(tendon), joints_to)}
-    of = ", ".join(names[i] for i in movers if i in pulled)
-    return [f"actuators that pull at tendons limit no torque here: of {of}"] if of else []
-
-
-def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[int]]) -> set[int]:
-    """Joints that change a tendon's length."""
-    import mujoco
-
-    joints, bodies = set(), []
-    for wrap in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
-        kind, thing = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
-        if kind == mujoco.mjtWrap.mjWRAP_JOINT:
-            joints.add(thing)
-        elif kind == mujoco.mjtWrap.mjWRAP_SITE:
-            bodies.append(set(joints_to(int(model.site_bodyid[thing]))))
-        elif kind in (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER):
-            bodies.append(set(joints_to(int(model.geom_bodyid[thing]))))
-    return joints | (set.union(*bodies) - set.intersection(*bodies) if bodies else set())
-
-
-def untold_forces(model: Any, movers: Sequence[int], names: Sequence[str], bodies: Mapping[int, str]) -> list[str]:
-    """Return notes on the forces in a file that the arm's model ignores, one line for each kind.
-
-    Args:
-        model: MuJoCo model.
-        movers: Indices of the arm's joints.
-        names: Names of all joints.
-        bodies: Names of the bodies that the arm moves, by index.
-    """
-
-    def of(has: Callable[[int], Any]) -> str:
-        return ", ".join(names[i] for i in movers if np.any(has(i)))
-
-    springs = of(lambda i: [model.jnt_stiffness[i], *model.jnt_stiffnesspoly[i]])
-    rubbing = of(lambda i: model.dof_frictionloss[model.jnt_dofadr[i]])
-    bent = of(lambda i: model.dof_dampingpoly[model.jnt_dofadr[i]])
-    balanced = ", ".join(name for i, name in bodies.items() if model.body_gravcomp[i])
-    air = " and ".join(name for name in ("density", "viscosity") if getattr(model.opt, name))
-    notes = {
-        f"springs of the joints {springs} (stiffness) have no part in the model": springs,
-        f"dry friction of {rubbing} (frictionloss) has no part in the model, only viscous damping has": rubbing,
-        f"of the damping of {bent} only what grows with the speed itself counts, no higher powers": bent,
-        f"gravcomp of {balanced} has no part in the model: the joints bear the whole weight": balanced,
-        f"{air} of <option> has no part in the model: the arm moves without drag": air,
-    }
-    return [note for note, there in notes.items() if there]
-
-
-def torque_note(name: str, span: tuple[float, float], taken: float, unit: str) -> list[str]:
-    """Return a note if a joint's torque limits differ between the two directions.
-
-    Args:
-        name: Name of the joint.
-        span: Lowest and highest torque in the file, in `unit`.
-        taken: Limit that the model uses, in `unit`.
-        unit: Unit of the torques or forces.
-    """
-    low, high = span
-    if np.isclose(-low, high):
-        return []
-    return [f"{name} has {low:g} to {high:g} {unit} in the file: {taken:g} {unit} is taken for both directions"]
-
-
 GRAVITY = 9.81  # [m/s2]
 _BASE = -1  # in place of a joint's number
 _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
+_HULLS = ("mesh", "ellipsoid")  # shapes that a simple one stands for, around their convex hulls
+_LEVEL = 1e-6  # by which a floor may be off the height or the direction of the world's z
+_THICK = 5e-4  # [m] by which such a shape may be thicker without a word
 
 
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
@@ -159,8 +38,10 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Bodies without joints or with locked joints are part of the link to which they are attached. Mesh files may be
     missing if all moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres,
-    capsules, cylinders and boxes that may collide become the arm's capsules. Dry friction and springs of joints,
-    `gravcomp`, air drag and loops beyond the tip are ignored, which the arm's `notes` state.
+    capsules, cylinders and boxes that may collide become the arm's capsules; the smallest of these around it stands for
+    a mesh's convex hull or an ellipsoid. Shapes of `<worldbody>` and of bodies beside the robot, such as tables, become
+    named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip, planes
+    and height fields are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.
@@ -185,69 +66,78 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
     Raises:
         InputError: As for `read_mjcf`, or a mesh's file is missing.
     """
-    import mujoco
-
     path = Path(path)
     check_mjcf(path)
     try:
-        model = mujoco.MjSpec.from_file(str(path)).compile()
+        model = _parsed(path).compile()
     except Exception as error:  # MuJoCo's own are of several kinds
         raise InputError("file", "no model", "an MJCF file with its meshes, that MuJoCo compiles", str(error)) from None
     try:
-        return _Robot(model, set(), choice or ArmChoice()).looks()
+        return _Robot(model, set(), [], choice or ArmChoice()).looks()
     except InputError as error:
         raise error.within(f"{path}: ") from None
 
 
-def _compiled(path: Path) -> tuple[Any, set[str]]:
-    """The file as MuJoCo's model, and the names of moving bodies whose inertia nothing tells.
+def _parsed(path: Path) -> Any:
+    """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
+    import mujoco
 
-    Meshes are read where a body's inertia or a shape that is fitted to one needs them, and left out where they are not
-    there.
+    spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
+    for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
+        setattr(spec, name, getattr(usual, name))
+    return spec
+
+
+def _compiled(path: Path) -> tuple[Any, set[str], list[str]]:
+    """The file as MuJoCo's model, the names of moving bodies whose inertia nothing tells, and those of shapes that may
+    collide and are left out.
+
+    Meshes are read where they may collide, or where a body's inertia or a shape that is fitted to one needs them; where
+    one is not there, only the latter, and where one of these is not there, none.
     """
     check_mjcf(path)
-    try:
-        spec, _ = _without_meshes(path, needed=True)
-        return spec.compile(), set()
-    except Exception as first:  # MuJoCo's own are of several kinds
+    failed: list[Exception] = []
+    for kept in ("colliding", "needed", ""):
         try:
-            spec, weightless = _without_meshes(path, needed=False)
-            return spec.compile(), weightless
-        except Exception:
-            said = f"an MJCF file that MuJoCo compiles ({first})"
-            raise InputError("file", "no model", said) from None
+            spec, weightless, left = _without_meshes(path, kept)
+            return spec.compile(), weightless, left
+        except Exception as error:  # MuJoCo's own are of several kinds
+            failed.append(error)
+    fix = "MuJoCo's own words are in brackets; other files have to be where this one names them"
+    raise InputError("file", "no model", f"an MJCF file that MuJoCo compiles ({failed[1]})", fix)
 
 
-def _without_meshes(path: Path, *, needed: bool) -> tuple[Any, set[str]]:
-    """The file without the shapes of meshes, and the names of moving bodies that have lost their inertia by that.
-
-    Args:
-        path: Path of the file.
-        needed: Whether those stay that tell an inertia, or what a simple shape is fitted to.
+def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
+    """The file without the shapes of meshes but those that are `needed` for an inertia or a shape that is fitted to
+    one, or these and those `colliding`; the names of moving bodies that have lost their inertia by that, and of the
+    bodies that have lost shapes that may collide.
     """
     import mujoco
 
-    spec, weightless = mujoco.MjSpec.from_file(str(path)), set()
+    spec, weightless, left = _parsed(path), set(), {}
     in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
     from_shapes = spec.compiler.inertiafromgeom == 1 or spec.compiler.settotalmass > 0
-    kept = set()
+    meshes = set()
     for shape in list(spec.geoms):
         body, fitted = shape.parent, shape.type not in in_files and bool(shape.meshname)
         if not fitted and shape.type not in in_files:
             continue
         untold = _moves(body, spec) and (from_shapes or not body.explicitinertial)
-        if needed and (fitted or untold):
-            kept |= {shape.meshname}
+        collides = bool(shape.contype or shape.conaffinity)
+        if (kept and (fitted or untold)) or (kept == "colliding" and collides and shape.type == in_files[0]):
+            meshes |= {shape.meshname}
             continue
         if untold:
             weightless.add(body)
+        if collides:
+            left[body.name or "a body"] = None
         spec.delete(shape)
     for body in weightless:  # a stand-in: MuJoCo compiles no moving body without
         body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
-    meshes = [mesh for mesh in spec.meshes if mesh.name not in kept]
-    for thing in (*spec.skins, *meshes, *spec.hfields, *spec.keys, *spec.sensors):
+    unused = [mesh for mesh in spec.meshes if mesh.name not in meshes]
+    for thing in (*spec.skins, *unused, *spec.hfields, *spec.keys, *spec.sensors):
         spec.delete(thing)
-    return spec, {body.name for body in weightless}
+    return spec, {body.name for body in weightless}, list(left)
 
 
 def _moves(body: Any, spec: Any) -> bool:
@@ -262,10 +152,10 @@ def _moves(body: Any, spec: Any) -> bool:
 class _Robot:
     """A compiled model with all joints where the choice has them, the movers at 0."""
 
-    def __init__(self, model: Any, weightless: set[str], choice: ArmChoice) -> None:
+    def __init__(self, model: Any, weightless: set[str], left: list[str], choice: ArmChoice) -> None:
         import mujoco
 
-        self.model, self.weightless, self.choice, self.mujoco = model, weightless, choice, mujoco
+        self.model, self.weightless, self.left, self.choice, self.mujoco = model, weightless, left, choice, mujoco
         self.bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
         self.sites = [model.site(i).name for i in range(model.nsite)]
         self._refuse_gravity()
@@ -280,7 +170,11 @@ class _Robot:
         refuse_tendons(model, self.movers, names, self._joints_to)
         for i in self.movers:
             if self._kind(i) not in ("hinge", "slide"):
-                raise InputError(f"joint {names[i]}", self._kind(i), "hinge or slide")
+                others = ", ".join(f'"{names[j]}"' for j in self.movers if self._kind(j) in ("hinge", "slide"))
+                fix = f"hold it, and move the others: arm.moving = [{others}] in a model file"
+                raise InputError(
+                    f"joint {names[i]}", self._kind(i), "hinge or slide", fix if others else "choose the file of an arm"
+                )
         self.data = mujoco.MjData(model)
         self.data.qpos[:] = 0
         for i in range(model.njnt):
@@ -338,8 +232,11 @@ class _Robot:
                 )
 
     def _ends(self) -> list[str]:
+        """Bodies that carry no other: those that a hinge or slide moves, or all where none is moved so."""
         carriers = set(self.model.body_parentid[1:].tolist())
-        return [self.bodies[i] for i in range(1, self.model.nbody) if i not in carriers]
+        ends = [i for i in range(1, self.model.nbody) if i not in carriers]
+        moving = [i for i in ends if any(self._kind(j) in ("hinge", "slide") for j in self._joints_to(i))]
+        return [self.bodies[i] for i in moving or ends]
 
     def _at_tip(self) -> int:
         if self.tip in self.bodies:
@@ -357,7 +254,7 @@ class _Robot:
 
     def arm(self) -> SpatialArm:
         """The chain of the movers; of several joints on one body all but the last have massless links."""
-        groups, capsules = self._groups(), self._capsules()
+        groups, (capsules, thicker) = self._groups(), self._capsules()
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
@@ -375,19 +272,15 @@ class _Robot:
         joints = tuple(map(joint_name, own))
         arm = SpatialArm(tuple(links), joints, (x, y, z), turn, base=tuple(capsules[_BASE]), names=own)
         lost = {self._mover_of(self.bodies.index(name)) for name in self.weightless}
-        arm = replace(arm, notes=self._notes())
+        arm = replace(arm, notes=(*self._notes(), *thicker, *self._unseen()))
         return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
 
-    def _notes(self) -> tuple[str, ...]:
-        """What of the file has no part in the arm, or another one."""
+    def _notes(self) -> list[str]:
+        """What of the file's forces has no part in the arm, or another one."""
         moved = {body: name for body, name in enumerate(self.bodies) if self._mover_of(body) != _BASE}
-        notes = untold_forces(self.model, self.movers, self.names, moved)
-        notes += joints_that_follow(self.model, self.movers, self.names)
-        notes += pulled_by_tendons(self.model, self.movers, self.names, self._joints_to)
-        for i in self.movers:
-            unit = "N" if self._kind(i) == "slide" else "N m"
-            notes += torque_note(self.names[i], self._torques(i), self._torque(i), unit)
-        return tuple(notes)
+        notes = notes_on_forces(self.model, self.movers, self.names, moved, self._joints_to)
+        slides = [i for i in self.movers if self._kind(i) == "slide"]
+        return notes + [x for i in self.movers for x in torque_note(self.model, i, self.names[i], i in slides)]
 
     def _axes(self, joint: int) -> np.ndarray:
         return self.data.xmat[self.model.jnt_bodyid[joint]].reshape(3, 3)
@@ -410,16 +303,52 @@ class _Robot:
             body = self.model.body_parentid[body]
         return last_of.get(body, _BASE)
 
-    def _capsules(self) -> dict[int, list[Capsule]]:
-        """Capsules that each mover carries, in its frame, and those of the robot's base; the world's are not its."""
-        model, found = self.model, {i: [] for i in [_BASE, *self.movers]}
+    def _capsules(self) -> tuple[dict[int, list[Capsule]], list[str]]:
+        """Capsules that each mover carries, in its frame, and those that stand still; and a note on those around
+        others.
+        """
+        model, found, thicker = self.model, {i: [] for i in [_BASE, *self.movers]}, {}
         for i in range(model.ngeom):
-            kind, collides = self._shape(i), model.geom_contype[i] or model.geom_conaffinity[i]
-            if kind not in _SIMPLE or not collides or not model.geom_bodyid[i]:
+            kind, body = self._shape(i), int(model.geom_bodyid[i])
+            if kind not in (*_SIMPLE, *_HULLS) or not (model.geom_contype[i] or model.geom_conaffinity[i]):
                 continue
-            mover = self._mover_of(int(model.geom_bodyid[i]))
-            found[mover].append(self._capsule(i, kind, *self._place(i, mover)))
-        return found
+            mover = self._mover_of(body)
+            shape, beyond = self._around(i, kind, *self._place(i, mover))
+            if beyond > _THICK:
+                thicker[self.bodies[body]] = max(beyond, thicker.get(self.bodies[body], 0.0))
+            name = "" if mover != _BASE or self._of_robot(body) else self._thing(i, body)
+            found[mover].append(replace(shape, name=name))
+        note = f"meshes or ellipsoids of {', '.join(thicker)} count as simple shapes around them that may touch, up to "
+        return found, [note + f"{1e3 * max(thicker.values()):.0f} mm thicker"] if thicker else []
+
+    def _around(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> tuple[Capsule, float]:
+        """The simple shape of a geom, or around it, and by how much that is thicker [m]."""
+        if kind in _SIMPLE:
+            return self._capsule(geom, kind, R, p), 0.0
+        points = DIRECTIONS * self.model.geom_size[geom] if kind == "ellipsoid" else self._hull(geom)
+        shape = Capsule.around(points @ R.T + p, [R] if kind == "ellipsoid" else [R, np.eye(3)])
+        return shape, shape.beyond(points @ R.T + p)
+
+    def _of_robot(self, body: int) -> bool:
+        """Whether a body hangs on the same body of the world as the arm."""
+        return bool(body) and self.model.body_rootid[body] == self.model.body_rootid[self._at_tip()]
+
+    def _thing(self, geom: int, body: int) -> str:
+        """Name of what stands beside the robot."""
+        name = (self.bodies[body] if body else "") or self.model.geom(geom).name or f"shape {geom} of the world"
+        return f"{name} (shape)" if name in (BASE, *map(joint_name, self.names)) else name
+
+    def _unseen(self) -> list[str]:
+        """Notes on shapes that may collide and are not looked at, but for a floor at z = 0."""
+        model, planes = self.model, []
+        for i in np.flatnonzero(model.geom_type == int(self.mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
+            level = self.data.geom_xmat[i][8] > 1 - _LEVEL and abs(self.data.geom_xpos[i][2]) < _LEVEL
+            if (model.geom_contype[i] or model.geom_conaffinity[i]) and not level:
+                planes.append(model.geom(i).name or f"shape {i}")
+        rule = "not looked at: nothing is judged to touch them"
+        notes = [f"planes ({', '.join(planes)}) are {rule}, but the floor that --floor gives"] if planes else []
+        meshes = f"meshes without a readable file, height fields or distance fields of {', '.join(self.left)}"
+        return notes + [f"{meshes} are {rule}"] * bool(self.left)
 
     def looks(self) -> list[Look]:
         """Visual shapes of the base and of each mover, in their frames."""
@@ -427,8 +356,8 @@ class _Robot:
         free = [not (model.geom_contype[i] or model.geom_conaffinity[i]) for i in range(model.ngeom)]
         with_looks = {int(model.geom_bodyid[i]) for i in range(model.ngeom) if free[i]}
         for i in range(model.ngeom):
-            body = int(model.geom_bodyid[i])
-            if body and (free[i] or body not in with_looks):
+            body = int(model.geom_bodyid[i])  # of the world what is beside the robot
+            if (free[i] or body not in with_looks) if body else not free[i]:
                 mover = self._mover_of(body)
                 found[mover] += self._look(i, *self._place(i, mover))
         return [found[i] for i in [_BASE, *self.movers]]
@@ -436,15 +365,26 @@ class _Robot:
     def _look(self, geom: int, R: np.ndarray, p: np.ndarray) -> list[Surface | Capsule]:
         """A shape at a place in its mover's frame; none where it is neither simple nor a mesh."""
         model, kind = self.model, self._shape(geom)
-        if kind in _SIMPLE:
-            return [self._capsule(geom, kind, R, p)]
+        if kind in (*_SIMPLE, "ellipsoid"):
+            return [self._around(geom, kind, R, p)[0]]
         if kind != "mesh":
             return []
-        mesh, material = int(model.geom_dataid[geom]), int(model.geom_matid[geom])
-        vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-        triangles = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+        material, (vertices, triangles) = int(model.geom_matid[geom]), self._mesh(geom)
         r, g, b = (model.geom_rgba[geom] if material < 0 else model.mat_rgba[material])[:3].tolist()
         return [Surface(vertices @ R.T + p, triangles, (r, g, b))]
+
+    def _mesh(self, geom: int) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (V, 3) [m] and triangles (F, 3) of a mesh in its geom's frame."""
+        model, mesh = self.model, int(self.model.geom_dataid[geom])
+        vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+        return vertices, model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+
+    def _hull(self, geom: int) -> np.ndarray:
+        """Vertices of a mesh's convex hull, where MuJoCo has one, or of the mesh (V, 3) [m]."""
+        start = int(self.model.mesh_graphadr[self.model.geom_dataid[geom]])
+        count = int(self.model.mesh_graph[start]) if start >= 0 else 0
+        vertices = self._mesh(geom)[0]
+        return vertices[self.model.mesh_graph[start + 2 + count :][:count]] if count else vertices
 
     def _shape(self, geom: int) -> str:
         return self.mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
@@ -476,7 +416,7 @@ class _Robot:
             kind="prismatic" if self._kind(joint) == "slide" else "revolute",
             friction=float(model.dof_damping[v]),
             armature=float(model.dof_armature[v]),
-            limits=JointLimits(position=self._range(joint), torque=self._torque(joint)),
+            limits=JointLimits(position=self._range(joint), torque=torque(model, joint)),
         )
 
     def _range(self, joint: int) -> tuple[float, float]:
@@ -484,31 +424,3 @@ class _Robot:
             return (-np.inf, np.inf)
         low, high = self.model.jnt_range[joint].tolist()
         return low, high
-
-    def _torque(self, joint: int) -> float:
-        """Largest torque in both directions; of a range that begins or ends at 0, in the other one."""
-        low, high = sorted(np.abs(self._torques(joint)).tolist())
-        return low or high
-
-    def _torques(self, joint: int) -> tuple[float, float]:
-        """Lowest and highest torque: of its actuators together, within what the joint itself allows."""
-        model = self.model
-        least, most = model.jnt_actfrcrange[joint].tolist() if model.jnt_actfrclimited[joint] else (-np.inf, np.inf)
-        kinds = [int(self.mujoco.mjtTrn.mjTRN_JOINT), int(self.mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
-        own = [i for i in range(model.nu) if model.actuator_trntype[i] in kinds and model.actuator_trnid[i, 0] == joint]
-        if not own:
-            return (least, most)
-        low, high = np.sum([self._forces(i) for i in own], axis=0).tolist()
-        return max(low, least), min(high, most)
-
-    def _forces(self, actuator: int) -> list[float]:
-        """Lowest and highest force of an actuator at its joint: its own, or of a plain motor its control range."""
-        model, gear = self.model, float(self.model.actuator_gear[actuator, 0])
-        if model.actuator_forcelimited[actuator]:
-            return sorted((gear * model.actuator_forcerange[actuator]).tolist())
-        plain = model.actuator_gaintype[actuator] == int(self.mujoco.mjtGain.mjGAIN_FIXED)
-        plain &= model.actuator_biastype[actuator] == int(self.mujoco.mjtBias.mjBIAS_NONE)
-        if not plain or not model.actuator_ctrllimited[actuator]:
-            return [-np.inf, np.inf]
-        gain = gear * float(model.actuator_gainprm[actuator, 0])
-        return sorted((gain * model.actuator_ctrlrange[actuator]).tolist())

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from whiptool.errors import NOTHING, InputError
-from whiptool.models.capsules import Capsule, Point
+from whiptool.models.capsules import Capsule, turned_point
 from whiptool.models.kinematics import arm_frames, rotation_about
 from whiptool.models.numbers import metres, number, numbers
 from whiptool.models.parameters import AnyArm
@@ -68,7 +68,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float], height: float | None 
         raise InputError("height", height, "0 on a floor", "a base above the floor is on a pedestal, wall or ceiling")
     first = arm.links[0]
     turned = dataclasses.replace(
-        first, position=_turned(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
+        first, position=turned_point(R, first.position), rotation=tuple(map(tuple, (R @ first.rotation).tolist()))
     )
     base = tuple(capsule.turned(R) for capsule in arm.base)
     if given == "pedestal" and height:
@@ -76,7 +76,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float], height: float | None 
         base += (Capsule((0.0, 0.0, -height), (0.0, 0.0, 0.0), radius, flat=True),)
     surface, notes = None, arm.notes
     if given in SURFACES:
-        surface = _turned(R, (0.0, 0.0, 1.0))
+        surface = turned_point(R, (0.0, 0.0, 1.0))
         if height is None:
             notes += (f"the height of the {given} mount is not given: unless a floor is given, none is checked",)
     return dataclasses.replace(
@@ -122,11 +122,6 @@ def default_floor(arm: AnyArm) -> float | None:
         return None
     height = float(arm_frames(arm, np.zeros(arm.n))[first].origin[2])
     return 0.0 if height > _LEAST_HEIGHT else None
-
-
-def _turned(R: np.ndarray, point: Point) -> Point:
-    x, y, z = (R @ np.array(point)).tolist()
-    return x, y, z
 
 
 RADIUS = 8e-3  # [m], of a stick that is 16 mm thick

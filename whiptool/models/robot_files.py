@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,11 +23,14 @@ from whiptool.models.strike import FARTHEST_TURN
 _DEEPEST = 200  # elements within elements
 _MOST = 20_000  # elements, with those that MuJoCo makes of one
 _FILES = 100  # that are included
+_LARGEST = 20_000_000  # numbers that MuJoCo makes of attributes: of height fields, pictures, meshes and `user` data
+_LONGEST = 99_999  # pixels of one side
+_SIZES = {"hfield": ("nrow", "ncol"), "texture": ("width", "height"), "mesh": ("params", "params")}  # their product
+_WEIGHTS = {"mesh": 20, "flexcomp": 10_000}  # numbers that MuJoCo makes of one vertex
 _TAG = re.compile(r"""<(/?)([A-Za-z_][\w:.-]*)((?:[^<>"']|"[^"]*"|'[^']*')*?)(/?)>""")
 _PASSED_OVER = re.compile(r"<!--.*?(?:-->|\Z)|<!\[CDATA\[.*?(?:\]\]>|\Z)", re.DOTALL)
 _FOLDER = re.compile(r"""\b(?:meshdir|texturedir|assetdir)\s*=\s*["']([^"'<>]*)["']""")  # where files are looked for
 _MAKING = ("replicate", "composite", "flexcomp")  # of MuJoCo, each with a `count`
-_PIXELS = ("width", "height", "nrow", "ncol")
 
 
 def read_urdf_text(path: Path | str) -> str:
@@ -36,39 +40,51 @@ def read_urdf_text(path: Path | str) -> str:
         InputError: The file cannot be read, is nested too deeply, is too large, or defines XML entities.
     """
     text = read_text(path, "URDF")
-    _check(Path(path), text, [])
+    _check(Path(path), text, Counter())
     return text
 
 
 def check_mjcf(path: Path | str) -> None:
-    """Refuse an MJCF file that is not safe to parse.
+    """Refuse an MJCF file that is not safe to parse, or of which MuJoCo makes too much.
 
     Raises:
         InputError: See `read_urdf_text`; also for files that it includes.
     """
-    _check(Path(path), read_text(path, "MJCF"), [])
+    _check(Path(path), read_text(path, "MJCF"), Counter())
 
 
-def _check(path: Path, text: str, included: list[Path]) -> None:
+def _check(path: Path, text: str, tally: Counter[str], times: int = 1) -> None:
+    """Refuse what is unsafe, and count into a tally what MuJoCo makes of elements that are there so many times."""
     if "<!ENTITY" in text:
         raise InputError("file", str(path), "XML that defines no entities")
     folders = ["", *_FOLDER.findall(text)]
-    copies, elements = [1], 0  # of what is within, for each element that is open
+    copies = [times]  # of what is within, for each element that is open
     for closing, name, attributes, closed in _TAG.findall(_PASSED_OVER.sub("", text)):
         if closing:
-            copies = copies[:-1] or [1]
+            copies = copies[:-1] or [times]
             continue
         made = copies[-1] * (_count(attributes) if name in _MAKING else 1)
-        elements += made
-        if elements > _MOST:
-            raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
-        _check_pixels(path, attributes)
-        if name == "include":
-            _check_included(path, attributes, included)
+        tally["elements"] += made
+        if name == "attach":
+            if not tally["of a model"]:
+                raise InputError("file", str(path), "XML with each <model> before the <attach> that needs it")
+            tally["elements"] += made * tally["of a model"]
+        tally["numbers"] += made * _numbers(name, attributes)
+        tally["user"] = max(tally["user"], len(_value(attributes, "user").split()))
+        if name in ("include", "model") and _value(attributes, "file"):
+            _check_included(path, name, attributes, tally, made)
         elif file := _value(attributes, "file"):
             for folder in folders:
                 if (path.parent / folder / file).exists():
                     whole_file(path.parent / folder / file, f"file of <{name}>")
+        if tally["elements"] > _MOST:
+            raise InputError("file", str(path), f"XML of at most {_MOST} elements, including replicas")
+        if max(tally["numbers"], tally["user"] * tally["elements"]) > _LARGEST:
+            rule = (
+                f"height fields, pictures, meshes, flexes and user data of at most {_LARGEST} numbers in all ({path})"
+            )
+            given = " ".join([name, *re.findall(r"[^\s=\"']+", attributes)])
+            raise InputError("file", given, rule, "remove it, or make it smaller")
         if not closed:
             copies.append(made)
         if len(copies) > _DEEPEST:
@@ -80,23 +96,26 @@ def _count(attributes: str) -> int:
     return math.prod(int(x) for x in re.findall(r"\d{1,9}", _value(attributes, "count"))) or 1
 
 
-def _check_pixels(path: Path, attributes: str) -> None:
-    for name in _PIXELS:
-        if re.fullmatch(r"\d{6,}", value := _value(attributes, name)):
-            raise InputError(
-                "file",
-                f"{name} {value[:20]}",
-                f"pictures and height fields of fewer than 100000 pixels a side ({path})",
-            )
+def _numbers(name: str, attributes: str) -> int:
+    """How many numbers MuJoCo makes of an element, about; where one side is not given, it is as long as the other."""
+    given = [re.findall(r"\d{1,9}", _value(attributes, side)) for side in _SIZES.get(name, ())]
+    sides = [max(map(int, numbers)) for numbers in given if numbers]
+    made = math.prod(sides) ** (1 + (len(sides) == 1)) if sides else 0
+    made += (max(sides, default=0) > _LONGEST) * _LARGEST
+    return _WEIGHTS.get(name, 1) * (_count(attributes) if name == "flexcomp" else made)
 
 
-def _check_included(path: Path, attributes: str, included: list[Path]) -> None:
+def _check_included(path: Path, name: str, attributes: str, tally: Counter[str], made: int) -> None:
+    """Check an included file, or a model that is attached elsewhere, which counts once more at each `<attach>`."""
     file = path.parent / _value(attributes, "file")
-    included.append(file)
-    if len(included) > _FILES:
+    tally["files"] += 1
+    if tally["files"] > _FILES:
         raise InputError("file", str(path), f"at most {_FILES} included files")
     if file.exists():  # MuJoCo says which is not there
-        _check(file, read_text(file, "MJCF"), included)
+        before = tally["elements"]
+        _check(file, read_text(file, "MJCF"), tally, made)
+        if name == "model":
+            tally["of a model"] = max(tally["of a model"], tally["elements"] - before)
 
 
 def _value(attributes: str, name: str) -> str:
@@ -186,7 +205,8 @@ class ArmChoice:
         taken = chain if self.moving is None else self.moving
         movers = [name for name in chain if name in taken and name not in self.locked]
         if not movers:
-            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(none)"))
+            fix = "" if chain else "no joint between base and tip moves: choose another tip, or the file of a robot"
+            raise InputError("moving", movers, "one or more of the joints " + (", ".join(chain) or "(none)"), fix)
         return movers
 
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
@@ -207,6 +227,8 @@ class ArmChoice:
             if self.tip not in frames:
                 raise InputError("tip", self.tip, "one of " + ", ".join(frames))
             return self.tip
+        if not ends:
+            raise InputError("bodies", "none", "a robot, whose bodies hang on joints", "choose another file")
         tools = [name for name in ends if name.endswith(_TOOL_FRAMES)]
         found = ends if len(ends) == 1 else tools
         if len(found) != 1:

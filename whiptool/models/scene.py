@@ -22,7 +22,7 @@ from whiptool.models.whip import WhipParameters
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
 _HOLDING = 2  # last links of an arm, which hold the whip: a flange and what carries it
-_BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number
+_BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number; smaller ones are of things beside the robot
 _AT_ONCE = 4096  # states that are looked at together: bounds the memory
 _BLOCK = 16  # successive states that are held in one ball around each body
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -30,19 +30,12 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 
 @dataclass(frozen=True)
 class _Body:
-    """A capsule that moves: of a link, the base (`_BASE`) or the whip (`_WHIP`).
+    """A capsule that moves: of a link, the base (`_BASE`) or the whip (`_WHIP`)."""
 
-    Args:
-        name: For people.
-        link: Its number.
-        capsule: Capsule in the link's frame; for the whip one of its length anywhere.
-        segment: Segment of the whip, from the hand.
-    """
-
-    name: str
-    link: int
-    capsule: Capsule
-    segment: int = 0
+    name: str  # for people
+    link: int  # its number
+    capsule: Capsule  # in the link's frame; for the whip one of its length anywhere
+    segment: int = 0  # of the whip, from the hand
 
 
 @dataclass(frozen=True)
@@ -143,6 +136,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         self._arm, self._flat = self.model.arm.in_space(), self.model.dimension == 2
+        self._numbers = numbers_of(self._arm)
         self.bodies = [_Body(name, link, capsule) for name, link, capsule in self._capsules_of_arm()]
         asked = (self.of,) if isinstance(self.of, str) else self.of
         if "whip" in asked:
@@ -178,7 +172,7 @@ class Scene:
         shapes = [link.capsules for link in arm.links]
         if self._flat:
             shapes = [(Capsule((0.0, 0.0, 0.0), (0.0, 0.0, -float(l)), 0.0),) for l in self.model.arm.lengths]
-        found = [("the base", _BASE, capsule) for capsule in arm.base]
+        found = [(x.name or "the base", self._numbers[x.name or BASE], x) for x in arm.base]
         for i, (joint, of_link) in enumerate(zip(arm.joints, shapes, strict=True)):
             found += [(f"the link of {joint}", i, capsule) for capsule in of_link]
         if arm.stick[0] and shapes[-1]:  # the last capsule of the last link, see `with_stick`
@@ -205,10 +199,9 @@ class Scene:
             return None
         if other.link == _WHIP:
             return "whip" if other.segment >= NEAR_HAND or one.link < arm.n - _HOLDING else None
-        numbers = {BASE: _BASE} | {joint: i for i, joint in enumerate(arm.joints)}
-        never = [tuple(sorted(numbers[name] for name in pair)) for pair in arm.never_touch]
+        never = [{self._numbers[name] for name in pair} for pair in arm.never_touch]
         between = other.link - one.link - 1
-        if between < 1 or (one.link, other.link) in never:
+        if other.link < 0 or between < 1 or {one.link, other.link} in never:
             return None
         return "close" if between == 1 else "apart"
 
@@ -229,7 +222,7 @@ class Scene:
         found = [np.empty((T, 0, points, 3))]
         for link, local in self._local.items():
             local = local[:, :points]
-            if link == _BASE:
+            if link < 0:
                 found.append(np.broadcast_to(local, (T, *local.shape)))
             else:
                 moved = (rotations[:, link].reshape(-1, 3) @ local.reshape(-1, 3).T).reshape(T, 3, -1)
@@ -251,7 +244,8 @@ class Scene:
         """Return the names of a pair of bodies, for messages."""
         i, j = pair
         if j < len(self.bodies):
-            return self.bodies[i].name, self.bodies[j].name
+            names = self.bodies[i].name, self.bodies[j].name
+            return names[::-1] if self.bodies[i].link < _WHIP else names  # the thing last, which stands still
         mount = "the ceiling" if self._surfaces[1][0][2] < 0 else "the wall"
         return self.bodies[i].name, "the floor" if j == len(self.bodies) else mount
 
@@ -317,11 +311,8 @@ class Scene:
         return found
 
     def _candidates(self, middles: np.ndarray, groups: np.ndarray, enough: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return instants and pairs, (C,) each, among which the nearest of each group is.
-
-        Args:
-            middles: Middles of the bodies [m], (T, bodies, 3).
-            groups, enough: As in `contacts`.
+        """Return instants and pairs, (C,) each, among which the nearest of each group of `contacts` is, by the middles
+        of the bodies [m], (T, bodies, 3).
         """
         T = len(middles)
         size = min(_BLOCK, max(1, T // _BLOCK))
@@ -345,13 +336,8 @@ class Scene:
         groups: np.ndarray,
         enough: np.ndarray,
     ) -> np.ndarray:
-        """Return among which pairs the nearest of each group may be, (C,), by balls around bodies and in them.
-
-        Args:
-            middles, spread: Middles and spread of the bodies, and how far from there they go [m], (R, bodies, 3) and
-                (R, bodies).
-            rows, pairs: Which of them, and the numbers of the pairs, (C,) each.
-            groups, enough: As in `contacts`.
+        """Return among which pairs (C,), in which rows (C,), the nearest of each group of `contacts` may be, by balls
+        around bodies and in them, whose middles (R, bodies, 3) go so far, `spread` (R, bodies) [m].
         """
         first, other, floor = self._first[pairs], self._other[pairs], self._floor[pairs]
         one = middles[rows, first]
@@ -384,12 +370,7 @@ class Scene:
         return Solids([body.capsule for body in self.bodies], self._surfaces)
 
     def _of_solids(self, places: np.ndarray, pair: int) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return how near a pair of which one is a cylinder or a box comes, as `_distances` does.
-
-        Args:
-            places: Places of the bodies at one state, see `_places`, (bodies, 3, 3).
-            pair: Its number.
-        """
+        """Return how near a pair of which one is a cylinder or a box comes at `_places` (bodies, 3, 3)."""
         bodies = int(self._first[pair]), int(self._second[pair])
         poses = [_pose(*places[i]) if i < len(places) else (np.eye(3), np.zeros(3)) for i in bodies]
         return self._solids.distance(bodies, poses)
@@ -397,11 +378,8 @@ class Scene:
     def _distances(
         self, starts: np.ndarray, ends: np.ndarray, instants: np.ndarray, pairs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return how near pairs come at instants, as `distances` does, (C, ...) each.
-
-        Args:
-            starts, ends: Starts and ends of the bodies [m], (T, bodies, 3) each.
-            instants, pairs: Numbers of the states and of the pairs, (C,) each.
+        """Return how near pairs (C,) come at instants (C,), as `distances` does, by the bodies' starts and ends [m],
+        (T, bodies, 3) each.
         """
         first, second, floor = self._first[pairs], self._second[pairs], self._floor[pairs]
         start, end = starts[instants, first], ends[instants, first]
@@ -439,6 +417,16 @@ def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndar
     return np.column_stack([x, np.cross(z, x), z]), (start + end) / 2
 
 
+def numbers_of(arm: SpatialArm) -> dict[str, int]:
+    """Return the numbers of links by `SpatialArm.bodies`; those of things beside the robot are below `_WHIP`."""
+    things = arm.bodies[arm.n + 1 :]
+    return (
+        {name: i for i, name in enumerate(arm.joints)}
+        | {BASE: _BASE}
+        | {x: _WHIP - 1 - i for i, x in enumerate(things)}
+    )
+
+
 _SMALL_WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="rod")  # any: it is not compared
 
 
@@ -462,14 +450,14 @@ def without_touching(arm: SpatialArm, choice: ArmChoice | None) -> SpatialArm:
         return arm
 
     rest = np.array([np.clip(0.0, *link.limits.position) for link in arm.links])
-    names = (*arm.joints, BASE)
+    names = {number: name for name, number in numbers_of(arm).items()}
     scene = Scene(Model(_SMALL_WHIP, arm), of=("close", "apart"))
     links = [scene.links_of(pair) for pair in scene.pairs]
     distances = scene.distances(rest[None])[0][0] if links else []
     pairs = sorted({both for both, distance in zip(links, distances, strict=True) if distance < 0})
     if not pairs:
         return arm
-    touching = tuple((names[one], names[other]) for one, other in pairs)  # the base, -1, is the last name
+    touching = tuple((names[one], names[other]) for one, other in pairs)
     said = ", ".join(f"{one} and {other}" for one, other in touching)
     note = f"shapes that touch where all joints are at 0 are not compared, of the links of {said}; arm.never_touch in a"
     notes = (*arm.notes, f"{note} model file says otherwise")

@@ -379,9 +379,9 @@ class SpatialArm(JointedArm):
         hand_position: Position of the whip's first joint in the last link's frame [m], (3,).
         hand_rotation: Rotation of the hand's frame in the last link's, (3, 3); the whip points along its -z if the
             whip's joints are at 0.
-        base: Capsules of the fixed parts, in the base's frame.
-        never_touch: Pairs of links, given by their joints' names (`base` for fixed parts), that are not checked for
-            contact.
+        base: Capsules of the fixed parts and, with names, of things that stand beside the robot, in the base's frame.
+        never_touch: Pairs of links, given by their joints' names (`base` for fixed parts, or a thing's name), that are
+            not checked for contact.
         weightless: Names of the joints whose links have an unknown inertia. Such an arm can only be
             position-controlled, and its torques are not available.
         names: Names of the joints outside whiptool, such as in the robot's controller, for exported strikes; empty: the
@@ -431,7 +431,7 @@ class SpatialArm(JointedArm):
         object.__setattr__(self, "hand_position", numbers("hand_position", self.hand_position, 3))
         object.__setattr__(self, "hand_rotation", checked_rotation("hand_rotation", self.hand_rotation))
         object.__setattr__(self, "base", checked_capsules("base", self.base))
-        object.__setattr__(self, "never_touch", _checked_pairs(self.never_touch, self.joints))
+        object.__setattr__(self, "never_touch", _checked_pairs(self.never_touch, self.bodies))
         object.__setattr__(self, "weightless", tuple(self.weightless))
         if not set(self.weightless) <= set(self.joints):
             raise InputError("weightless", self.weightless, f"some of the arm's joints {', '.join(self.joints)}")
@@ -448,6 +448,11 @@ class SpatialArm(JointedArm):
         if self.height is not None:
             object.__setattr__(self, "height", metres("height", self.height, strict=False))
         object.__setattr__(self, "notes", tuple(self.notes))
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of what is compared for contact: each link by its joint, then the base, and things beside the robot."""
+        return (*self.joints, BASE, *dict.fromkeys(x.name for x in self.base if x.name))
 
     @property
     def points(self) -> dict[str, int]:
@@ -594,8 +599,8 @@ def _checked_speeds(given: object, points: Mapping[str, int]) -> tuple[tuple[str
     return tuple((name, number(f"speed_limits of {name}", speed, low=0, strict=True)) for name, speed in given)
 
 
-def _checked_pairs(given: object, joints: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+def _checked_pairs(given: object, bodies: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     pairs = tuple(tuple(pair) for pair in given) if isinstance(given, (list, tuple)) else (())
-    if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= {*joints, BASE} for p in pairs):
-        raise InputError("never_touch", given, f"pairs of the names {', '.join((BASE, *joints))}")
+    if not isinstance(given, (list, tuple)) or not all(len(p) == 2 and set(p) <= set(bodies) for p in pairs):
+        raise InputError("never_touch", given, f"pairs of the names {', '.join(bodies)}")
     return tuple((a, b) for a, b in pairs)

@@ -23,11 +23,14 @@ _BLUE, _ORANGE, _VERMILION = (0.0, 0.45, 0.70, 1), (0.90, 0.62, 0.0, 1), (0.84, 
 _PALE_ORANGE, _GREY, _DARK = (0.88, 0.70, 0.36, 1), (0.35, 0.35, 0.4, 1), (0.13, 0.13, 0.16, 1)
 
 
+_SHORTEST = 1e-9  # [m] of a link that is drawn: MuJoCo has no capsules without length
 _VISUAL = {"contype": 0, "conaffinity": 0, "mass": 0.0}  # shapes that are seen and do nothing
 
 
 def add_capsule(body: mujoco.MjsBody, end: Sequence[float], radius: float, material: str) -> None:
-    """Add a capsule of a radius [m] from the body's origin to a point in its frame (3,) [m]."""
+    """Add a capsule of a radius [m] from the body's origin to a point in its frame (3,) [m], unless that is there."""
+    if np.linalg.norm(end) < _SHORTEST:
+        return
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         fromto=[0, 0, 0, *end],
@@ -294,8 +297,7 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
     """Links, joints and motors; returns the place of the hand."""
     place, ends = _Place(spec.worldbody), [link.position for link in arm.links[1:]] + [arm.hand_position]
     stand_in = STAND_IN if arm.weightless else 0.0
-    if any(arm.links[0].position):
-        add_capsule(spec.worldbody, arm.links[0].position, 0.025 * reach, "arm")
+    add_capsule(spec.worldbody, arm.links[0].position, 0.025 * reach, "arm")
     for i, (name, link, end) in enumerate(zip(arm.joints, arm.links, ends, strict=True)):
         kind = mujoco.mjtJoint.mjJNT_HINGE if link.kind == "revolute" else mujoco.mjtJoint.mjJNT_SLIDE
         options = {"type": kind, "damping": link.friction, "armature": link.armature + stand_in}
@@ -305,8 +307,7 @@ def _add_arm(spec: mujoco.MjSpec, arm: SpatialArm, reach: float, least: float) -
         if mass := link.mass or (_LIGHT if arm.weightless else 0.0):  # no mass: the joint waits for a body that has
             body = place.add_body(name, mass=mass, com=link.com, inertia=link.inertia, least=least)
             thickness = (0.025 - 0.004 * i / arm.n) * reach
-            if any(end):
-                add_capsule(body, end, thickness, "arm")
+            add_capsule(body, end, thickness, "arm")
             add_ball(body, thickness * 1.25, "joint")
             place = _Place(body)
         actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)

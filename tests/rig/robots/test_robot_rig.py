@@ -275,6 +275,10 @@ def test_what_is_not_checked_is_known_of_limits() -> None:
     assert left(limits="none") == ("collisions", "floor", "torques and speeds of the joints in the simulated strike")
     on_wall = dataclasses.replace(MODEL, arm=mounted(MODEL.arm.in_space(), "wall", None))
     assert unchecked_by(default_limits(on_wall, prescribed=True)) == ("floor",)
+    arm = MODEL.arm.in_space()
+    links = [dataclasses.replace(x, limits=dataclasses.replace(x.limits, velocity=np.inf)) for x in arm.links]
+    slow = dataclasses.replace(MODEL, arm=dataclasses.replace(arm, links=(*arm.links[:2], *links[2:])))
+    assert unchecked_by(default_limits(slow, prescribed=True)) == ("speeds of joints that have no limit of it",)
 
 
 def test_motor_currents_are_recorded_where_the_robot_reports_them() -> None:
