@@ -41,7 +41,7 @@ WORKS: dict[str, tuple[str, ...]] = {  # keys of the entries in references.bib b
     "nlopt": ("johnson2007",),
     "map": (),
     "pareto": ("haimes1971", "kraft1988", "johnson2007"),
-    "cmaes": ("hansen2001", "blank2020"),
+    "cmaes": ("hansen2001", "nomura2024"),
     "ga": ("blank2020",),
     "sac": ("haarnoja2018",),
     "td3": ("fujimoto2018",),
