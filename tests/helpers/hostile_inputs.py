@@ -152,9 +152,9 @@ def python_values() -> list[Any]:
 PLAIN = [*NUMBERS[:-1], True, False, *TEXTS, [], {}, [[]], [1.0], [1.0, 2.0], ["x"], [[1.0], [1.0, 2.0]], {"x": 1}]
 PLAIN += [[0.0] * 1000, {"a": {"b": {}}}, [{}], [math.nan, math.nan], [[]] * 50, "9" * 5000]
 WORDS = (
-    "nan", "inf", "-inf", "-1", "0", "1", "2", "1e308", "1e-320", "1e16", f"1{'0' * 400}", "9" * 5000, "", " ", "x", "é",
+    "nan", "inf", "-inf", "-1", "0", "1", "2", "1e308", "1e-320", "1e16", f"1{'0' * 400}", "9" * 5000, "", " ", "x",
     "1,2", "1,,2", "--", "-x", "=", "none", "None", "true", "\x00", "\udcff", "/dev/zero", "/dev/null", ".", "..", "/",
-    "pipe", "folder", "loop", "empty", "garbage.npz", "0x10", "1_0", "1.5", "99999999999", "NaN", "{}", "[]", "a=b", "a=",
+    "pipe", "folder", "loop", "empty", "garbage.npz", "0x10", "1_0", "1.5", "99999999999", "NaN", "{}", "[]", "a=b",
     "=1", "shoulder=1", "\n", "*", "~", "http://x", "ur://", "twin", "x" * 300, "#3", "good.toml#2", "-0",
 )  # fmt: skip
 
@@ -468,7 +468,12 @@ def _spoil(path: Path, rng: random.Random) -> str:
 # --- run folders -----------------------------------------------------------------------------------------------------
 
 RUNS: dict[str, Sequence[tuple[str, ...]]] = {
-    "optimize": (("simulate", "RUN"), ("optimize", "--resume", "RUN"), ("view", "RUN", "--json"), ("studio", "RUN", "M")),
+    "optimize": (
+        ("simulate", "RUN"),
+        ("optimize", "--resume", "RUN"),
+        ("view", "RUN", "--json"),
+        ("studio", "RUN", "M"),
+    ),
     "optimize-pareto": (("simulate", "RUN"), ("optimize", "--resume", "RUN"), ("view", "RUN", "--json")),
     "simulate-short": (("view", "RUN", "--json"), ("simulate", "RUN")),
     "train": (("train", "--resume", "RUN"), ("view", "RUN", "--json"), ("simulate", "RUN"), ("studio", "RUN", "M")),
@@ -489,7 +494,9 @@ def run_folder_inputs(count: int, seed: int) -> Iterator[Input]:
         rng = random.Random(f"run folder {seed} {i}")
         run = rng.choice(list(RUNS))
         words = rng.choice(RUNS[run])
-        yield Input(f"run folder {i} {' '.join(words).replace('RUN', run)}", lambda f, a=(run, words, rng): _of_run(f, *a))
+        yield Input(
+            f"run folder {i} {' '.join(words).replace('RUN', run)}", lambda f, a=(run, words, rng): _of_run(f, *a)
+        )
 
 
 def _of_run(folder: Path, run: str, words: Sequence[str], rng: random.Random) -> str:

@@ -10,8 +10,9 @@ from types import SimpleNamespace
 
 import pytest
 
-viser = pytest.importorskip("viser")
+pytest.importorskip("viser")
 
+import viser
 from viser._messages import GuiUpdateMessage
 
 from whiptool.live_page.server import PageServer

@@ -128,8 +128,8 @@ def float_array(name: str, value: object) -> np.ndarray:
     """Return numbers as a new float array, with NaN if missing; refuse values that are not numbers, or infinite."""
     try:
         array = np.array(value, dtype=float)  # a copy: what the caller does to its own array later must not show here
-    except (ValueError, TypeError, OverflowError):
-        raise InputError(name, str(value)[:80], "numbers") from None
+    except Exception:  # a class may raise anything, such as a tensor of PyTorch that has gradients
+        raise InputError(name, value, "numbers") from None
     if np.isinf(array).any():
         raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
     return array

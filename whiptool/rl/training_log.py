@@ -17,11 +17,21 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
+from whiptool.errors import InputError
+from whiptool.given_files import read_text
 from whiptool.rl.training import TrainingEpisode
 from whiptool.whole_files import append_whole, write_whole
 
 _OTHERS = ("losses", "held_out", "best")  # of an episode, in separate columns, or elsewhere
 HELD_OUT = ("held_out_hit", "held_out_cost")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 class EpisodeTable:
@@ -38,10 +48,22 @@ class EpisodeTable:
 
     def cut(self, episodes: int) -> None:
         """Keep only the lines of the first `episodes` episodes; later episodes will be repeated."""
-        lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True) if self.path.exists() else []
-        write_whole(self.path, "".join(lines[: 1 + episodes if episodes else 0]))
-        if episodes and lines:
-            self.names = lines[0].strip().split(",")  # an older version's run may lack columns
+        lines = read_text(self.path, "CSV").splitlines(keepends=True) if self.path.exists() else []
+        kept = lines[: 1 + episodes if episodes else 0]
+        self._check(kept, episodes)
+        write_whole(self.path, "".join(kept))
+        if kept:
+            self.names = kept[0].strip().split(",")  # an older version's run may lack columns
+
+    def _check(self, lines: Sequence[str], episodes: int) -> None:
+        """Refuse lines, with the header, that are not those of the first `episodes` episodes."""
+        rows = [line.strip().split(",") for line in lines]
+        for i, row in enumerate(rows):
+            right = set(row) <= set(self.names) if i == 0 else len(row) == len(rows[0]) and row[0] == str(i)
+            if not (right and (i == 0 or all(map(_is_number, filter(None, row))))):
+                rule = f"the episodes 1 to {episodes}, as training wrote them"
+                fix = "restore it, or move it away: the run then goes on without those episodes in its table"
+                raise InputError(f"{self.path}, line {i + 1}", lines[i][:200], rule, fix)
 
     def add(self, episode: TrainingEpisode) -> None:
         """Append an episode.
