@@ -532,8 +532,10 @@ def stop_before_computing() -> None:
     import viser
 
     from whiptool.commands import emulators, following
+    from whiptool.comparison import units
     from whiptool.correction import rolled
     from whiptool.identification import predict
+    from whiptool.rig import child_process
     from whiptool.rollout import compiled, reference
 
     def accept(*_: object, **__: object) -> Any:
@@ -542,6 +544,7 @@ def stop_before_computing() -> None:
     for module in (compiled, predict, rolled):
         module.find_engine = accept
     reference.ReferenceRollout.trajectory = accept  # pyrefly: ignore
+    units.work_on = child_process.Emulated.__init__ = accept  # pyrefly: ignore
     following.serve_until_stopped = following.watch = accept
     viser.ViserServer = accept  # pyrefly: ignore
     emulators._serve_servos = emulators._serve_ur = accept
