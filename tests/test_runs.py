@@ -46,7 +46,7 @@ def test_entries_are_whole_and_all_used():
 
 def test_each_name_brings_its_works_once():
     found = keys(citations("CMA-ES", "ga", "oiac", "nlopt:GN_CRS2_LM"))
-    assert found == [*ALWAYS, "hansen2001", "blank2020", "xiong2021", "johnson2007"]
+    assert found == [*ALWAYS, "hansen2001", "nomura2024", "blank2020", "xiong2021", "johnson2007"]
     assert keys(wt.citations()) == list(ALWAYS)
     with pytest.raises(InputError, match=r"'UR7'.*panda"):
         citations("UR7")

@@ -75,7 +75,7 @@ def _shown(given: object) -> str:
     """What was given, its middle left out where it is long."""
     try:
         text = repr(given)
-    except (ValueError, RecursionError, MemoryError):  # an integer of thousands of digits; tables in tables in ...
+    except Exception:  # an integer of thousands of digits; tables in tables in ...; a class whose own repr fails
         return f"what cannot be shown, of type {type(given).__name__}"
     return _cut(text)
 

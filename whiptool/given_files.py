@@ -21,10 +21,11 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any, NoReturn, get_type_hints
 
 import numpy as np
 from numpy.lib import format as npy
+from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
 
 from whiptool.errors import InputError, WhiptoolError
 
@@ -73,6 +74,22 @@ def _size(path: Path, name: str, kind: str) -> int:
         raise InputError(name, str(path), f"a readable {kind}", f"reason: {reason}") from None
 
 
+def read_bytes(path: Path, name: str, *, kind: str = "file", largest: int = LARGEST_TEXT) -> bytes:
+    """Return the content of a regular file, which may be empty.
+
+    Args:
+        path: The file.
+        name, kind: Name and kind of file in error messages.
+        largest: Largest allowed size [bytes].
+
+    Raises:
+        InputError: The file is not a regular file, cannot be read or is too large.
+    """
+    if (size := _size(path, name, kind)) > largest:
+        raise InputError(str(path), f"{size} bytes", f"a {kind} of at most {largest} bytes")
+    return path.read_bytes()
+
+
 def read_text(path: Path | str, kind: str, name: str = "file") -> str:
     """Return the content of a text file in UTF-8, or in UTF-16 with a byte order mark.
 
@@ -84,13 +101,9 @@ def read_text(path: Path | str, kind: str, name: str = "file") -> str:
     Raises:
         InputError: The file is not a regular file, cannot be read, is too large, or is not UTF-8.
     """
-    path = Path(path)
-    if (size := _size(path, name, f"{kind} file")) > LARGEST_TEXT:
-        raise InputError(str(path), f"{size} bytes", f"a {kind} file of at most {LARGEST_TEXT} bytes")
+    content = read_bytes(Path(path), name, kind=f"{kind} file")
     try:
-        with path.open("rb") as file:
-            coded = encoding_of(file.read(2))
-        return path.read_text(encoding=coded)
+        return io.TextIOWrapper(io.BytesIO(content), encoding=encoding_of(content[:2])).read()
     except UnicodeError as error:
         raise InputError(name, str(path), f"valid {kind}, which is text", f"reason: {error}") from None
 
@@ -118,7 +131,7 @@ def read_json(path: Path | str) -> dict[str, Any]:
         InputError: The file cannot be read, is not JSON, or has another content.
     """
     try:
-        content = json.loads(read_text(path, "JSON"))
+        content = json.loads(read_text(path, "JSON"), parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
@@ -126,6 +139,24 @@ def read_json(path: Path | str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise InputError(str(path), type(content).__name__, "JSON that holds a dict")
     return content
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def check_kinds(cls: type, table: Mapping[str, Any], place: str = "") -> None:
+    """Refuse values in a table of a dataclass's fields that are of other kinds than the fields; lists are tuples there.
+
+    Raises:
+        InputError: A value is of another kind; it is named, preceded by `place`.
+    """
+    kinds = get_type_hints(cls)
+    for name in table.keys() & kinds.keys():
+        try:
+            check_type(table[name], kinds[name], collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS)
+        except TypeCheckError as error:
+            raise InputError(place + name, table[name], "a value of its kind", f"reason: {str(error)[:120]}") from None
 
 
 def read_arrays(path: Path | str, name: str, shapes: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from typing import Any
 import tomli_w
 from filelock import FileLock, Timeout
 
-from whiptool.errors import InputError, WhiptoolError
+from whiptool.errors import InputError, WhiptoolError, expect
 from whiptool.given_files import read_toml
 from whiptool.version import __version__
 from whiptool.whole_files import is_unfinished, remove_unfinished, write_whole
@@ -41,7 +41,7 @@ WORKS: dict[str, tuple[str, ...]] = {  # keys of the entries in references.bib b
     "nlopt": ("johnson2007",),
     "map": (),
     "pareto": ("haimes1971", "kraft1988", "johnson2007"),
-    "cmaes": ("hansen2001", "blank2020"),
+    "cmaes": ("hansen2001", "nomura2024"),
     "ga": ("blank2020",),
     "sac": ("haarnoja2018",),
     "td3": ("fujimoto2018",),
@@ -65,6 +65,7 @@ def citations(*names: str) -> str:
     """
     keys = list(ALWAYS)
     for name in names:
+        expect(str, name=name)
         own = _own(name)
         if own not in WORKS:
             raise InputError("name", name, ", ".join(WORKS))

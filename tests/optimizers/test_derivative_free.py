@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -256,6 +257,37 @@ def test_it_converges_and_begins_again():
     assert len(restarts) >= 1  # converged, and somewhere else again
     assert all(np.array_equal(a, b) for a, b in zip(search(9, valley, 3), seen, strict=False))
     assert not np.array_equal(search(1, valley, 4)[0], seen[0])
+
+
+@pytest.mark.parametrize("method", ["cmaes", "ga", "nlopt"])
+def test_a_search_and_its_user_draw_from_generators_of_their_own(method):
+    """In threads, too: a search that draws from NumPy's global generator would get what others left of it."""
+    searches = {
+        "cmaes": cmaes_search,
+        "ga": genetic_search,
+        "nlopt": lambda recorder, seed: nlopt_search(recorder, seed=seed, algorithm="GN_CRS2_LM"),
+    }
+
+    def run(miss):
+        recorder = Recorder(9 if method != "nlopt" else 60, miss)
+        recorder.trial = lambda strike: recorder.batch(strike[None])[0]
+        with pytest.raises(Enough):
+            searches[method](recorder, seed=5)
+        return recorder.seen
+
+    drawn = []
+
+    def miss_of_a_user_who_draws(x):
+        drawn.append(np.random.random())  # noqa: NPY002
+        return valley(x)
+
+    np.random.seed(7)  # noqa: NPY002
+    alone, beside = run(valley), run(miss_of_a_user_who_draws)
+    np.random.seed(7)  # noqa: NPY002
+    assert drawn == np.random.random(len(drawn)).tolist()  # noqa: NPY002
+    with ThreadPoolExecutor(4) as pool:
+        for seen in (beside, *pool.map(run, [valley] * 4)):
+            assert all(np.array_equal(a, b) for a, b in zip(alone, seen, strict=True))
 
 
 def test_strikes_are_those_of_the_box_and_nothing_is_printed(capsys):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import errno
 import logging
 import os
 import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from processes import HANG
@@ -169,6 +172,28 @@ def test_a_compiler_that_does_nonsense_counts_as_one_that_fails(
     (record,) = caplog.records
     assert said in record.getMessage()
     assert not list(folder.iterdir())
+
+
+def test_where_the_disk_of_the_cache_is_full_a_temporary_folder_takes_its_place(folder: Path, monkeypatch, caplog):
+    assert seven() == 7
+    kept = one_in(folder)
+    make, write = compiler.tempfile.TemporaryFile, compiler.write_whole
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def made(**where):
+        file = make(**where)
+        return contextlib.nullcontext(SimpleNamespace(write=full)) if where.get("dir") == folder else file
+
+    monkeypatch.setattr(compiler.tempfile, "TemporaryFile", made)
+    monkeypatch.setattr(compiler, "write_whole", lambda path, text: (full if folder in path.parents else write)(path, text))
+    assert seven() == 7  # what is cached is loaded
+    kept.unlink()
+    with caplog.at_level(logging.WARNING, "whiptool"):
+        assert seven() == 7
+    assert f"no room in {folder} (No space left on device)" in caplog.text
+    assert list(folder.iterdir()) == []
 
 
 def test_without_any_place_to_write_the_interpreter_is_left(folder: Path, monkeypatch, caplog) -> None:

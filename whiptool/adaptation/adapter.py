@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from whiptool.adaptation.planner import FIRST, NEXT, UNSURE, plan
 from whiptool.adaptation.posterior import AFTER, driven_by, tip_mislabelled, update
 from whiptool.adaptation.prior import Belief, Learned
 from whiptool.adaptation.steps import Seen, Step, Steps, checked, judge, judge_seen, seen_of
-from whiptool.errors import InputError, WhiptoolError
-from whiptool.given_files import read_json
+from whiptool.errors import InputError, WhiptoolError, expect
+from whiptool.given_files import build_from, check_kinds, parsing, read_json
 from whiptool.goals.target import Target
 from whiptool.identification.beginnings import check_beginnings
 from whiptool.identification.inputs import check_controllers
@@ -39,6 +39,7 @@ _JUDGED = ("miss", "error", "probability")  # stored for who follows the run; No
 _SOON = 0.5  # [s] between two looks at the progress of planning
 PLAN, OUTCOME, POSTERIOR, JUDGED = "plan.json", "outcome.json", "posterior.json", "judged.json"
 RECORDING = "recording.npz"
+Stored = TypeVar("Stored")
 
 
 def strike_folder(run_folder: Path, number: int) -> Path:
@@ -186,7 +187,7 @@ class Adapter:
             InputError: The folder holds no run, or is damaged.
         """
         self._catch_up()
-        if self.done or (self._asked is None and self._read(PLAN) is None):
+        if self.done or (self._asked is None and self._read(PLAN, self._plan_of) is None):
             ask = "call ask() first; on the command line, whiptool adapt next without a recording"
             fix = "the run has ended" if self.done else ask
             given, rule = f"one of strike {self.number}", "the recording of a strike that was planned"
@@ -279,14 +280,19 @@ class Adapter:
     def _plan(self) -> Plan:
         """The plan of the next strike, made where it was not made before."""
         if self._asked is None:
-            stored = self._read(PLAN)
-            if stored is None:
+            self._asked = self._read(PLAN, self._plan_of)
+            if self._asked is None:
                 self._asked = self._planned()
                 self._write(PLAN, asdict(self._asked))
-            else:
-                stored["strike"], stored["misses"] = tuple(stored["strike"]), tuple(stored.get("misses", ()))
-                self._asked = Plan(**stored)
         return self._asked
+
+    def _plan_of(self, table: dict[str, Any]) -> Plan:
+        row = tuple(Strike.from_vector(table["strike"]).vector.tolist())
+        kept = {**table, "strike": row, "misses": tuple(table.get("misses", ()))}
+        check_kinds(Plan, kept)
+        if len(row) != (count := 2 * self.prior.plant.model.arm.n + 1):
+            raise InputError("strike", row, f"{count} numbers")
+        return build_from(Plan, kept, "")
 
     def _planned(self) -> Plan:
         """Plan a step; a bar shows how many strikes were judged."""
@@ -351,14 +357,18 @@ class Adapter:
         return judge(recording, self.target, belief, until=until, seed=(self.options.seed, self.number))
 
     def _learned(self, taught: Learned | None) -> Learned:
-        stored = self._read(POSTERIOR)
+        stored = self._read(POSTERIOR, self._learned_of)
         if stored is not None:
-            rest = {name: stored[name] for name in _LEARNED}
-            return Learned(Belief.from_table(self.prior.plant, stored), **rest)
+            return stored
         learned = taught or self._update(self._recordings, self._contacts)
         kept = {name: getattr(learned, name) for name in _LEARNED}
         self._write(POSTERIOR, learned.belief.to_table() | kept)
         return learned
+
+    def _learned_of(self, table: dict[str, Any]) -> Learned:
+        kept = {name: table[name] for name in _LEARNED}
+        check_kinds(Learned, kept)
+        return Learned(Belief.from_table(self.prior.plant, table), **kept)
 
     def _update(self, recordings: Sequence[StrikeRecording], contacts: dict[str, float]) -> Learned:
         o = self.options
@@ -387,15 +397,16 @@ class Adapter:
 
     def _kept(self) -> Seen | None:
         """What was seen of the next strike, if the folder has it."""
-        stored = self._read(OUTCOME)
-        if stored is None:
-            return None
+        return self._read(OUTCOME, self._seen_of)
+
+    def _seen_of(self, table: dict[str, Any]) -> Seen:
         assert self.place is not None
-        filmed = stored.pop("filmed")
-        recording = None
+        filmed, recording = table.pop("filmed"), None
+        expect(str, type(None), filmed=filmed)
         if filmed is not None:  # its name from before it was a file
             recording = replace(StrikeRecording.load(self.place / RECORDING), source=filmed)
-        return Seen(recording, **stored)
+        check_kinds(Seen, table)
+        return build_from(Seen, table, "", recording=recording)
 
     def _keep(self, seen: Seen) -> Seen:
         if self.number == 0 and seen.recording is not None:  # meant for no target, and of use to its end
@@ -407,19 +418,21 @@ class Adapter:
         self._write(OUTCOME, kept | {"filmed": None if seen.recording is None else seen.recording.source})
         return seen
 
-    def _read(self, name: str) -> dict[str, Any] | None:
+    def _read(self, name: str, made_of: Callable[[dict[str, Any]], Stored]) -> Stored | None:
+        """Return what a stored file says of this strike; None: there is none."""
         place = None if self.place is None else self.place / name
         if place is None or not place.exists():
             return None
         try:
-            return read_json(place)
+            with parsing(place, "JSON"):
+                return made_of(read_json(place))
         except InputError as error:
             raise error.renamed(error.name, f"delete {place.parent}") from None
 
     def _write(self, name: str, table: dict[str, Any]) -> None:
         if self.place is not None:
             self.place.mkdir(parents=True, exist_ok=True)
-            write_whole(self.place / name, json.dumps(table, indent=1) + "\n")
+            write_whole(self.place / name, json.dumps(table, indent=1, allow_nan=False) + "\n")
 
 
 def _refuse_unused(learned: Learned, recording: StrikeRecording, fix: str) -> None:

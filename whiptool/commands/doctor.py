@@ -16,7 +16,7 @@ from whiptool.commands.options.option_group import JsonOptions
 from whiptool.extras import EXTRAS
 from whiptool.version import __version__
 
-CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo")
+CORE = ("casadi", "pin", "mujoco", "nlopt", "numpy", "scipy", "matplotlib", "tyro", "pymoo", "cmaes")
 
 
 @dataclass(frozen=True, kw_only=True)

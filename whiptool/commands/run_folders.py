@@ -37,14 +37,18 @@ def stored_options(options: type[T], table: dict[str, Any], path: Path) -> T:
     Raises:
         InputError: The folder has options of another command.
     """
+    from whiptool.given_files import check_kinds
+    from whiptool.runs import CONFIG
+
     kinds = {f.name: str(f.type) for f in dataclasses.fields(options)}
     fields: dict[str, Any] = {name: None for name, kind in kinds.items() if "None" in kind}
     fields |= {name: tuple(value) if isinstance(value, list) else value for name, value in table.items()}
     for name in (name for name, kind in kinds.items() if "observation" in name and fields.get(name) is not None):
         fields[name] = _named_now(fields[name])
-    paths = [name for name, kind in kinds.items() if "Path" in kind and fields.get(name) is not None]
+    paths = [name for name, kind in kinds.items() if "Path" in kind and isinstance(fields.get(name), str)]
+    fields |= {name: Path(fields[name]) for name in paths}
+    check_kinds(options, fields, f"{path / CONFIG}: options.")
     try:
-        fields |= {name: Path(fields[name]) for name in paths}
         return options(**fields)
     except TypeError as error:
         raise InputError("--resume", str(path), "a folder of this command and version", f"reason: {error}") from None

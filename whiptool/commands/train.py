@@ -178,8 +178,8 @@ class TrainingRun:
         if self.options.episodes < made:
             allowed = f"{made} or more, as many as the run has made"
             raise InputError("--episodes", self.options.episodes, allowed, "start a new run")
-        self.folder.go_on_with(self.config["options"])
         self.table.cut(made)
+        self.folder.go_on_with(self.config["options"])
         if self.training.best is None:
             self.best.unlink(missing_ok=True)
         else:

@@ -20,6 +20,7 @@ from whiptool.commands.options.option_group import Conditions, JsonOptions, Opti
 from whiptool.commands.options.target_options import GoalOptions
 from whiptool.commands.pictures import MAP, PAGE, TRAJECTORY, VIDEO, StrikeRun
 from whiptool.errors import InputError
+from whiptool.given_files import check_kinds
 from whiptool.progress import note
 
 T = TypeVar("T", bound=OptionGroup)
@@ -216,7 +217,9 @@ def _beyond(folder: Path) -> str | None:
 def _part(group: type[T], table: dict[str, Any]) -> T:
     """A group of the options that a folder holds."""
     given = {f.name: table[f.name] for f in fields(group) if f.name in table}
-    return group(**{name: tuple(x) if isinstance(x, list) else x for name, x in given.items()})
+    given = {name: tuple(x) if isinstance(x, list) else x for name, x in given.items()}
+    check_kinds(group, given, "options.")
+    return group(**given)
 
 
 def has_display() -> bool:

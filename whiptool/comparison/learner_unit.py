@@ -15,7 +15,8 @@ import numpy as np
 
 from whiptool.comparison.series import MAIN_CONVENTION, MethodUnit
 from whiptool.extras import optional
-from whiptool.given_files import read_json
+from whiptool.given_files import parsing, read_json
+from whiptool.models.numbers import number, numbers
 from whiptool.rl.trained import one_torch_thread
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
@@ -56,6 +57,11 @@ class LearnerUnit(MethodUnit):
     def series(self) -> tuple[str, str, int]:
         """Name of the learner, kind of its observation, and seed."""
         return self.method, self.observation, self.seed
+
+    @property
+    def count(self) -> int:
+        """Number of targets."""
+        return self.scene.targets
 
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Train the learner, from the last checkpoint if there is one, then strike at all targets; return the
@@ -219,13 +225,15 @@ class Checkpoint:
         from whiptool.rl.training import load_checkpoint
 
         if self.path.exists() and self.history.exists():
-            history = read_json(self.history)
-            if len(history["rewards"]) >= int(load_checkpoint(self.path)["done"]):
+            with parsing(self.history, "JSON"):
+                history = read_json(self.history)
+                rewards, seconds = numbers("rewards", history["rewards"]), number("seconds", history["seconds"])
+            if len(rewards) >= int(load_checkpoint(self.path)["done"]):
                 training.load(self.path)
-                return {**history, "rewards": history["rewards"][: training.done]}
+                return {"rewards": list(rewards[: training.done]), "seconds": seconds}
         return {"rewards": [], "seconds": 0.0}
 
     def save(self, training, history: dict[str, Any]) -> None:
         """Write the history, then the training; if only the history is written, `load` drops its excess entries."""
-        write_whole(self.history, json.dumps(history))
+        write_whole(self.history, json.dumps(history, allow_nan=False))
         training.save(self.path)

@@ -154,6 +154,11 @@ class SearchUnit(MethodUnit):
         name = f"{self.method}+library" if self.library and self.method != "library" else self.method
         return name, "", self.seed
 
+    @property
+    def count(self) -> int:
+        """Number of targets."""
+        return self.last - self.first
+
     def run(self, folder: Path | None, threads: int | None) -> dict[str, Any]:
         """Search at every target of the unit, and return the results."""
 

@@ -234,6 +234,18 @@ class MethodUnit(Unit):
     def series(self) -> tuple[str, str, int]:
         """Name of the method in tables; observation of a learner, empty for a search; and seed."""
 
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """Number of targets."""
+
+    def check(self, result: Mapping[str, Any]) -> None:
+        """Raise an exception if a stored result is not one that this unit can have had."""
+        for one in collect([self], {self.key: result}):
+            one.row()
+            if one.trials.shape != (1, self.count) or one.trials.dtype.kind != "i" or one.hit.dtype != bool:
+                raise ValueError(f"no {self.count} numbers of trials, each with a hit or none: {one.label}")
+
 
 def collect(units: Iterable[MethodUnit], results: Mapping[str, Mapping[str, Any]]) -> list[Series]:
     """Return the series of finished units, in the order of the units."""

@@ -7,6 +7,7 @@ without using their positions.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -33,7 +34,7 @@ from whiptool.goals.zone import (
 )
 from whiptool.impedance import Controller
 from whiptool.models import Model
-from whiptool.models.numbers import LARGEST
+from whiptool.models.numbers import LARGEST, number, numbers
 from whiptool.models.strike import T_STAY, StrikeBounds, default_bounds
 from whiptool.rl.task import StrikeTask
 from whiptool.rollout import CompiledRollout
@@ -214,6 +215,12 @@ class DifficultyUnit(Unit):
             "one_strike_hits": float(at_all.mean()),
             "random_strikes_hit": float(random.mean()),
         }
+
+    def check(self, result: Mapping[str, Any]) -> None:
+        """Raise an exception if a stored result is not one that this unit can have had."""
+        numbers("one_strike", result["one_strike"])
+        for name in ("one_strike_hits", "random_strikes_hit"):
+            number(name, result[name], low=0, high=1)
 
 
 def scene_seed(scene: TargetScene) -> list[int]:

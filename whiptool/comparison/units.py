@@ -28,7 +28,7 @@ import numpy as np
 
 from whiptool.errors import InputError, WhiptoolError
 from whiptool.extras import optional
-from whiptool.given_files import read_json
+from whiptool.given_files import parsing, read_json
 from whiptool.whole_files import write_whole
 from whiptool.words import counted
 
@@ -219,6 +219,9 @@ class Unit(ABC):
             The result as plain data for JSON.
         """
 
+    def check(self, result: Mapping[str, Any]) -> None:  # noqa: B027  # of some units what is stored is only shown
+        """Raise an exception if a stored result is not one that this unit can have had."""
+
 
 def _words(unit: Any) -> str:
     """Return the kind of a unit and those of its short fields that are not as usual, for people who look at files."""
@@ -305,7 +308,7 @@ class Store:
         from whiptool.progress import Progress
 
         by_key = {unit.key: unit for unit in units}
-        results = {key: self._read(key) for key in by_key if unit_file(self.units, key).exists()}
+        results = {key: self._read(unit) for key, unit in by_key.items() if unit_file(self.units, key).exists()}
         todo = {key: unit for key, unit in by_key.items() if key not in results}
         alone = self.workers == 1 and self.cluster is None
         work = Work(self.checkpoints, None if alone else max(1, (os.cpu_count() or 1) // self.workers))
@@ -333,9 +336,12 @@ class Store:
         self.deaths.append(keys)
         print(f"whiptool: a worker died at {' or '.join(keys)}; trying again", file=sys.stderr)
 
-    def _read(self, key: str) -> dict[str, Any]:
+    def _read(self, unit: Unit) -> dict[str, Any]:
+        path = unit_file(self.units, unit.key)
         try:
-            return read_json(unit_file(self.units, key))
+            with parsing(path, "JSON"):
+                unit.check(result := read_json(path))
+            return result
         except InputError as error:
             raise error.renamed(error.name, "delete it") from None
 

@@ -88,6 +88,7 @@ def split(recordings: tuple[str, ...], held_out: tuple[str, ...] | None) -> tupl
     return fitted, others
 
 
+_LONGEST_HEADER = 100_000  # [characters]
 _WORDS = {"stiffness": "k", "damping": "b", "mass": "m", "length": "l", "density": "linear_density"}  # parameters
 
 
@@ -325,7 +326,7 @@ def in_pixels(path: str) -> bool:
         said = read_toml(side) if side.is_file() else {}
         return "camera" in said and not said.keys() & {"homography", "known_points", "scale"}
     with Path(path).open(encoding="utf-8-sig", errors="replace") as file:
-        return any(name.strip().strip('"').endswith("_u") for name in file.readline().split(","))
+        return any(name.strip().strip('"').endswith("_u") for name in file.readline(_LONGEST_HEADER).split(","))
 
 
 def tracked(

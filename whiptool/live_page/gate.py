@@ -6,6 +6,7 @@ import hmac
 import http
 import ipaddress
 import secrets
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from whiptool.errors import WhiptoolError
 LOOPBACK = "127.0.0.1"
 PORT = 8080
 COOKIE = "whiptool_studio"
+_STARTING = threading.Lock()
 
 
 def is_loopback(host: str) -> bool:
@@ -89,6 +91,7 @@ def guarded(gate: AccessGate) -> Iterator[None]:
     """
     from websockets.asyncio import server
 
+    _STARTING.acquire()  # else the second of two that start at once would keep the first one's function
     plain, started = server.serve, False
 
     def serve(*args: Any, process_request: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -101,6 +104,7 @@ def guarded(gate: AccessGate) -> Iterator[None]:
         yield
     finally:
         server.serve = plain
+        _STARTING.release()
     if not started:
         raise WhiptoolError("this version of viser starts its server in another way, so that access is not checked")
 

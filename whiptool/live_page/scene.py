@@ -180,6 +180,8 @@ class PageScene:
         return ball
 
     async def _drag_target(self, event: Any) -> None:
+        if not np.isfinite([event.start_position, event.end_position]).all():  # as no browser sends it by itself
+            return
         if event.phase == "start":
             self._grabbed = np.array(event.start_position) - upright(np.array(self.target.position))
         place = self._in_model(np.array(event.end_position) - self._grabbed)
@@ -188,7 +190,7 @@ class PageScene:
 
     async def _drag_direction(self, event: Any) -> None:
         away = np.array(self.target.position) - self._in_model(np.array(event.end_position))
-        if np.linalg.norm(away) > 1e-6:
+        if 1e-6 < np.linalg.norm(away) < np.inf:
             direction = away / np.linalg.norm(away)
             target = _moved(self.target, direction=tuple(np.round(direction, 6).tolist()))
             self._dragged(target, event.phase == "start")

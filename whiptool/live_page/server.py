@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import logging
+import sys
+import threading
 import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
 
 from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.live_page.gate import LOOPBACK, PORT, AccessGate, guarded
 from whiptool.live_page.page import Choices, Page
 from whiptool.live_page.panel import THEME
+from whiptool.live_page.widgets import check_widgets
 
 if TYPE_CHECKING:
     from viser import ClientHandle
 
 _ANYWHERE = ("0.0.0.0", "::")  # hosts that stand for all addresses of this machine
-_log = logging.getLogger(__name__)
+_SILENT = threading.RLock()
 
 
 class OpenPage(Protocol):
@@ -49,7 +50,7 @@ class PageServer:
         self._open, self._host = opened, host
         self._pages: dict[int, OpenPage] = {}
         self.gate = AccessGate.of(host)
-        with guarded(self.gate), contextlib.redirect_stdout(io.StringIO()):  # of its banner, which has no token
+        with guarded(self.gate), _silent():  # of its banner, which has no token
             self._server = viser.ViserServer(host=host, port=port, label="whiptool studio", verbose=False)
         # of frames for a browser that has just gone away
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection", category=UserWarning)
@@ -84,10 +85,11 @@ class PageServer:
         """Close all pages and the server."""
         for page in self.pages:
             page.close()
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _silent():
             self._server.stop()
 
     def _connected(self, client: ClientHandle) -> None:
+        check_widgets(client.gui)
         self._pages[client.client_id] = self._open(client)
 
     def _disconnected(self, client: ClientHandle) -> None:
@@ -106,6 +108,23 @@ class Studio(PageServer):
 
     def __init__(self, choices: Choices, *, host: str = LOOPBACK, port: int = PORT) -> None:
         super().__init__(lambda client: Page(client, choices), host=host, port=port)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep viser from printing, and nobody else in the process."""
+    import rich
+
+    def print_of_others(*texts: Any, **options: Any) -> None:
+        if not sys._getframe(1).f_globals.get("__name__", "").startswith("viser."):
+            plain(*texts, **options)
+
+    with _SILENT:
+        plain, rich.print = rich.print, print_of_others
+        try:
+            yield
+        finally:
+            rich.print = plain
 
 
 def _check_host(host: str) -> None:

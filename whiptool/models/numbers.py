@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import wraps
 from numbers import Real
 from typing import Any, ClassVar, TypeVar
@@ -20,6 +20,7 @@ from whiptool.errors import InputError, refuse_call
 
 # of any quantity in SI units: what is beyond is a slip, and overflows or vanishes where it is squared
 LARGEST, SMALLEST = 1e15, 1e-12
+MOST = 2**63 - 1  # of anything that is counted
 LONGEST, THICKEST = 100.0, 0.2  # [m] of whips and arms: what is beyond was given in millimetres
 LARGEST_GAP = 1.0  # [m] that may be asked for between arm, whip and floor
 ASK_UNIT = "lengths are in metres; are these millimetres?"
@@ -32,7 +33,7 @@ def number(name: str, value: object, *, low: float = -math.inf, high: float = LA
     """
     rule = "a finite number" if low == -math.inf else f"a finite number {'>' if strict else '>='} {low:g}"
     rule += "" if high == LARGEST else f" and <= {high:g}"
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+    if isinstance(value, (bool, np.timedelta64)) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(name, value, rule)
     try:
         x = float(value)
@@ -58,11 +59,12 @@ def metres(name: str, value: object, *, longest: float = LONGEST, low: float = 0
 
 
 def whole(name: str, value: object, *, low: int = 1, high: int | None = None) -> int:
-    """Return `value` as an int from `low` to `high`, or refuse it."""
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+    """Return `value` as an int from `low` to `high`, or refuse it; no machine counts beyond `MOST`."""
+    if isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64)):
         x = int(value)
-        if x >= low and (high is None or x <= high):
+        if low <= x <= (MOST if high is None else high):
             return x
+        high = MOST if x > MOST else high
     span = f">= {low}" if high is None else f"from {low} to {high}"
     raise InputError(name, value, f"a whole number {span}")
 
@@ -84,13 +86,13 @@ def array_of(name: str, value: object, rule: str) -> np.ndarray:
     """
     try:
         array = np.asarray(value)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # a class may raise anything, such as a tensor of PyTorch that has gradients
         raise InputError(name, value, rule) from None
-    if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+    if array.dtype.kind not in "iuf" or not np.isfinite(array := array.astype(float, copy=False)).all():
         raise InputError(name, value, rule)
     if (np.abs(array) > LARGEST).any():
         raise InputError(name, value, f"numbers of magnitude <= {LARGEST:g}")
-    return array.astype(float, copy=False)
+    return array
 
 
 def float_array(name: str, value: object) -> np.ndarray:
@@ -101,7 +103,7 @@ def float_array(name: str, value: object) -> np.ndarray:
             x is None or (isinstance(x, Real) and not isinstance(x, bool)) for x in array.flat
         ):
             array = array.astype(float)
-    except (ValueError, TypeError, OverflowError, RuntimeError):
+    except Exception:  # a class may raise anything, such as a tensor of PyTorch that has gradients
         raise InputError(name, str(value)[:80], "numbers") from None
     if array.dtype.kind not in "iuf":
         given = str(value)[:80]
@@ -120,11 +122,21 @@ def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tup
     return tuple(values[:n]), tuple(values[n : 2 * n]), values[-1]
 
 
+def one_of(name: str, value: object, known: Collection[str]) -> str:
+    """Return `value`, which has to be one of the texts `known`, or refuse it."""
+    if not isinstance(value, str) or value not in known:
+        raise InputError(name, value, ", ".join(known))
+    return value
+
+
 def texts(name: str, value: object) -> tuple[str, ...]:
     """Return `value` as a tuple of strings, or refuse it."""
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InputError(name, value, "a list of texts")
-    found = tuple(value)
+    try:
+        found = tuple(value)
+    except Exception:  # a class whose values cannot be looked at, such as an array of no dimension
+        raise InputError(name, value, "a list of texts") from None
     if not all(isinstance(x, str) for x in found):
         raise InputError(name, value, "a list of texts")
     return found

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError, expect, no_attribute
-from whiptool.models.numbers import NoArray, metres, number, numbers
+from whiptool.models.numbers import NoArray, metres, number, numbers, one_of, texts
 from whiptool.models.profile import of_other_profile, resized
 from whiptool.models.spatial_arm import JointedArm, JointLimits, SpatialArm, SpatialLink, checked_joints
 from whiptool.models.whip import KINDS, PLANAR_AXIS, WhipParameters
@@ -88,8 +88,7 @@ class ArmParameters(JointedArm):
 
     def per_link(self, name: str) -> np.ndarray:
         """Quantity `name` of every link, shape (n,)."""
-        if name not in list(self.QUANTITIES):
-            raise InputError("name", name, ", ".join(self.QUANTITIES))
+        one_of("name", name, self.QUANTITIES)
         return np.array([getattr(link, name) for link in self.links], float)  # (n,)
 
     def numbers(self) -> dict[str, np.ndarray]:
@@ -249,6 +248,7 @@ class Model(NoArray, instead="its parameters()"):
             InputError: A name is not one of these, or a value is not allowed.
         """
         expect(Mapping, changes=changes)
+        texts("changes", changes)
         of_profile = {name.removeprefix("profile."): x for name, x in changes.items() if name.startswith("profile.")}
         if of_profile:
             rest = {name: x for name, x in changes.items() if not name.startswith("profile.")}

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError, expect
-from whiptool.models.numbers import THICKEST, NoArray, array_of, metres, number, numbers, whole
-from whiptool.models.whip import KINDS, Joints, PerNode, WhipParameters
+from whiptool.models.numbers import THICKEST, NoArray, array_of, metres, number, numbers, one_of, whole
+from whiptool.models.whip import KINDS, LONGEST_CHAIN, Joints, PerNode, WhipParameters
 
 WAVES = 3  # of what a taper leaves out
 _GRADED = {  # taper and waves of each quantity that varies along a whip
@@ -127,9 +127,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         """Return `linear_density`, `bending_stiffness` or `bending_damping` at positions given as fractions of the
         length.
         """
-        if quantity not in list(_GRADED):
-            raise InputError("quantity", quantity, ", ".join(_GRADED))
-        return graded(self.numbers, quantity, array_of("place", place, "finite numbers"))
+        return graded(self.numbers, one_of("quantity", quantity, _GRADED), array_of("place", place, "finite numbers"))
 
     def lump(
         self, N: int, *, joints: Joints = "hinge", node_inertia: float = 0.0, clamped: bool = False
@@ -151,7 +149,7 @@ class WhipProfile(NoArray, instead="its numbers"):
         hat, `theta_j = int hat_j kappa ds`; with `M = EI kappa + eta dkappa/dt`, slow bending gives `1/k_j = int hat_j
         / EI` and `b_j = k_j^2 int hat_j eta / EI^2`. Joint 1 is free unless it is clamped.
         """
-        N = whole("N", N)
+        N = whole("N", N, high=LONGEST_CHAIN)
         if self.rest_curvature and KINDS[joints].dimension == 3:
             raise InputError("rest_curvature", self.rest_curvature, "0 for a whip in space")
         blocks = lump(self.numbers, N, clamped=clamped)

@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule, checked_capsules
-from whiptool.models.numbers import NoArray, metres, number, numbers
+from whiptool.models.numbers import NoArray, metres, number, numbers, texts
 
 _USUAL = {1: ("shoulder",), 2: ("shoulder", "elbow")}
 _ALLOWED = re.compile(r"(?!whip|target|tip|grip|world|com|end)[A-Za-z]\w*")
@@ -435,8 +435,8 @@ class SpatialArm(JointedArm):
         object.__setattr__(self, "weightless", tuple(self.weightless))
         if not set(self.weightless) <= set(self.joints):
             raise InputError("weightless", self.weightless, f"some of the arm's joints {', '.join(self.joints)}")
-        names = tuple(self.names) or self.joints
-        if len(names) != len(links) or not all(isinstance(name, str) for name in names):
+        names = texts("names", self.names) or self.joints
+        if len(names) != len(links):
             raise InputError("names", self.names, f"{len(links)} names, one for each joint, or none")
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "stick", (metres("stick length", self.stick[0], strict=False), self.stick[1]))

@@ -25,6 +25,7 @@ from whiptool.models.parameters import AnyArm, ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 
 PI = math.pi
+LARGEST_SAMPLE = 10_000_000  # strikes
 FASTEST = 15 / 8  # largest speed of a minimum-jerk path (Eq. 1), in spans per duration
 LARGEST_ACCELERATION = 10 / math.sqrt(3)  # likewise, per squared duration
 LARGEST_JERK = 60.0  # likewise, per cubed duration: at both ends
@@ -175,7 +176,7 @@ class StrikeBounds(ArrayLike):
         expect(np.random.Generator, rng=rng)
         assert isinstance(rng, np.random.Generator)
         lower, upper = self.box
-        return rng.uniform(lower, upper, (whole("size", size, low=0), len(lower)))
+        return rng.uniform(lower, upper, (whole("size", size, low=0, high=LARGEST_SAMPLE), len(lower)))
 
 
 _PERSON = ("shoulder_flexion", "shoulder_abduction", "shoulder_rotation", "elbow")

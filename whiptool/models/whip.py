@@ -9,8 +9,9 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import NoArray, metres, number, whole
+from whiptool.models.numbers import NoArray, metres, number, one_of, whole
 
+LONGEST_CHAIN = 200  # nodes
 STEEPEST = math.pi / 2  # [rad] of a rest angle
 PerNode = float | tuple[float, ...]  # one number for the whole whip, or one per node
 Joints: TypeAlias = Literal["hinge", "universal", "rod"]
@@ -120,11 +121,11 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
     _JOINT: ClassVar = ("k", "b", "rest_angle", "rest_angle_x", "dry_friction", "cubic_stiffness")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "N", whole("N", self.N, high=200))
+        object.__setattr__(self, "N", whole("N", self.N, high=LONGEST_CHAIN))
         for name, (low, strict) in self._LOW.items():
             value = getattr(self, name)
-            if isinstance(value, (list, tuple, np.ndarray)):
-                if any(np.ndim(x) for x in value) or len(value) != self.N:
+            if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
+                if any(isinstance(x, (list, tuple, np.ndarray)) for x in value) or len(value) != self.N:
                     raise InputError(name, value, f"one number, or {self.N} numbers (one per node)")
                 checked = tuple(number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
             else:
@@ -136,8 +137,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         object.__setattr__(self, "friction_velocity", velocity)
         for name in ("hinge_mass", "drag_ratio"):
             object.__setattr__(self, name, number(name, getattr(self, name), low=0))
-        if not isinstance(self.joints, str) or self.joints not in KINDS:
-            raise InputError("joints", self.joints, ", ".join(KINDS))
+        one_of("joints", self.joints, KINDS)
         for name in self.kind.absent:
             if self.per_node(name).any():
                 untwisted = (
@@ -162,9 +162,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
     def per_node(self, name: str) -> np.ndarray:
         """Quantity `name` as an array (N,); the hinge's entry is 0 if a single number was given for a joint's
         quantity."""
-        if name not in list(self._LOW):
-            raise InputError("name", name, ", ".join(self._LOW))
-        value = getattr(self, name)
+        value = getattr(self, one_of("name", name, self._LOW))
         array = np.full(self.N, value) if isinstance(value, float) else np.array(value)
         if isinstance(value, float) and name in self._JOINT:
             array[0] = 0.0  # the free hinge

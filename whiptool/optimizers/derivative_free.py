@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +13,6 @@ from whiptool.errors import InputError
 from whiptool.extras import optional
 from whiptool.models.numbers import number, whole
 from whiptool.objective import Objective
-from whiptool.stop_signals import signals_held
 
 
 def random_search(objective: Objective, *, seed: int) -> None:
@@ -135,10 +133,13 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         SearchStopped: The objective ended the search.
     """
     from pymoo.algorithms.soo.nonconvex.ga import GA
+    from pymoo.core.evaluator import Evaluator
+    from pymoo.core.problem import Problem
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.mutation.pm import PM
     from pymoo.operators.sampling.rnd import FloatRandomSampling
     from pymoo.operators.selection.tournament import TournamentSelection
+    from pymoo.problems.static import StaticProblem
 
     s = settings or GASettings()
     d_max = objective.penalty if s.d_max is None else s.d_max
@@ -156,57 +157,38 @@ def genetic_search(objective: Objective, *, seed: int, settings: GASettings | No
         mutation=PM(prob=1.0, prob_var=s.mutation, eta=s.mutation_eta),
     )
     algorithm.termination = ("n_gen", 10**9)
-    _evolve(objective, algorithm, np.random.default_rng(seed), lambda costs: -fitness(costs, d_max))
+    m = len(objective.bounds.box[0])
+    box = Problem(n_var=m, n_obj=1, xl=np.zeros(m), xu=np.ones(m))
+    algorithm.setup(box, seed=int(np.random.default_rng(seed).integers(1, 2**31)), verbose=False)
+    while (generation := algorithm.ask()) is not None and len(generation):
+        values = -fitness(_costs(objective, generation.get("X")), d_max)
+        Evaluator().eval(StaticProblem(box, F=values[:, None]), generation)
+        algorithm.tell(infills=generation)
 
 
 def cmaes_search(objective: Objective, *, seed: int) -> None:
     """Restart CMA-ES from random strikes until the objective stops the search.
 
-    The implementation draws from NumPy's global generator, whose state is restored at the end.
-
     Raises:
         SearchStopped: The objective ended the search.
     """
-    from pymoo.algorithms.soo.nonconvex.cmaes import CMAES
+    from cmaes import CMA  # each search draws from a generator of its own
 
-    rng = np.random.default_rng(seed)
-    outside = np.random.get_state()  # noqa: NPY002
-    try:
-        while True:
-            algorithm = CMAES(x0=rng.uniform(0.2, 0.8, len(objective.bounds.box[0])), sigma=SIGMA, restarts=0)
-            _evolve(objective, algorithm, rng, lambda costs: costs)
-    finally:
-        np.random.set_state(outside)  # noqa: NPY002
+    rng, box = np.random.default_rng(seed), np.tile([0.0, 1.0], (len(objective.bounds.box[0]), 1))
+    while True:
+        start = rng.uniform(0.2, 0.8, len(box))
+        _costs(objective, start[None])
+        algorithm = CMA(start, SIGMA, bounds=box, seed=int(rng.integers(2**31)))
+        while not algorithm.should_stop():
+            generation = np.array([algorithm.ask() for _ in range(algorithm.population_size)])
+            algorithm.tell(list(zip(generation, _costs(objective, generation).tolist(), strict=True)))
 
 
-def _evolve(
-    objective: Objective, algorithm: Any, rng: np.random.Generator, minimised: Callable[[np.ndarray], np.ndarray]
-) -> None:
-    """Show a pymoo algorithm what its generations in the unit box come to, until it ends or has no new strike.
-
-    Args:
-        objective: Rolls out.
-        algorithm: To run.
-        rng: Gives its seed, but never 0, which pymoo takes for the time of day.
-        minimised: Function of the costs of strikes that the algorithm minimises.
-    """
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.problem import Problem
-    from pymoo.problems.static import StaticProblem
-
+def _costs(objective: Objective, generation: np.ndarray) -> np.ndarray:
+    """Return the costs (B,) [m] of strikes (B, m) that are given in the unit box."""
     lower, upper = objective.bounds.box
-    box = Problem(n_var=len(lower), n_obj=1, xl=np.zeros(len(lower)), xu=np.ones(len(lower)))
-    algorithm.setup(box, seed=int(rng.integers(1, 2**31)), verbose=False)
-    while algorithm.has_next():
-        with signals_held():  # pymoo's CMA-ES catches a KeyboardInterrupt, and the search would go on
-            generation = algorithm.ask()
-        if generation is None or len(generation) == 0:
-            return
-        strikes = objective.admissible(lower + np.clip(generation.get("X"), 0, 1) * (upper - lower))
-        costs = np.array([outcome.cost for outcome in objective.batch(strikes)])
-        Evaluator().eval(StaticProblem(box, F=minimised(costs)[:, None]), generation)
-        with signals_held():
-            algorithm.tell(infills=generation)
+    strikes = objective.admissible(lower + np.clip(generation, 0, 1) * (upper - lower))
+    return np.array([outcome.cost for outcome in objective.batch(strikes)])
 
 
 BATCH = 10  # strikes between updates

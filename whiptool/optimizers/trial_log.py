@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_bytes
 from whiptool.models.parameters import AnyArm
 from whiptool.models.strike import strike_names
 from whiptool.objective import RIG, Arrival, Outcome, Trial
@@ -143,7 +144,7 @@ class TrialLog:
         """
         if not self.path.exists():
             return []
-        data = self.path.read_bytes()
+        data = read_bytes(self.path, "log of trials")
         *lines, cut_off = data.split(b"\n")
         header = _line(self.columns.header).encode()
         if not header.startswith(b"".join(line + b"\n" for line in lines[:1]) or cut_off):

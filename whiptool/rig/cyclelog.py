@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
+from whiptool.given_files import read_bytes
 from whiptool.whole_files import append_to
+
+_LARGEST, _MOST_JOINTS = 2**28, 100  # [bytes] of a log that is read, joints in it
 
 
 class Phase(IntEnum):
@@ -146,7 +149,7 @@ class Cycles:
         Raises:
             InputError: The file is not a log of cycles.
         """
-        return _parse(Path(path).read_bytes(), str(path))
+        return _parse(read_bytes(Path(path), "log of cycles", largest=_LARGEST), str(path))
 
     @property
     def lost(self) -> np.ndarray:
@@ -176,7 +179,9 @@ def _parse(data: bytes, name: str) -> Cycles:
         head = json.loads(line)
         joints = int(head["joints"])
         assert head["format"] == _MAGIC
-    except (ValueError, KeyError, TypeError, AssertionError):
+        assert 1 <= joints <= _MOST_JOINTS
+        assert isinstance(head["about"], dict)
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError, AssertionError):
         raise InputError(name, line[:40], f"a file that begins with {_MAGIC!r}") from None
     widths = [joints if per_joint else 1 for _, per_joint in _COLUMNS]
     width = sum(widths)

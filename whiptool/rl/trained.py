@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from whiptool.errors import InputError, expect
 from whiptool.extras import optional
+from whiptool.given_files import parsing
 from whiptool.goals.arrival_rule import GoalRegion, named_rule, named_zone
 from whiptool.goals.target import HIT_RADIUS, Target
 from whiptool.goals.zone import Zone
@@ -22,7 +23,7 @@ from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import OLD_OBSERVATIONS, StrikeTask
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import Rollout
-from whiptool.runs import config_of
+from whiptool.runs import CONFIG, config_of
 from whiptool.words import method_name
 
 if TYPE_CHECKING:
@@ -82,7 +83,9 @@ def load_policy(run_folder: str | Path) -> Policy:
     given = Path(run_folder)
     folder = given.parent if given.is_file() else given
     kept = folder / BEST if (folder / BEST).is_file() else folder / CHECKPOINT
-    training = training_of(config_of(folder, "train"))
+    config = config_of(folder, "train")
+    with parsing(folder / CONFIG, "TOML"):
+        training = training_of(config)
     training.load(given if given.is_file() else kept)
     return Policy(training.learner, training.task)
 

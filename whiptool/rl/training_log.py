@@ -17,11 +17,22 @@ from tensorboard.compat.proto.event_pb2 import Event, SessionLog
 from tensorboard.compat.proto.summary_pb2 import Summary
 from tensorboard.summary.writer.record_writer import RecordWriter
 
+from whiptool.errors import InputError
+from whiptool.given_files import read_text
 from whiptool.rl.training import TrainingEpisode
 from whiptool.whole_files import append_whole, write_whole
 
 _OTHERS = ("losses", "held_out", "best")  # of an episode, in separate columns, or elsewhere
 HELD_OUT = ("held_out_hit", "held_out_cost")
+
+
+def _is_number(text: str) -> bool:
+    """Whether a cell holds a number or nothing."""
+    try:
+        float(text or "nan")
+    except ValueError:
+        return False
+    return True
 
 
 class EpisodeTable:
@@ -37,11 +48,31 @@ class EpisodeTable:
         self.names = [*(f.name for f in fields(TrainingEpisode) if f.name not in _OTHERS), *losses, *HELD_OUT]
 
     def cut(self, episodes: int) -> None:
-        """Keep only the lines of the first `episodes` episodes; later episodes will be repeated."""
-        lines = self.path.read_text(encoding="utf-8").splitlines(keepends=True) if self.path.exists() else []
-        write_whole(self.path, "".join(lines[: 1 + episodes if episodes else 0]))
-        if episodes and lines:
-            self.names = lines[0].strip().split(",")  # an older version's run may lack columns
+        """Keep only the lines of the first `episodes` episodes; later episodes will be repeated.
+
+        Raises:
+            InputError: The file is no table of episodes, or the lines to be kept are damaged.
+        """
+        lines = read_text(self.path, "CSV").splitlines(keepends=True) if self.path.exists() else []
+        kept = lines[: self._intact(lines, episodes)] if episodes else []
+        write_whole(self.path, "".join(kept))
+        if kept:
+            self.names = kept[0].strip().split(",")  # an older version's run may lack columns
+
+    def _intact(self, lines: Sequence[str], episodes: int) -> int:
+        """Return how many of the lines are the header and those of episodes up to a number; damage among them is
+        refused, so that the file stays as it is.
+        """
+        rows = [line.strip().split(",") for line in lines]
+        first = int(rows[1][0]) if len(rows) > 1 and rows[1][0].isdecimal() else 1  # later if a table was moved away
+        count = min(len(rows), max(1, episodes - first + 2))
+        for i, row in enumerate(rows[:count]):
+            right = len(row) == len(rows[0]) and row[0] == str(first + i - 1) and all(map(_is_number, row))
+            if not (right if i else set(row) <= set(self.names) and row[0] == self.names[0]):
+                rule = f"the episodes up to {episodes} in order, as training wrote them"
+                fix = "restore it, or move it away: the run then goes on without those episodes in its table"
+                raise InputError(f"{self.path}, line {i + 1}", lines[i], rule, fix)
+        return count
 
     def add(self, episode: TrainingEpisode) -> None:
         """Append an episode.

@@ -14,7 +14,7 @@ from whiptool.dynamics.structure import Columns, Structure, outcome_columns, par
 from whiptool.errors import InputError, expect
 from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.hand_space import StrikeSpace
-from whiptool.models.numbers import array_of, number, texts, whole
+from whiptool.models.numbers import array_of, number, one_of, texts, whole
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike, JointSpace
 from whiptool.models.trajectory import Approach, Points, Trajectory, target_points
@@ -53,6 +53,20 @@ class ChainPath(NamedTuple):
     t: np.ndarray
     points: np.ndarray
     slopes: np.ndarray
+
+
+def _check_one_each(count: int, **given: object) -> None:
+    """Refuse models and controllers that are neither none nor a list of one for each strike."""
+    for name, some in given.items():
+        if some is not None and (not isinstance(some, (list, tuple)) or len(some) not in (0, count)):
+            raise InputError(name, some, f"a list of {count}, one for each strike, or none")
+
+
+def _some(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of one parameter or more, or refuse them."""
+    if not (found := texts("names", names)):
+        raise InputError("names", names, "the names of one parameter or more, such as D")
+    return found
 
 
 class CompiledRollout(Rollout):
@@ -96,8 +110,8 @@ class CompiledRollout(Rollout):
         expect(Model, model=model)
         controller = default_controller(model) if controller is None else controller
         expect(Controller, controller=controller)
-        if engine is not None and engine not in RUNGS:
-            raise InputError("engine", engine, ", ".join(RUNGS))
+        if engine is not None:
+            one_of("engine", engine, RUNGS)
         self.model, self.controller = model, controller
         if tolerance is not None and timestep is not None:
             raise InputError("tolerance and timestep", (tolerance, timestep), "only one of the two")
@@ -150,9 +164,7 @@ class CompiledRollout(Rollout):
         """
         strikes = self.vectors(strikes)
         B, a = len(strikes), self.model.arm.n
-        for name, given in (("models", models), ("controllers", controllers)):
-            if given and not (isinstance(given, (list, tuple)) and len(given) == B):
-                raise InputError(name, given, f"a list of {B}, one for each strike, or none")
+        _check_one_each(B, models=models, controllers=controllers)
         targets = target_points(target, B, self.model.dimension)
         out, error = np.empty((B, outcome_columns(a, self.model.dimension).width)), np.empty(B)
         bar = Progress(total=B, unit=" strikes", disable=not progress, leave=False)
@@ -266,7 +278,7 @@ class CompiledRollout(Rollout):
     ) -> tuple[Approach, np.ndarray, Columns]:
         """The approaches, what the engine says along each of m directions, (B, m, width), and its columns."""
         strikes = self.vectors(strikes)
-        names = self.space.names if names is None else texts("names", names)
+        names = self.space.names if names is None else _some(names)
         B, m = len(strikes), len(names)
         targets = target_points(target, B, self.model.dimension)
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
@@ -356,6 +368,7 @@ class CompiledRollout(Rollout):
         number("rate", rate, low=0, strict=True)
         number("t_stay", t_stay, low=0)
         names = texts("names", names)
+        _check_one_each(len(strikes), models=models, controllers=controllers)
         if names and (models or controllers):
             raise InputError("names", list(names), "none, because the strikes have different models")
         S = int((strikes[:, -1].max(initial=0.0) + t_stay) * rate + 1e-9) + 1
@@ -394,7 +407,7 @@ class CompiledRollout(Rollout):
             stride: Number of steps of at most `timestep` between samples. Since D shifts the sampling times,
                 derivatives by D include a part of the velocity.
         """
-        strikes = self.vectors(strikes)
+        strikes, names = self.vectors(strikes), _some(names)
         d = self.model.dimension
         ends = self.model.arm.n + self.model.whip.N
         m, at_once = len(names), max(1, _TRAJECTORIES_AT_ONCE // len(names))

@@ -28,6 +28,7 @@ from whiptool.whole_files import write_whole
 
 log = logging.getLogger("whiptool")
 
+_ROOM = 1 << 23  # [bytes] of sources and library while one is built
 _FOR_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -57,6 +58,16 @@ def cache_folder() -> Path:
             return folder
     except OSError as error:
         return _temporary_folder(f"cannot write {folder} ({error.strerror})")
+
+
+def _with_room(folder: Path) -> Path:
+    """Return the folder if a library can be built in it, or a temporary one, as where its disk is full."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_ROOM))
+        return folder
+    except OSError as error:
+        return _temporary_folder(f"no room in {folder} ({error.strerror})")
 
 
 def is_own(path: Path) -> bool:
@@ -216,7 +227,9 @@ def load_library(
     try:
         key = hashlib.sha256("\0".join([generated, driver, _identity(compiler), *options]).encode()).hexdigest()[:32]
         folder = cache_folder()
-        return cached(folder, key) or _built(folder, key, [compiler, *options], (generated, driver), functions)
+        if (found := cached(folder, key)) is not None:
+            return found
+        return _built(_with_room(folder), key, [compiler, *options], (generated, driver), functions)
     except CompilerHangs as error:
         _hanging.add(compiler)
         log.warning("%s hangs (%s); strikes run in CasADi's interpreter, several times slower", compiler, error)

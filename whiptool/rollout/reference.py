@@ -6,19 +6,20 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import partial
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from whiptool.dynamics.modes import linearise
 from whiptool.dynamics.posture import start_posture
 from whiptool.dynamics.rods import half_square, rod_damping
-from whiptool.errors import InputError, expect
+from whiptool.errors import expect
 from whiptool.impedance.arm import Arm
 from whiptool.impedance.controller import Controller, default_controller
 from whiptool.models.hand_space import StrikeSpace
 from whiptool.models.kinematics import arm_frames
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import number, numbers, one_of
 from whiptool.models.parameters import Model
 from whiptool.models.strike import T_STAY, AnyStrike
 from whiptool.models.trajectory import Trajectory
@@ -78,7 +79,7 @@ class ReferenceRollout(Rollout):
             stable = _rods_timestep(model) if rods else _stable_timestep(self._mj, model)
             timestep = min(RODS_TIMESTEP if rods else TIMESTEP, max(stable, SMALLEST_TIMESTEP))
             integrator = integrator or ("RK4" if rods or stable >= SMALLEST_TIMESTEP else "implicitfast")
-        integrator = integrator or "RK4"
+        self._integrator = integrator = integrator or "RK4"
         self.timestep = number("timestep", timestep, low=SMALLEST_STEP, high=LARGEST_STEP)
         self._mj.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
         self._data = mujoco.MjData(self._mj)
@@ -93,6 +94,11 @@ class ReferenceRollout(Rollout):
         self._root = self._mj.body_rootid[first]
         self._rubs, self._brakes = bool(self._friction.any()), bool(self._drag.any())
         self.has_forces = rods or self._rubs or self._brakes
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made again from its arguments in another process, as MuJoCo's model cannot be sent there."""
+        options = {"timestep": self.timestep, "integrator": self._integrator}
+        return partial(type(self), self.model, self.controller, **options), ()
 
     @property
     def space(self) -> StrikeSpace:
@@ -236,13 +242,14 @@ def control_callback(act: Callable[[mujoco.MjModel, mujoco.MjData], None]) -> It
     """
     gave_up: list[str] = []
     with _callback:
+        before = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
         mujoco.set_mjcb_control(act)
         mujoco.set_mju_user_warning(gave_up.append)
         try:
             yield gave_up
         finally:
-            mujoco.set_mjcb_control(None)
-            mujoco.set_mju_user_warning(None)
+            mujoco.set_mjcb_control(before[0])
+            mujoco.set_mju_user_warning(before[1])
 
 
 def check_integrator(name: str) -> None:
@@ -251,8 +258,7 @@ def check_integrator(name: str) -> None:
     Raises:
         InputError: The name is unknown; the message lists the integrators.
     """
-    if name not in get_args(Integrator):
-        raise InputError("integrator", name, ", ".join(get_args(Integrator)))
+    one_of("integrator", name, get_args(Integrator))
 
 
 @dataclass(frozen=True)
