@@ -219,3 +219,10 @@ def test_what_has_no_chance_is_no_plan(many):
     assert refresh(lost, known(*HOME), many, now=0.1, rng=RNG(0)).probability == 1
     assert refresh(lost, away, many, now=0.1, rng=RNG(0)) is None
     assert plan(away, many, now=0.1, rng=RNG(0)) is None
+
+
+def test_a_plan_that_has_lost_its_chance_is_dropped_and_another_one_made(few, monkeypatch):
+    monkeypatch.setattr(Interceptor, "refresh", lambda *_, **__: None)
+    plans = list(intercept(frames(), few, decide=0.0, rng=RNG(0), motion="straight", plan_time=0.1))
+    assert [x is None for x in plans[:3]] == [False, True, False]
+    assert plans[2].start > plans[0].start - 1e-9

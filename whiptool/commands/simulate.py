@@ -151,15 +151,7 @@ def strike_of(run_folder: Path, kind: type[T]) -> T:
 
 
 def check_width(options: Any, space: StrikeSpace) -> None:
-    """Refuse a strike of another number of coordinates than a model's, by the name of the option or run that gave it.
-
-    Args:
-        options: Options with a strike, and a run that it may be of.
-        space: Strikes of the model.
-
-    Raises:
-        InputError: The numbers are not the coordinates of such a strike.
-    """
+    """Refuse a strike that has other coordinates than the model's, by the name of the option or run that gave it."""
     from whiptool.models.hand_space import numbers_of
 
     if len(options.strike) == space.width:

@@ -121,9 +121,8 @@ class Interceptor:
         self, track: TargetTrack, *, now: float, rng: np.random.Generator, earliest: float | None = None
     ) -> Interception | None:
         """Return the strike and start of the largest probability of a hit; None if no strike that keeps the limits
-        comes near the target in time, or if the probability is below 0.005.
-
-        The track ends where its most probable position reaches the floor of the limits.
+        comes near the target in time, or if the probability is below 0.005. The track ends where its most probable
+        position reaches the floor.
 
         As the start time t0 is free, the tip's path only has to cross the target's path. Points at which paths of the
         library come near it are ranked by the expected squared miss: the squared distance of the two paths plus the
@@ -358,8 +357,7 @@ class Aim:
 
         `x`, `start` and `tau` are as for `steer`; `began` is `time.perf_counter()` at the start of the search.
         """
-        striker = self.library.striker
-        possible, path = striker.paths(x, rate=FINE)
+        possible, path = self.library.striker.paths(x, rate=FINE)
         t = np.arange(path.shape[1]) / FINE
         seed = int(rng.integers(2**63))  # the same tracks for every strike
 
@@ -370,7 +368,7 @@ class Aim:
         seen = [outlook(i, np.random.default_rng(seed), samples) for i in range(len(x))]
         worth = np.array([o.probability - _PULL * o.expected_miss for o in seen])
         order = np.argsort(-worth, kind="stable")
-        i = next((int(i) for i in order[possible[order]] if striker.keep(x[i : i + 1])[0]), None)
+        i = next((int(i) for i in order[possible[order]] if self.library.striker.keep(x[i : i + 1])[0]), None)
         if i is None:
             return None
         chosen = outlook(i, rng, max(samples, _STATED))

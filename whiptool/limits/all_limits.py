@@ -232,10 +232,8 @@ class AllLimits:
         return max(floors, default=-np.inf)
 
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return the excess of strikes over the limits by their peak values alone, (B,), by which searches rank them;
-        -1 without limits.
-
-        Peak values show neither distances nor speeds of points, so that they never tell that a strike may be made.
+        """Return the excess of strikes over the limits by peak values alone, (B,), by which searches rank them, -1
+        without limits; peak values show no distances, and so never tell that a strike may be made.
         """
         unlimited = np.full(np.shape(near.diverged), -1.0)
         return np.max([unlimited, *(limits.violation_of_peaks(near) for limits in self.members)], axis=0)

@@ -18,7 +18,7 @@ from whiptool.models.kinematics import arm_poses, joint_points
 from whiptool.models.numbers import LARGEST_GAP, LONGEST, metres
 from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
-from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Trajectory
 
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
@@ -253,10 +253,6 @@ class Clearance(Limits):
             return math.inf
         found = self.nearest(trajectory, enough=self.least)[0]
         return -math.inf if found is None else self._beyond(found)
-
-    def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return -1 for each strike, (B,), as peak values contain no distances; infinity for strikes that diverged."""
-        return np.where(near.diverged, math.inf, -1.0)
 
     def _beyond(self, found: NearestPair) -> float:
         return (self.least - found.clearance) / UNIT

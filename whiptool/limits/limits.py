@@ -253,10 +253,10 @@ class Limits(ABC):
         """Whether strikes that would be hits or the best have to be checked along their whole trajectory."""
         return False
 
-    @abstractmethod
     def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return the excess of strikes over the limits by their peak values alone, (B,); at most 0 if they certainly
-        keep the limits."""
+        """Return the excess of strikes over the limits as far as peak values show it, (B,): -1 if they show nothing,
+        infinite for strikes that diverged."""
+        return np.where(np.asarray(near.diverged), np.inf, -1.0)
 
     @abstractmethod
     def violation(self, trajectory: Trajectory) -> float:

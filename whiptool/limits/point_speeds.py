@@ -18,7 +18,7 @@ from whiptool.models.excess import Excess
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.parameters import AnyArm
 from whiptool.models.spatial_arm import SpatialArm
-from whiptool.models.trajectory import Approach, Trajectory
+from whiptool.models.trajectory import Trajectory
 
 _INSTANTS = np.linspace(0.0, 1.0, 33)  # of a commanded path, as fractions of its duration
 _WAY = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])  # Eq. 1
@@ -130,10 +130,6 @@ class PointSpeeds(Limits):
     def of_candidates(self) -> bool:
         """True, as peak values do not show speeds of points."""
         return True
-
-    def violation_of_peaks(self, near: Approach) -> np.ndarray:
-        """Return -1, as peak values do not show speeds of points; infinite for strikes that diverged."""
-        return np.where(np.asarray(near.diverged), np.inf, -1.0)
 
     def violation(self, trajectory: Trajectory) -> float:
         """Return the largest relative excess of a trajectory over a limit; at most 0 within all limits."""

@@ -66,13 +66,12 @@ class Emulated:
         try:
             self._control.send(options)
             refused, self.begun = self._control.recv()
-        except (EOFError, OSError) as error:
-            self.close()
-            raise WhiptoolError(f"{module} did not start; its error stands above") from error
-        except BaseException:  # a signal while it starts
+        except BaseException as error:  # also a signal while it starts
             self._control.close()
             self._process.kill()
             self._process.wait()
+            if isinstance(error, EOFError | OSError):
+                raise WhiptoolError(f"{module} did not start; its error stands above") from error
             raise
         if refused is not None:
             self.close()

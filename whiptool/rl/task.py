@@ -242,18 +242,14 @@ class StrikeTask:
         """Simulate strikes (B, n_act), and return their results at B goals."""
         approach = self.rollout.approach(strikes, goals.positions, t_stay=self.t_stay)
         wild, hit = approach.diverged | ~np.isfinite(approach.distance), goals.hit_by(approach)
-        beyond, by = self._beyond(strikes, approach, hit & ~wild)
+        candidates = np.flatnonzero(hit & ~wild)
+        beyond, by = self.limits.judged(strikes, approach, self._trajectory, candidates=candidates)
         refused = (beyond > 0) & ~wild
         penalty = distance_beyond(self.penalty, np.where(refused, beyond, 0.0))
         distance = np.where(wild | refused, penalty, approach.distance)
         velocity = np.where((wild | refused)[:, None], 0.0, approach.velocity)
         cost = np.where(wild | refused, penalty, goals.cost(distance, velocity))
         return Judged(strikes, approach, distance, cost, hit & ~refused, wild, np.where(refused, by, ""))
-
-    def _beyond(self, strikes: np.ndarray, approach: Approach, hit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far strikes are beyond the limits, and beyond which, (B,) each; of hits the whole strike is looked at."""
-        beyond, by = self.limits.judged(strikes, approach, self._trajectory, candidates=np.flatnonzero(hit))
-        return beyond, np.array(by)
 
     def within_limits(self, strike: np.ndarray) -> bool:
         """Whether the whole trajectory of a strike (n_act,) keeps the limits."""

@@ -261,9 +261,7 @@ def confirm(motion: Motion) -> bool:
 
 
 def says_yes(question: str) -> bool:
-    """Return whether a person types yes, in capitals or not; everything else, and no answer at all, is no. What was
-    typed at a terminal before the question does not answer it.
-    """
+    """Return whether a person types yes, in capitals or not; all else is no, also what a terminal had before."""
     if sys.stdin.isatty():
         import termios
 
