@@ -116,6 +116,9 @@ class ThrowRollout(Rollout):
         self.release_time = None if release_time is None else number("release time", release_time, low=0)
         self.release_noise = number("release noise", release_noise, low=0, high=0.2)
         self.rollout = CompiledRollout(self.model, controller, **options)
+        self.longest = 0.0  # D of the strikes that are searched [s]
+        with suppress(InputError):  # an arm without default bounds
+            self.longest = self.space.bounds.upper[-1]
         self.controller, self.engine = self.rollout.controller, self.rollout.engine
         self.timestep, self.tolerance = self.rollout.timestep, self.rollout.tolerance
 
@@ -220,7 +223,7 @@ class ThrowRollout(Rollout):
         states, slopes, base = self.rollout.release_path(
             vectors, t_stay=t_stay, rate=RATE, names=inner, by_hand=self.place == "hand"
         )
-        self._check_release(vectors, t_stay)
+        self.check_release(max(self.longest, float(vectors[:, -1].max(initial=0))), t_stay)
         how = (np.array(self.box.normal), self.box.drift, self.box.hit_radius, self.thing.radius)
         opening = Opening(np.array(centres), *how)
         release = Release(states, opening, self.model.gravity, self.thing.drag_per_mass, self.release_noise)
@@ -234,15 +237,19 @@ class ThrowRollout(Rollout):
     def _mass_name(self) -> str:
         return "whip.hinge_mass" if self.place == "hand" else f"whip.m[{self.model.whip.N - 1}]"
 
-    def _check_release(self, vectors: np.ndarray, t_stay: float) -> None:
-        """Refuse a release time that is after the end of these strikes and of all that are searched."""
-        if self.release_time is None or not len(vectors) or self.release_time <= vectors[:, -1].max() + t_stay:
-            return
-        with suppress(InputError):  # an arm without default bounds
-            vectors = np.vstack([vectors, self.space.bounds.upper])
-        longest = float(vectors[:, -1].max()) + t_stay
-        if self.release_time > longest:
-            rule = f"from 0 to {longest:g} s: the longest D, and {t_stay:g} s after it"
+    def check_release(self, longest: float, t_stay: float = T_STAY) -> None:
+        """Refuse a release time that is after the end of the longest strike of a search.
+
+        Args:
+            longest: Largest duration D of the strikes that are searched [s].
+            t_stay: Time after them [s].
+
+        Raises:
+            InputError: No strike lasts until the release.
+        """
+        self.longest, end = longest, longest + t_stay
+        if self.release_time is not None and self.release_time > end:
+            rule = f"from 0 to {end:g} s: the longest D, and {t_stay:g} s after it"
             raise InputError("release time", self.release_time, rule, "the thing would never be released")
 
     def _times(self, release: Release) -> np.ndarray:
