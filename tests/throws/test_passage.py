@@ -51,9 +51,7 @@ def test_balls_count_as_passing_if_their_path_stays_a_radius_from_the_rim(d, nor
         room, steep = radius - ball, -velocity @ normal / np.linalg.norm(velocity)
         if steep < max(np.cos(FLATTEST), ball / (ball + (1 - LEAST_ROOM) * room)) + 0.02:
             continue  # flatter than is allowed
-        counted = passage(
-            offset[None], velocity[None], down, normal, ball=ball, room=room, since=np.ones(1)
-        )[0]
+        counted = passage(offset[None], velocity[None], down, normal, ball=ball, room=room, since=np.ones(1))[0]
         margin = clearance(offset, velocity, normal, ball, radius) - ball
         inside = np.linalg.norm(offset) < radius
         if abs(margin) > 2e-4:

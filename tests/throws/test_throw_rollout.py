@@ -127,13 +127,15 @@ def test_a_strike_with_a_flat_entry_that_strikes_the_rim_is_no_hit():
     assert math.degrees(box.entry_angle(near.velocity[0])) == pytest.approx(87, abs=1)
     assert np.linalg.norm(rollout.landings(strike, [1.0658476]).place) < 1e-3
     assert not box.goals.hit_by(near)[0]
-    assert ThrowRollout(LEMON, box, release_time=1.0658476).approach(strike, box).distance[0] > 0.08  # a point: too flat
+    assert (
+        ThrowRollout(LEMON, box, release_time=1.0658476).approach(strike, box).distance[0] > 0.08
+    )  # a point: too flat
 
 
 def test_release_times_that_no_strike_reaches_are_refused(throws):
     with pytest.raises(InputError, match=r"release time.*from 0 to 1.8 s"):
         ThrowRollout(LEMON, BOX, thing=BALL, release_time=99.0).approach(STRIKE, BOX)
-    with pytest.raises(InputError, match="release times.*the end of the strike"):
+    with pytest.raises(InputError, match=r"release times.*the end of the strike"):
         throws.landings(STRIKE, [0.8, 9.0])
     late = ThrowRollout(LEMON, BOX, thing=BALL, release_time=1.5)  # after this strike's end, not after every one's
     assert late.approach(STRIKE, BOX).distance[0] == FARTHEST

@@ -46,8 +46,8 @@ def throw_lines(table: dict[str, Any], outcome: Outcome, throws: ThrowRollout, o
     said = "hit" if outcome.hit else "missed"
     over = f", with releases {2e3 * noise:g} ms early or late" if noise else ""
     return [
-        f"  box            ({where}) m, {said}: lands {outcome.miss_distance:.4f} m from the centre, with the room that "
-        f"its slant takes{over}; at most {box.hit_radius:.3f} m",
+        f"  box            ({where}) m, {said}: lands {outcome.miss_distance:.4f} m from the centre, with the room "
+        f"that its slant takes{over}; at most {box.hit_radius:.3f} m",
         f"  release        from the {throws.place} at {table['release_time']:.4f} s, lands at {outcome.time:.4f} s",
         f"  landing speed  {outcome.tip_speed:.1f} m/s, {math.degrees(table['entry_angle']):.0f} degrees from the "
         "opening's normal",

@@ -25,8 +25,9 @@ class Box(Target):
     """A round opening of a box, in the plane a gap, through which all of a thrown thing has to pass from above.
 
     `position` is the opening's centre, when the strike begins if the box moves, and `hit_radius` its radius less the
-    thing's: the largest miss, see `passage`. The thing may be required to be at least `speed`, at most `most_speed` [m/s] fast, and to enter along a
-    `direction` within a `cone`; these are judged when it enters. The opening may be out of the arm's reach.
+    thing's: the largest miss, see `passage`. The thing may be required to be at least `speed`, at most `most_speed`
+    [m/s] fast, and to enter along a `direction` within a `cone`; these are judged when it enters. The opening may be
+    out of the arm's reach.
 
     Args:
         normal: Vector out of the box, perpendicular to the opening, of any length; None: straight up.
@@ -99,7 +100,9 @@ class Box(Target):
         if steepest > flattest:
             given = tuple(round(x, 4) for x in self.direction)
             rule = f"one that leads into the opening, at most {math.degrees(FLATTEST):.0f} degrees from its normal"
-            why = f"with a cone of {math.degrees(self.cone):g} degrees it is {math.degrees(steepest):.0f} degrees or more"
+            why = (
+                f"with a cone of {math.degrees(self.cone):g} degrees it is {math.degrees(steepest):.0f} degrees or more"
+            )
             raise InputError("direction", given, rule, why)
 
     @property

@@ -81,7 +81,7 @@ class ThrowRollout(Rollout):
         controller: Controller of the arm; default: `default_controller`.
         thing: The thing.
         place: Where the thing is until its release: `tip` or `hand`.
-        release_time: Time of the release [s]; None: the best. Strikes that end before it count as missing by `FARTHEST`.
+        release_time: Time of the release [s]; None: the best. Strikes that end before it miss by `FARTHEST`.
         release_noise: Standard deviation of the release time [s]. The miss is then at least the largest of those
             of five releases up to two standard deviations early or late.
         options: Further arguments of `CompiledRollout`, by name.
