@@ -16,7 +16,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import NoArray, number
-from whiptool.throws.passage import passage
+from whiptool.throws.passage import Opening, passage
 
 AIR_DENSITY = 1.2  # [kg/m^3], at 20 degrees Celsius
 SPHERE = 0.47  # drag coefficient of a sphere at Reynolds numbers of 1e3 to 1e5
@@ -65,25 +65,6 @@ class Thing(NoArray, instead="its mass and drag"):
     def drag_per_mass(self) -> float:
         """Drag divided by mass [1/m]."""
         return self.drag / self.mass
-
-
-@dataclass(frozen=True)
-class Opening:
-    """The planes of openings towards which R things fly, as they are at release.
-
-    Args:
-        centres: Centres of the openings, (R, d) [m].
-        normal: Unit vector out of the box, (d,), with an upward component.
-        drift: Velocity of the box, (d,) [m/s].
-        radius: Radius of the openings, less that of the things [m].
-        ball: Radius of the things [m].
-    """
-
-    centres: np.ndarray
-    normal: np.ndarray
-    drift: np.ndarray
-    radius: float = 0.0
-    ball: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -145,8 +126,7 @@ def land(
             flight.step(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0))
     place, seen = flight.place - opening.centres - u * flight.time[:, None], flight.velocity - u
     arrives, excess = above & (np.abs(place @ n) < _IN_PLANE), height - np.maximum(begin, 0.0) - HIGHEST
-    how = {"ball": opening.ball, "room": opening.radius, "since": flight.time}
-    counted, by_place, by_seen = passage(place, seen, down, n, **how)
+    counted, by_place, by_seen = passage(place, seen, opening, down, flight.time)
     raised = np.where(arrives, np.where(excess > 0, opening.radius + excess, 0.0), np.copysign(opening.radius, height))
     offset = np.where(arrives[:, None], counted, place) + raised[:, None] * n
     if top is None:

@@ -170,11 +170,9 @@ def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay
 
 
 def _miss(offset: np.ndarray, velocity: np.ndarray, throws: ThrowRollout, since: float) -> float:
-    """Length of the counted offset of a thing that crossed the opening so (d,), so long after its release [m]."""
-    box, down = throws.box, np.zeros(len(offset))
-    down[-1] = -throws.model.gravity
-    how = {"ball": throws.thing.radius, "room": box.hit_radius, "since": np.array([since])}
-    counted = passage(offset[None], (velocity - box.drift)[None], down, np.array(box.normal), **how)[0]
+    """Length of what counts of the crossing (d,) of a thing that was released so long before [m]."""
+    box, down = throws.box, -throws.model.gravity * np.eye(len(offset))[-1]
+    counted = passage(offset[None], (velocity - box.drift)[None], throws.opening, down, np.array([since]))[0]
     return float(np.linalg.norm(counted))
 
 

@@ -19,7 +19,8 @@ from whiptool.models.trajectory import Approach, Points, Trajectory, target_poin
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import ApproachSlopes, Rollout, Strikes
 from whiptool.throws.box import Box
-from whiptool.throws.flight import Landing, Opening, Thing, fly
+from whiptool.throws.flight import Landing, Thing, fly
+from whiptool.throws.passage import Opening
 from whiptool.throws.release import FARTHEST, RATE, Release, together
 
 Place = Literal["tip", "hand"]
@@ -126,6 +127,12 @@ class ThrowRollout(Rollout):
     def space(self) -> StrikeSpace:
         return self.rollout.space
 
+    @property
+    def opening(self) -> Opening:
+        """Opening of the box when a strike begins."""
+        box = self.box
+        return Opening(box.vector[None], np.array(box.normal), box.drift, box.hit_radius, self.thing.radius)
+
     def farthest_miss(self, place: Sequence[float]) -> float:
         return FARTHEST + self.model.farthest_miss(place)
 
@@ -224,8 +231,7 @@ class ThrowRollout(Rollout):
             vectors, t_stay=t_stay, rate=RATE, names=inner, by_hand=self.place == "hand"
         )
         self.check_release(max(self.longest, float(vectors[:, -1].max(initial=0))), t_stay)
-        how = (np.array(self.box.normal), self.box.drift, self.box.hit_radius, self.thing.radius)
-        opening = Opening(np.array(centres), *how)
+        opening = replace(self.opening, centres=np.array(centres))
         release = Release(states, opening, self.model.gravity, self.thing.drag_per_mass, self.release_noise)
         if RELEASE in names:
             if self.release_time is None:
