@@ -2,8 +2,10 @@
 
 Random boxes with an opening 0.2 m wide, a ball of 20 g and 40 mm at the tip of the whip, default options. Each box is
 searched twice: for a nominal release, and for a release whose time has a standard deviation of 5 ms. Of both plans
-1,000 noisy releases are drawn; a released thing counts as in the box by `Goals.hit`. `--replays` plans of each robot
-are repeated in MuJoCo, where the ball is a body that an equality holds until the release.
+1,000 noisy releases are drawn; a released thing counts as in the box by `Goals.hit`. Two judges that share no formula
+with the package look at the whole ball: flights by SciPy whose centre has to stay a radius from the rim, for all
+releases, and a sphere in MuJoCo that must not touch a rim of capsules, for the planned release. `--replays` plans of
+each robot are repeated in MuJoCo, where the ball is a body that an equality holds until the release.
 
     python benchmarks/throws.py [--quick] [--json] [--folder FOLDER] [--methods gradient directl sac] [--replays 10]
 
@@ -14,17 +16,21 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 import time
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 import whiptool as wt
 from whiptool.comparison import Store
 from whiptool.comparison.units import Unit
+from whiptool.models.strike import T_STAY
 from whiptool.throws.box import Box
 from whiptool.throws.flight import Thing
 from whiptool.throws.rollout import ThrowRollout
@@ -32,6 +38,8 @@ from whiptool.throws.rollout import ThrowRollout
 MODELS = ("lemon2024", "fr3")
 WIDTH, THING = 0.2, Thing.of_ball(0.02, 0.04)  # [m] of the openings
 NOISE, DRAWS, TRIALS = 5e-3, 1000, 600  # [s]
+STAY = T_STAY + 0.05  # [s], for releases that are later than the end of the strike
+GRAVITY = 9.81  # [m/s^2]
 # boxes [m]: in the plane x and y about the shoulder; in space distance from the base, azimuth [rad] and height
 LOW = {"lemon2024": (1.0, -1.2), "fr3": (0.8, -1.0, 0.0)}
 HIGH = {"lemon2024": (3.0, 0.2), "fr3": (2.5, 1.0, 0.6)}
@@ -64,10 +72,116 @@ def planned(name: str, box: Box, noise: float, method: str, seed: int) -> dict:
     if found.strike is None:
         return row | {"noisy_hits": 0.0, "strike": None}
     at = float(rollout.release_times(found.strike)[0])
-    times = at + NOISE * np.random.default_rng(seed).standard_normal(DRAWS)
-    landed = rollout.landings(found.strike, times)
+    times = np.maximum(at + NOISE * np.random.default_rng(seed).standard_normal(DRAWS), 0.0)
+    landed = rollout.landings(found.strike, times, t_stay=STAY)
     hits = box.goals.hit(np.linalg.norm(landed.offset, axis=1), landed.velocity)
-    return row | {"noisy_hits": float(hits.mean()), "strike": found.strike.vector.tolist(), "release_time": at}
+    row |= {"noisy_hits": float(hits.mean()), "strike": found.strike.vector.tolist(), "release_time": at}
+    return row | judged(name, box, found.strike.vector, times, at)
+
+
+def judged(name: str, box: Box, strike: np.ndarray, times: np.ndarray, at: float) -> dict:
+    """Return what the two independent judges say of a plan, and the angle of its entry from the normal [degrees]."""
+    from whiptool.throws.release import RATE, Release
+
+    rollout = simulator(name, 0.0)
+    rollout.box = box
+    paths = rollout.rollout.release_path(strike, t_stay=STAY, rate=RATE)[0]
+    landed = rollout.landings(strike, [at])
+    along = Release(paths, None, GRAVITY, 0.0)  # type: ignore[arg-type]  # of the path alone
+    times = np.r_[at, times]
+    states = along.at(np.zeros(len(times), int), times)[0]
+    until = min(float(landed.time[0]) + 0.4, 6.0)
+    passes = whole_balls(states, box, until)
+    speed = landed.velocity[0]
+    return {
+        "whole": bool(passes[0]),
+        "noisy_whole": float(passes[1:].mean()),
+        "contact": enters_in_mujoco(states[0], box, until),
+        "angle": math.degrees(math.acos(-speed @ np.array(box.normal) / np.linalg.norm(speed))),
+    }
+
+
+def whole_balls(states: np.ndarray, box: Box, until: float) -> np.ndarray:
+    """Return which balls pass through a box's opening and stay a radius from its rim, (R,).
+
+    Flights are integrated by SciPy and looked at every half of a millisecond near the plane.
+
+    Args:
+        states: Positions and velocities at release, (R, 2 d).
+        box: Box, which stands.
+        until: Time for which flights are looked at [s].
+    """
+    d, drag = states.shape[1] // 2, THING.drag / THING.mass
+    normal, radius = np.array(box.normal), box.hit_radius + THING.radius
+
+    def rates(_: float, flat: np.ndarray) -> np.ndarray:
+        velocity = flat.reshape(states.shape)[:, d:]
+        falls = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
+        falls[:, -1] -= GRAVITY
+        return np.hstack([velocity, falls]).ravel()
+
+    flown = solve_ivp(rates, (0, until), states.ravel(), method="DOP853", rtol=1e-9, atol=1e-9, dense_output=True)
+    inside, nearest, before = np.zeros(len(states), bool), np.full(len(states), np.inf), None
+    for t in np.array_split(np.arange(0, until, 5e-4), 80):
+        ends = flown.sol(t[[0, -1]]).reshape(*states.shape, 2)[:, :d] - np.array(box.position)[:, None]
+        if before is not None and np.abs(np.einsum("rdt,d->rt", ends, normal)).min() > 3 * radius:
+            continue  # nothing is near the plane, before which the flights are to one side of it for long
+        place = flown.sol(t).reshape(*states.shape, len(t))[:, :d] - np.array(box.position)[:, None]
+        height = np.einsum("rdt,d->rt", place, normal)
+        across = np.linalg.norm(place - height[:, None] * normal[:, None], axis=1)
+        nearest = np.minimum(nearest, np.hypot(across - radius, height).min(axis=1))
+        if before is not None:
+            height, across = np.column_stack([before[0], height]), np.column_stack([before[1], across])
+        falls = (height[:, :-1] > 0) & (height[:, 1:] <= 0)
+        crossed = falls.any(axis=1)
+        last = falls.shape[1] - 1 - falls[:, ::-1].argmax(axis=1)
+        inside[crossed] = (across[np.arange(len(states)), last] < radius)[crossed]
+        before = height[:, -1], across[:, -1]
+    return inside & (nearest >= THING.radius)
+
+
+def enters_in_mujoco(state: np.ndarray, box: Box, until: float) -> bool:
+    """Whether a sphere falls through a ring of 180 capsules, in the plane between two, without a contact."""
+    import mujoco
+
+    d, wide = len(state) // 2, box.hit_radius + THING.radius
+    normal = np.insert(box.normal, 1, 0.0) if d == 2 else np.array(box.normal)
+    place, velocity = (np.insert(x, 1, 0.0) if d == 2 else x for x in (state[:d] - np.array(box.position), state[d:]))
+    basis = np.linalg.svd(normal[None])[2][1:]
+    if d == 2:
+        rim = [(side * wide * np.array([normal[2], 0, -normal[0]]), np.array([0.0, 0.1, 0.0])) for side in (1, -1)]
+        ends = [(x - by, x + by) for x, by in rim]
+    else:
+        turns = np.linspace(0, 2 * np.pi, 181)
+        ring = wide * (np.cos(turns)[:, None] * basis[0] + np.sin(turns)[:, None] * basis[1])
+        ends = list(pairwise(ring))
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity = 1e-4, [0, 0, -GRAVITY]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    for one, other in ends:
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[*one, *other], size=[1e-5, 0, 0], contype=1, conaffinity=2
+        )
+    ball = spec.worldbody.add_body(name="ball", pos=place)
+    ball.add_freejoint()
+    ball.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[THING.radius, 0, 0], mass=THING.mass, contype=2, conaffinity=1
+    )
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qvel[:3] = velocity
+    inside, before = False, float(place @ normal)
+    while data.time < until:
+        speed = data.qvel[:3]
+        data.xfrc_applied[1, :3] = -THING.drag * np.linalg.norm(speed) * speed
+        mujoco.mj_step(model, data)
+        if data.ncon:
+            return False
+        height = float(data.qpos[:3] @ normal)
+        if before > 0 >= height:
+            inside = bool(np.linalg.norm(data.qpos[:3] - height * normal) < wide)
+        before = height
+    return inside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +222,12 @@ def report_of(rows: list[dict]) -> dict:
         "median_seconds": float(np.median([row["seconds"] for row in rows])),
         "median_noisy_hits": float(np.median([row["noisy_hits"] for row in rows])),
         "boxes_with_90_percent": sum(row["noisy_hits"] >= 0.9 for row in rows),
+        "hits_of_the_whole_ball": sum(row["hit"] and row["whole"] for row in rows if "whole" in row),
+        "hits_without_contact_in_mujoco": sum(row["hit"] and row["contact"] for row in rows if "whole" in row),
+        "largest_error_of_the_share": max(
+            (abs(row["noisy_hits"] - row["noisy_whole"]) for row in rows if row["hit"] and "whole" in row), default=None
+        ),
+        "flattest_entry": max((row["angle"] for row in rows if row["hit"] and "whole" in row), default=None),
     }
 
 
@@ -154,6 +274,13 @@ def main() -> None:
             f"{r['median_seconds']:.1f} s; of noisy releases {100 * r['median_noisy_hits']:.0f} % land (median), 90 % "
             f"or more in {r['boxes_with_90_percent']} boxes"
         )
+        apart = r["largest_error_of_the_share"]
+        if apart is not None:
+            print(
+                f"  the whole ball: {r['hits_of_the_whole_ball']} of {r['hits']} pass, "
+                f"{r['hits_without_contact_in_mujoco']} without contact in MuJoCo; shares of noisy releases differ by "
+                f"at most {100 * apart:.1f} points; entries at most {r['flattest_entry']:.0f} degrees from the normal"
+            )
 
 
 if __name__ == "__main__":

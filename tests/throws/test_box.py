@@ -54,3 +54,15 @@ def test_outline_and_motion():
     assert np.linalg.norm(rim, axis=1) == pytest.approx(0.1)
     assert rim @ [0.0, 0.6, 0.8] == pytest.approx(0.0, abs=1e-9)
     assert box.outline[0] == pytest.approx([1.7, -0.5])
+
+
+def test_directions_that_the_opening_cannot_be_entered_by_and_fast_boxes_are_refused():
+    for direction in ((0.0, 1.0), (1.0, 0.0), (1.0, -0.08)):
+        with pytest.raises(InputError, match=r"direction.*75 degrees from its normal"):
+            Box((1.8, -0.5), 0.1, direction=direction)
+    Box((1.8, -0.5), 0.1, direction=(1.0, -0.2))  # the cone of 10 degrees reaches 69 degrees
+    Box((1.8, -0.5), 0.1, direction=(1.0, 0.5), velocity=(0.0, 3.0))  # as seen from the rising box it falls
+    with pytest.raises(InputError, match="direction"):
+        Box((1.8, -0.5), 0.1, direction=(0.0, 1.0), speed=4.0, velocity=(0.0, 3.0))
+    with pytest.raises(InputError, match="at most 10 m/s"):
+        Box((1.8, -0.5), 0.1, velocity=(8.0, 8.0))

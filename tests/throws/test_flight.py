@@ -24,7 +24,7 @@ def scipy_landing(state: np.ndarray, opening: Opening, drag: float) -> tuple[np.
         return float((x[:d] - opening.centres[0] - opening.drift * t) @ opening.normal)
 
     height.direction = -1  # type: ignore[attr-defined]
-    found = solve_ivp(rates, (0, 20), state, events=height, rtol=1e-11, atol=1e-12)
+    found = solve_ivp(rates, (0, 20), state, events=height, method="DOP853", rtol=1e-12, atol=1e-12)
     t, x = found.t_events[0][-1], found.y_events[0][-1]
     return x[:d] - opening.centres[0] - opening.drift * t, x[d:], float(t)
 
@@ -62,6 +62,32 @@ def test_a_shuttlecock_at_20_m_s_lands_within_a_millimetre():
     )
     found = land(state[None], opening, gravity=G, drag=0.22)
     assert np.abs(found.offset[0] - scipy_landing(state, opening, 0.22)[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize("drag", [1.0, 4.0, 35.0, 100.0])
+def test_balloons_and_feathers_land_within_a_tenth_of_a_millimetre(drag):
+    rng, down = np.random.default_rng(3), np.array([0.0, 0.0, -G])
+    for _ in range(2):
+        state = np.r_[rng.uniform(-0.5, 0.5, 3), rng.uniform(-10, 10, 2), rng.uniform(-3, 15)]
+        opening = Opening(state[None, :3] - [0.1, 0.2, 1.0], np.array([0.0, 0.0, 1.0]), np.array([0.1, 0.0, 0.0]))
+        found = land(state[None], opening, gravity=G, drag=drag)
+        coarse = land(state[None], opening, gravity=G, drag=drag, tolerance=1e-5)  # of the search for the release
+        offset, velocity, time = scipy_landing(state, opening, drag)
+        assert found.offset[0] == pytest.approx(offset, abs=1e-6)
+        assert coarse.offset[0] == pytest.approx(offset, abs=1e-3)
+        assert found.velocity[0] == pytest.approx(velocity, abs=1e-5)
+        place = fly(state[None], np.array([time / 3, time]), down, drag)[0][1]
+        assert place - opening.centres[0] - opening.drift * time == pytest.approx(offset, abs=1e-5)
+
+
+def test_flights_do_not_depend_on_those_beside_them():
+    rng = np.random.default_rng(4)
+    states = np.hstack([rng.uniform(-1, 1, (8, 3)), rng.uniform(-20, 20, (8, 3))])
+    opening = Opening(np.tile([0.5, 0.2, -1.2], (8, 1)), np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.1, 0.02)
+    together = land(states, opening, gravity=G, drag=2.0).offset
+    for i in range(8):
+        one = Opening(opening.centres[i : i + 1], opening.normal, opening.drift, 0.1, 0.02)
+        assert land(states[i : i + 1], one, gravity=G, drag=2.0).offset[0] == pytest.approx(together[i], abs=1e-12)
 
 
 def test_without_drag_the_flight_is_a_parabola():
@@ -111,4 +137,6 @@ def test_things_that_cannot_be():
         Thing(0.0)
     with pytest.raises(InputError, match="drag of the thing"):
         Thing(0.02, -1.0)
+    with pytest.raises(InputError, match="drag per mass of the thing"):
+        Thing(0.001, 0.2)
     assert Thing.of_ball(0.02, 0.04).drag == pytest.approx(0.5 * 1.2 * 0.47 * np.pi * 0.02**2)

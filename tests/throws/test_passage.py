@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool.throws.flight import HIGHEST, Opening, land
-from whiptool.throws.passage import FLATTEST, LEAST_ROOM, passage
+from whiptool.throws.flight import HIGHEST, land
+from whiptool.throws.passage import FLATTEST, LEAST_ROOM, Opening, passage
 
 G = 9.81
 TILTED = np.array([0.3, -0.2, 0.9]) / np.linalg.norm([0.3, -0.2, 0.9])
+
+
+def at(normal: np.ndarray, room: float, ball: float) -> Opening:
+    """Return an opening that stands at the origin."""
+    return Opening(np.zeros((1, len(normal))), normal, np.zeros(len(normal)), room, ball)
 
 
 def crossings(d: int, normal: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -51,9 +56,7 @@ def test_balls_count_as_passing_if_their_path_stays_a_radius_from_the_rim(d, nor
         room, steep = radius - ball, -velocity @ normal / np.linalg.norm(velocity)
         if steep < max(np.cos(FLATTEST), ball / (ball + (1 - LEAST_ROOM) * room)) + 0.02:
             continue  # flatter than is allowed
-        counted = passage(
-            offset[None], velocity[None], down, normal, ball=ball, room=room, since=np.ones(1)
-        )[0]
+        counted = passage(offset[None], velocity[None], at(normal, room, ball), down, np.ones(1))[0]
         margin = clearance(offset, velocity, normal, ball, radius) - ball
         inside = np.linalg.norm(offset) < radius
         if abs(margin) > 2e-4:
@@ -67,7 +70,7 @@ def test_an_entry_along_the_normal_and_that_of_a_point_count_with_their_offset()
     normal, down, since = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -G]), np.ones(1)
     offset = np.array([[0.03, -0.04, 0.0]])
     for velocity, ball in (([0.0, 0.0, -3.0], 0.02), ([4.0, 0.0, -3.0], 0.0)):
-        counted = passage(offset, np.array([velocity]), down, normal, ball=ball, room=0.08, since=since)[0]
+        counted = passage(offset, np.array([velocity]), at(normal, 0.08, ball), down, since)[0]
         assert counted == pytest.approx(offset, abs=1e-12)
 
 
@@ -76,7 +79,7 @@ def test_an_entry_at_87_degrees_does_not_count_and_a_steeper_one_counts_less():
     misses = []
     for angle in np.radians([87.0, 80.0, 76.0, 74.0, 50.0]):
         velocity = 5 * np.array([[np.sin(angle), -np.cos(angle)]])
-        counted = passage(np.zeros((1, 2)), velocity, down, normal, ball=0.02, room=0.08, since=since)[0]
+        counted = passage(np.zeros((1, 2)), velocity, at(normal, 0.08, 0.02), down, since)[0]
         misses.append(float(np.linalg.norm(counted)))
     assert misses == sorted(misses, reverse=True)
     assert misses[2] > 0.08 > misses[3]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from whiptool.optimizers import search
 from whiptool.throws.box import Box
 from whiptool.throws.flight import Thing
 from whiptool.throws.mujoco_throw import MujocoThrow, replay_throw
+from whiptool.throws.release import FARTHEST
 from whiptool.throws.rollout import ThrowRollout
 
 LEMON = preset("lemon2024")
@@ -115,6 +117,29 @@ def test_what_does_not_fit_is_refused():
         ThrowRollout(LEMON, BOX, place="elbow")
     with pytest.raises(InputError, match="coordinates"):
         ThrowRollout(preset("fr3"), BOX)
+
+
+def test_a_strike_with_a_flat_entry_that_strikes_the_rim_is_no_hit():
+    """At 87 degrees from the normal a ball of 40 mm strikes the rim of an opening of 200 mm, centred as it may be."""
+    strike, box = [-1.3608714, 1.1184118, 2.8878468, 1.5873233, 1.0361695], Box((1.0, -0.5), 0.08)
+    rollout = ThrowRollout(LEMON, box, thing=BALL, release_time=1.0658476)
+    near = rollout.approach(strike, box)
+    assert math.degrees(box.entry_angle(near.velocity[0])) == pytest.approx(87, abs=1)
+    assert np.linalg.norm(rollout.landings(strike, [1.0658476]).place) < 1e-3
+    assert not box.goals.hit_by(near)[0]
+    assert (
+        ThrowRollout(LEMON, box, release_time=1.0658476).approach(strike, box).distance[0] > 0.08
+    )  # a point: too flat
+
+
+def test_release_times_that_no_strike_reaches_are_refused(throws):
+    with pytest.raises(InputError, match=r"release time.*from 0 to 1.8 s"):
+        ThrowRollout(LEMON, BOX, thing=BALL, release_time=99.0).approach(STRIKE, BOX)
+    with pytest.raises(InputError, match=r"release times.*the end of the strike"):
+        throws.landings(STRIKE, [0.8, 9.0])
+    late = ThrowRollout(LEMON, BOX, thing=BALL, release_time=1.5)  # after this strike's end, not after every one's
+    assert late.approach(STRIKE, BOX).distance[0] == FARTHEST
+    assert late.trajectory(STRIKE).landing is None
 
 
 @pytest.mark.slow

@@ -239,6 +239,10 @@ optimize --throw --box 1.8 0 0.2 --thing-mass 0 | --thing-mass
 optimize --throw --box 1.8 0 0.2 --thing-diameter -1 | --thing-diameter
 optimize --throw --box 1.8 0 0.2 --release-from elbow | --release-from
 optimize --throw --box 1.8 0 0.2 --release-time -1 | --release-time
+optimize --throw --box 1.8 0 0.2 --release-time 99 | --release-time: got 99.0; allowed: from 0 to 1.8 s
+optimize --throw --box 1.8 0 0.2 --direction 0 1 | one that leads into the opening
+optimize --throw --box 1.8 0 0.2 --box-velocity 50 0 | at most 10 m/s
+optimize --throw --box 1.8 0 0.4 --thing-mass 0.00005 --thing-diameter 0.2 | drag per mass of the thing
 optimize --throw --box 1.8 0 0.2 --release-noise 3 | --release-noise
 optimize --throw --box 1.8 0 0.2 --target 1 0 | without --throw
 optimize --throw --box 1.8 0 0.2 --method map | maps are of strikes

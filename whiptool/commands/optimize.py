@@ -131,6 +131,8 @@ class SearchRun:
         self.rollout = options.build_rollout(self.model, self.controller)
         self.given = options.build_limits(self.model, self.controller)
         bounds = options.build_bounds(self.model, self.rollout.space)
+        if options.throw:
+            self._throws.check_release(bounds.upper[-1], options.t_stay)
         self.objective = Objective(
             self.rollout,
             self.target,

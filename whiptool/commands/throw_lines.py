@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ def throw_table(throws: ThrowRollout, strike: AnyStrike, outcome: Outcome, t_sta
         "release_noise": throws.release_noise,
         "landing_time": None if lost else outcome.time,
         "landing_velocity": None if lost else list(outcome.tip_velocity),
+        "entry_angle": None if lost else box.entry_angle(outcome.tip_velocity),
         "normal": list(box.normal or ()),
         "box_velocity": box.drift.tolist(),
         "most_speed": box.most_speed,
@@ -44,10 +46,11 @@ def throw_lines(table: dict[str, Any], outcome: Outcome, throws: ThrowRollout, o
     said = "hit" if outcome.hit else "missed"
     over = f", with releases {2e3 * noise:g} ms early or late" if noise else ""
     return [
-        f"  box            ({where}) m, {said}: lands {outcome.miss_distance:.4f} m from the centre{over}; at most "
-        f"{box.hit_radius:.3f} m",
+        f"  box            ({where}) m, {said}: lands {outcome.miss_distance:.4f} m from the centre, with the room "
+        f"that its slant takes{over}; at most {box.hit_radius:.3f} m",
         f"  release        from the {throws.place} at {table['release_time']:.4f} s, lands at {outcome.time:.4f} s",
-        f"  landing speed  {outcome.tip_speed:.1f} m/s",
+        f"  landing speed  {outcome.tip_speed:.1f} m/s, {math.degrees(table['entry_angle']):.0f} degrees from the "
+        "opening's normal",
         *others[2:],
     ]
 
@@ -61,7 +64,7 @@ def replay_table(seen: ThrowReplay, throws: ThrowRollout) -> dict[str, Any]:
         return dict.fromkeys(("miss_distance", "difference", "angle", "speed"))
     goals, velocity = throws.box.goals, seen.velocity[None]
     return {
-        "miss_distance": float((seen.offset @ seen.offset) ** 0.5),
+        "miss_distance": seen.miss,
         "difference": seen.difference,
         "angle": None if goals.directions is None else float(goals.angle(velocity)[0]),
         "speed": None if goals.only_points else float(goals.arrival_speed(velocity)[0]),

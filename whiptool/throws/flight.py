@@ -2,7 +2,7 @@
 
 The equations of motion are `p' = v` and `v' = g - k |v| v`, with k the drag per mass [1/m] (e.g. Timmerman and van der
 Weele 1999, Am. J. Phys. 67, 538). Without drag the path is a parabola. With drag the classical Runge-Kutta method
-integrates it, in steps of each thing's own length that keep the error of a step below a tolerance, and together with it
+integrates it, in steps that for each thing keep the error of a step below a tolerance, and together with it
 its derivatives by the velocity at release and by k.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.numbers import NoArray, number
-from whiptool.throws.passage import passage
+from whiptool.throws.passage import Opening, passage
 
 AIR_DENSITY = 1.2  # [kg/m^3], at 20 degrees Celsius
 SPHERE = 0.47  # drag coefficient of a sphere at Reynolds numbers of 1e3 to 1e5
@@ -51,7 +51,9 @@ class Thing(NoArray, instead="its mass and drag"):
             object.__setattr__(self, name, number(f"{name} of the thing", getattr(self, name), low=0))
         if self.drag_per_mass > MOST_DRAG:
             rule = f"at most {MOST_DRAG:g} 1/m; a party balloon has about 5"
-            raise InputError("drag per mass of the thing", self.drag_per_mass, rule, "give its mass in kg, its diameter in m")
+            raise InputError(
+                "drag per mass of the thing", self.drag_per_mass, rule, "give its mass in kg, its diameter in m"
+            )
 
     @classmethod
     def of_ball(cls, mass: float, diameter: float) -> Thing:
@@ -66,25 +68,6 @@ class Thing(NoArray, instead="its mass and drag"):
 
 
 @dataclass(frozen=True)
-class Opening:
-    """The planes of openings towards which R things fly, as they are at release.
-
-    Args:
-        centres: Centres of the openings, (R, d) [m].
-        normal: Unit vector out of the box, (d,), with an upward component.
-        drift: Velocity of the box, (d,) [m/s].
-        radius: Radius of the openings, less that of the things [m].
-        ball: Radius of the things [m].
-    """
-
-    centres: np.ndarray
-    normal: np.ndarray
-    drift: np.ndarray
-    radius: float = 0.0
-    ball: float = 0.0
-
-
-@dataclass(frozen=True)
 class Landing:
     """Where R things cross the plane of an opening into the box; those that stay below it: their highest point.
 
@@ -95,7 +78,6 @@ class Landing:
         time: Time since release, (R,) [s].
         slopes: Derivatives of offset and velocity by position and velocity at release, and by drag per mass,
             (R, 2 d, 2 d + 1); None: not computed.
-        time_slopes: Derivatives of `time`, (R, 2 d + 1).
         place: Position relative to the centre of the opening as it is, (R, d) [m].
     """
 
@@ -103,7 +85,6 @@ class Landing:
     velocity: np.ndarray
     time: np.ndarray
     slopes: np.ndarray | None = None
-    time_slopes: np.ndarray | None = None
     place: np.ndarray | None = None
 
 
@@ -138,38 +119,24 @@ def land(
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         rising = (flight.velocity - u) @ n > 0
         flight.go(_to_top, opening, rising)
-        height, top = flight.height(opening), flight.slopes()[:, :d] if slopes else None
+        height, top = flight.height(opening), np.einsum("d,rdm->rm", n, flight.slopes()[:, :d]) if slopes else None
         above = height > 0
         flight.go(_to_plane, opening, above)
         if not drag:
             flight.step(np.where(above, -flight.height(opening) / ((flight.velocity - u) @ n), 0.0))
-    place = flight.place - opening.centres - u * flight.time[:, None]
-    seen = flight.velocity - u
-    arrives = above & (np.abs(place @ n) < _IN_PLANE)
-    counted, by_place, by_seen = passage(
-        place, seen, down, n, ball=opening.ball, room=opening.radius, since=flight.time
-    )
-    excess = height - np.maximum(begin, 0.0) - HIGHEST
-    raised = np.where(arrives & (excess > 0), opening.radius + excess, np.where(above & ~arrives, opening.radius, 0.0))
-    lowered = np.where(above, 0.0, opening.radius)
-    offset = np.where(arrives[:, None], counted, place) + (raised - lowered)[:, None] * n
-    if not slopes:
+    place, seen = flight.place - opening.centres - u * flight.time[:, None], flight.velocity - u
+    arrives, excess = above & (np.abs(place @ n) < _IN_PLANE), height - np.maximum(begin, 0.0) - HIGHEST
+    counted, by_place, by_seen = passage(place, seen, opening, down, flight.time)
+    raised = np.where(arrives, np.where(excess > 0, opening.radius + excess, 0.0), np.copysign(opening.radius, height))
+    offset = np.where(arrives[:, None], counted, place) + raised[:, None] * n
+    if top is None:
         return Landing(offset, flight.velocity, flight.time, place=place)
-    fixed = flight.slopes()  # at a fixed time of flight
-    into, turns = (flight.velocity - u) @ n, flight.acceleration @ n
-    of_height, by_velocity = (np.einsum("d,rdm->rm", n, x) for x in (fixed[:, :d], fixed[:, d:]))
-    sooner = np.where(rising[:, None], -by_velocity / np.where(turns == 0, 1, turns)[:, None], 0.0)
-    crossed = -of_height / np.where(into == 0, 1, into)[:, None]
-    later = np.where(above[:, None], crossed, sooner)  # (R, 2 d + 1)
-    rates = np.concatenate([flight.velocity - u, flight.acceleration], axis=1)
-    whole = fixed + rates[:, :, None] * later[:, None, :]
-    assert top is not None
-    rise = np.einsum("d,rdm->rm", n, top)
-    rise[:, :d] -= np.where(begin > 0, 1.0, 0.0)[:, None] * n
+    whole = flight.slopes_at_event(opening, np.where(above, 1, np.where(rising, -1, 0)))
+    top[:, :d] -= np.where(begin > 0, 1.0, 0.0)[:, None] * n
     of_offset = np.einsum("rij,rjm->rim", by_place, whole[:, :d]) + np.einsum("rij,rjm->rim", by_seen, whole[:, d:])
-    of_offset += n[:, None] * np.where(excess > 0, 1.0, 0.0)[:, None, None] * rise[:, None, :]
+    of_offset += n[:, None] * np.where(excess > 0, 1.0, 0.0)[:, None, None] * top[:, None]
     whole[:, :d] = np.where(arrives[:, None, None], of_offset, whole[:, :d])
-    return Landing(offset, flight.velocity, flight.time, whole, later, place)
+    return Landing(offset, flight.velocity, flight.time, whole, place)
 
 
 def fly(state: np.ndarray, times: np.ndarray, down: np.ndarray, drag: float) -> tuple[np.ndarray, np.ndarray]:
@@ -281,6 +248,17 @@ class _Flight:
         R, d = self.place.shape
         of_place = np.concatenate([np.tile(np.eye(d), (R, 1, 1)), np.zeros((R, d, d))], axis=1)
         return np.concatenate([of_place, np.concatenate(self.by, axis=1)], axis=2)
+
+    def slopes_at_event(self, opening: Opening, event: np.ndarray) -> np.ndarray:
+        """Derivatives as of `slopes` where things cross the plane (1), are highest over it (-1), or begin (0), (R,)."""
+        n, d, fixed = opening.normal, self.place.shape[1], self.slopes()
+        into, turns = (self.velocity - opening.drift) @ n, self.acceleration @ n
+        of_height, of_speed = (np.einsum("d,rdm->rm", n, x) for x in (fixed[:, :d], fixed[:, d:]))
+        crossed = -of_height / np.where(into == 0, 1, into)[:, None]
+        highest = -of_speed / np.where(turns == 0, 1, turns)[:, None]
+        later = np.select([event[:, None] > 0, event[:, None] < 0], [crossed, highest], 0.0)  # (R, 2 d + 1)
+        rates = np.concatenate([self.velocity - opening.drift, self.acceleration], axis=1)
+        return fixed + rates[:, :, None] * later[:, None, :]
 
     def _falls(self, velocity: np.ndarray, speed: np.ndarray) -> np.ndarray:
         return self.down - self.drag * speed * velocity

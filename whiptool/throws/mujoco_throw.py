@@ -12,6 +12,7 @@ from whiptool.models.trajectory import Trajectory
 from whiptool.rollout.mujoco_import import mujoco
 from whiptool.rollout.mujoco_model import NODE_INERTIA, build_spec
 from whiptool.rollout.reference import MujocoRods, ReferenceRollout
+from whiptool.throws.passage import passage
 from whiptool.throws.rollout import ThrowRollout
 
 AGREEMENT = 1e-3  # [m], of landing points in the two simulators
@@ -130,6 +131,7 @@ class ThrowReplay:
         difference: Distance from the landing point of the compiled simulator [m]; None as above.
         timestep: Time step [s].
         confirmed: Whether the distance is at most `AGREEMENT`.
+        miss: Length of the offset as it counts, see `passage` [m]; None as above.
     """
 
     offset: np.ndarray | None
@@ -137,13 +139,14 @@ class ThrowReplay:
     difference: float | None
     timestep: float
     confirmed: bool
+    miss: float | None = None
 
 
 def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay: float) -> ThrowReplay:
     """Repeat a throw in MuJoCo, with up to three times half the time step if the landing points differ."""
     at = float(throws.release_times(strike, t_stay=t_stay)[0])
     simulator = MujocoThrow(throws, at)
-    offset = velocity = difference = None
+    offset = velocity = difference = miss = None
     for attempt in range(4):
         if attempt:
             simulator = MujocoThrow(throws, at, timestep=simulator.timestep / 2)
@@ -151,16 +154,26 @@ def replay_throw(throws: ThrowRollout, strike: AnyStrike | np.ndarray, *, t_stay
         path = simulator.throw(strike, until=until)
         if path.diverged or simulator.released is None:
             continue
-        expected = throws.landings(strike, [simulator.released], t_stay=t_stay).place
+        landed = throws.landings(strike, [simulator.released], t_stay=t_stay)
+        expected = landed.place
         assert expected is not None
         crossing = _crossing(path, throws, simulator.released)
         if crossing is None:
             continue
         offset, velocity = crossing
         difference = float(np.linalg.norm(offset - expected[0]))
+        miss = _miss(offset, velocity, throws, float(landed.time[0]))
         if difference <= AGREEMENT:
-            return ThrowReplay(offset, velocity, difference, simulator.timestep, True)
-    return ThrowReplay(offset, velocity, difference, simulator.timestep, False)
+            break
+    confirmed = difference is not None and difference <= AGREEMENT
+    return ThrowReplay(offset, velocity, difference, simulator.timestep, confirmed, miss)
+
+
+def _miss(offset: np.ndarray, velocity: np.ndarray, throws: ThrowRollout, since: float) -> float:
+    """Length of what counts of the crossing (d,) of a thing that was released so long before [m]."""
+    box, down = throws.box, -throws.model.gravity * np.eye(len(offset))[-1]
+    counted = passage(offset[None], (velocity - box.drift)[None], throws.opening, down, np.array([since]))[0]
+    return float(np.linalg.norm(counted))
 
 
 def _crossing(path: Trajectory, throws: ThrowRollout, released: float) -> tuple[np.ndarray, np.ndarray] | None:

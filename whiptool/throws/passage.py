@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,35 +13,43 @@ _GRID = np.linspace(-math.pi / 2, math.pi / 2, 13)[1:-1]  # phases at which the 
 _NEWTON = 6  # steps from there to the largest distance
 
 
-def passage(
-    offset: np.ndarray,
-    seen: np.ndarray,
-    down: np.ndarray,
-    normal: np.ndarray,
-    *,
-    ball: float,
-    room: float,
-    since: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets with which R balls count that cross the plane of an opening, with derivatives.
-
-    While a ball crosses the plane, the plane cuts it in discs. All of it passes if each disc lies within the opening,
-    which is the same as a distance of at least `ball` between its centre's path and the rim. The counted offset has
-    the direction of the crossing; its length is at most `room` if the ball passes, and it is the crossing's own for a
-    point. An entry that is flatter than `FLATTEST`, or leaves less than `LEAST_ROOM`, counts as above the plane.
+@dataclass(frozen=True)
+class Opening:
+    """The planes of openings towards which R things fly, as they are at release.
 
     Args:
-        offset: Crossings of the plane relative to the opening's centre, (R, d) [m].
-        seen: Velocities there as seen from the box, (R, d) [m/s].
-        down: Acceleration of the path [m/s^2], (d,); drag acts along it.
-        normal: Unit vector out of the box, (d,).
-        ball: Radius of the ball [m].
-        room: Radius of the opening, less that of the ball [m].
-        since: Time since release, before which there is no path, (R,) [s].
-
-    Returns:
-        Counted offsets (R, d), and their derivatives by offset and by velocity, (R, d, d) each.
+        centres: Centres of the openings, (R, d) [m].
+        normal: Unit vector out of the box, (d,), with an upward component.
+        drift: Velocity of the box, (d,) [m/s].
+        radius: Radius of the openings, less that of the things [m].
+        ball: Radius of the things [m].
     """
+
+    centres: np.ndarray
+    normal: np.ndarray
+    drift: np.ndarray
+    radius: float = 0.0
+    ball: float = 0.0
+
+
+def passage(
+    offset: np.ndarray, seen: np.ndarray, opening: Opening, down: np.ndarray, since: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the offsets with which R balls count that cross the plane of an opening, and their derivatives by offset
+    and velocity, (R, d), (R, d, d) and (R, d, d).
+
+    While a ball crosses the plane, the plane cuts it in discs. All of it passes if each disc lies within the opening,
+    which is the same as a distance of at least its radius between its centre's path and the rim. The length of what
+    counts is then at most `opening.radius`; for a point it is the offset itself. An entry that is flatter than
+    `FLATTEST`, or leaves less than `LEAST_ROOM`, counts as above the plane.
+
+    Args:
+        offset, seen: Crossings relative to the opening's centre [m] and velocities seen from the box [m/s], (R, d).
+        opening: Opening.
+        down: Acceleration of the path [m/s^2], (d,); drag acts along it.
+        since: Time since release, before which there is no path, (R,) [s].
+    """
+    normal, ball, room = opening.normal, opening.ball, opening.radius
     R, d = offset.shape
     speed = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
     steep = np.maximum(-(seen @ normal) / speed, 1e-3)  # cosine of the angle from the normal
@@ -63,11 +72,9 @@ def passage(
 def _slant(
     offset: np.ndarray, seen: np.ndarray, down: np.ndarray, normal: np.ndarray, ball: float, since: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return by how much farther from the centre a ball reaches than one along the normal, (R,), with derivatives by
-    offset and velocity, (R, d) each.
+    """Return by how much farther a ball reaches than one along the normal, (R,), and derivatives (R, d) as above.
 
-    It is the largest value, over the time t of the passage, of the distance of the disc's centre plus the disc's
-    radius, less the distance of the crossing and the ball's radius.
+    It is the largest distance of a disc's centre plus the disc's radius, less those of the crossing along the normal.
     """
     along, pull = seen @ normal, float(down @ normal)
     flat, fall = seen - along[:, None] * normal, down - pull * normal

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from whiptool.models.trajectory import closest_on_segments
-from whiptool.throws.flight import EXACT, Landing, Opening, land
+from whiptool.throws.flight import EXACT, Landing, land
+from whiptool.throws.passage import Opening
 
 RATE = 1000.0  # [Hz] of the samples between which states are interpolated by cubics
 BAND = 2.0  # standard deviations of the release time to either side: 95 % of normal releases

@@ -19,7 +19,8 @@ from whiptool.models.trajectory import Approach, Points, Trajectory, target_poin
 from whiptool.rollout.compiled import CompiledRollout
 from whiptool.rollout.interface import ApproachSlopes, Rollout, Strikes
 from whiptool.throws.box import Box
-from whiptool.throws.flight import Landing, Opening, Thing, fly
+from whiptool.throws.flight import Landing, Thing, fly
+from whiptool.throws.passage import Opening
 from whiptool.throws.release import FARTHEST, RATE, Release, together
 
 Place = Literal["tip", "hand"]
@@ -81,7 +82,7 @@ class ThrowRollout(Rollout):
         controller: Controller of the arm; default: `default_controller`.
         thing: The thing.
         place: Where the thing is until its release: `tip` or `hand`.
-        release_time: Time of the release [s]; None: the best. Strikes that end before it count as missing by `FARTHEST`.
+        release_time: Time of the release [s]; None: the best. Strikes that end before it miss by `FARTHEST`.
         release_noise: Standard deviation of the release time [s]. The miss is then at least the largest of those
             of five releases up to two standard deviations early or late.
         options: Further arguments of `CompiledRollout`, by name.
@@ -116,12 +117,21 @@ class ThrowRollout(Rollout):
         self.release_time = None if release_time is None else number("release time", release_time, low=0)
         self.release_noise = number("release noise", release_noise, low=0, high=0.2)
         self.rollout = CompiledRollout(self.model, controller, **options)
+        self.longest = 0.0  # D of the strikes that are searched [s]
+        with suppress(InputError):  # an arm without default bounds
+            self.longest = self.space.bounds.upper[-1]
         self.controller, self.engine = self.rollout.controller, self.rollout.engine
         self.timestep, self.tolerance = self.rollout.timestep, self.rollout.tolerance
 
     @property
     def space(self) -> StrikeSpace:
         return self.rollout.space
+
+    @property
+    def opening(self) -> Opening:
+        """Opening of the box when a strike begins."""
+        box = self.box
+        return Opening(box.vector[None], np.array(box.normal), box.drift, box.hit_radius, self.thing.radius)
 
     def farthest_miss(self, place: Sequence[float]) -> float:
         return FARTHEST + self.model.farthest_miss(place)
@@ -220,9 +230,8 @@ class ThrowRollout(Rollout):
         states, slopes, base = self.rollout.release_path(
             vectors, t_stay=t_stay, rate=RATE, names=inner, by_hand=self.place == "hand"
         )
-        self._check_release(vectors, t_stay)
-        how = (np.array(self.box.normal), self.box.drift, self.box.hit_radius, self.thing.radius)
-        opening = Opening(np.array(centres), *how)
+        self.check_release(max(self.longest, float(vectors[:, -1].max(initial=0))), t_stay)
+        opening = replace(self.opening, centres=np.array(centres))
         release = Release(states, opening, self.model.gravity, self.thing.drag_per_mass, self.release_noise)
         if RELEASE in names:
             if self.release_time is None:
@@ -234,15 +243,19 @@ class ThrowRollout(Rollout):
     def _mass_name(self) -> str:
         return "whip.hinge_mass" if self.place == "hand" else f"whip.m[{self.model.whip.N - 1}]"
 
-    def _check_release(self, vectors: np.ndarray, t_stay: float) -> None:
-        """Refuse a release time that is after the end of these strikes and of all that are searched."""
-        if self.release_time is None or not len(vectors) or self.release_time <= vectors[:, -1].max() + t_stay:
-            return
-        with suppress(InputError):  # an arm without default bounds
-            vectors = np.vstack([vectors, self.space.bounds.upper])
-        longest = float(vectors[:, -1].max()) + t_stay
-        if self.release_time > longest:
-            rule = f"from 0 to {longest:g} s: the longest D, and {t_stay:g} s after it"
+    def check_release(self, longest: float, t_stay: float = T_STAY) -> None:
+        """Refuse a release time that is after the end of the longest strike of a search.
+
+        Args:
+            longest: Largest duration D of the strikes that are searched [s].
+            t_stay: Time after them [s].
+
+        Raises:
+            InputError: No strike lasts until the release.
+        """
+        self.longest, end = longest, longest + t_stay
+        if self.release_time is not None and self.release_time > end:
+            rule = f"from 0 to {end:g} s: the longest D, and {t_stay:g} s after it"
             raise InputError("release time", self.release_time, rule, "the thing would never be released")
 
     def _times(self, release: Release) -> np.ndarray:
