@@ -22,6 +22,7 @@ from whiptool.identification.predict import Predictor
 from whiptool.identification.problem import Problem
 from whiptool.identification.readings import Samples
 from whiptool.identification.solver import Block, Ending, Loss, solve
+from whiptool.identification.uncertainty import classify
 from whiptool.identification.variables import Prior
 from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
@@ -217,10 +218,14 @@ def test_smoothed_tracks_are_withdrawn_and_their_filter_can_be_fitted():
     assert bad.smoothed == pytest.approx((4, 4), rel=0.05)
     assert {p.kind for p in bad.parameters} == {"withdrawn"}
     mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
-    off = [abs(parameter.value / TRUE[parameter.name] - 1) for parameter in bad.parameters]
-    assert max(off) > 0.03
-    assert max(abs(parameter.value / TRUE[parameter.name] - 1) for parameter in mended.parameters) < max(off) / 2
+    mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
     assert {parameter.kind for parameter in mended.parameters} == {"well determined"}
+
+    def hold_the_truth(parameters):
+        return [p.interval[0] < TRUE[p.name] < p.interval[1] for p in parameters]
+
+    assert not all(hold_the_truth(classify(bad.uncertainty, [0.3, 0.07])))  # which were stated
+    assert all(hold_the_truth(mended.parameters))
 
 
 def test_points_that_were_filled_in_are_no_readings():
