@@ -9,6 +9,7 @@ import pytest
 from films import film
 from pendulum_swing import pendulum, swing
 from scipy.optimize import least_squares
+from scipy.signal import butter, filtfilt
 from scipy.stats import binom
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -17,9 +18,11 @@ from whiptool.errors import InputError
 from whiptool.goals.target import Target
 from whiptool.identification.fit import FitOptions, best_nodes, fit, predict
 from whiptool.identification.plant import Plant
+from whiptool.identification.predict import Predictor
 from whiptool.identification.problem import Problem
 from whiptool.identification.readings import Samples
 from whiptool.identification.solver import Block, Ending, Loss, solve
+from whiptool.identification.uncertainty import classify
 from whiptool.identification.variables import Prior
 from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
@@ -202,6 +205,63 @@ def test_clock_and_camera_pose_come_back():
     assert [r.own["delay"] for r in each.recordings] == pytest.approx([0.012] * 3, abs=5e-4)
 
 
+def test_smoothed_tracks_are_withdrawn_and_their_filter_can_be_fitted():
+    """A zero-lag filter before export: numbers came out wrong, well determined, and nothing was said."""
+    rng, how = np.random.default_rng(3), FitOptions(drive="joints")
+    seen = {"markers": ("node4", "tip"), "sigma": 2e-3, "rate": 100.0, "joint_noise": 1e-6}
+    films = [film(LEMON, s, rng, **seen) for s in STRIKES[:2]]
+    away = Plant(LEMON.with_parameters({"whip.k": 0.3, "whip.b": 0.07}), CONTROLLER)
+    smooth = [dataclasses.replace(x, points=filtfilt(*butter(2, 4, fs=100), x.points, axis=0)) for x in films]
+    plain, bad = (fit(some, away, ["k", "b"], options=how) for some in (films, smooth))
+    assert plain.explains
+    assert plain.smoothed == ()
+    assert bad.smoothed == pytest.approx((4, 4), rel=0.05)
+    assert {p.kind for p in bad.parameters} == {"withdrawn"}
+    mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
+    mended = fit(smooth, away, ["k", "b"], options=dataclasses.replace(how, per_recording=("smoothing",)))
+    assert {parameter.kind for parameter in mended.parameters} == {"well determined"}
+
+    def hold_the_truth(parameters):
+        return [p.interval[0] < TRUE[p.name] < p.interval[1] for p in parameters]
+
+    assert not all(hold_the_truth(classify(bad.uncertainty, [0.3, 0.07])))  # which were stated
+    assert all(hold_the_truth(mended.parameters))
+
+
+def test_points_that_were_filled_in_are_no_readings():
+    one = film(LEMON, STRIKES[0], np.random.default_rng(3), markers=("node4", "tip"), sigma=2e-3, rate=100.0)
+    points, gap = one.points.copy(), slice(60, 75)
+    points[gap] = np.linspace(points[59], points[75], 17)[1:-1]
+    points_lost = one.points.copy()
+    points_lost[gap] = np.nan
+    filled, lost = (
+        fit(dataclasses.replace(one, points=x), PLANT, ["k", "b"], options=FitOptions(drive="joints"))
+        for x in (points, points_lost)
+    )
+    assert filled["k"].value == pytest.approx(lost["k"].value, rel=1e-6)
+    assert "left out, for they are no readings: 15 points of node4" in filled.remarks[-1]
+
+
+def test_a_refused_evaluation_is_a_rejected_step(monkeypatch):
+    """Steps beyond what a model may be end no fit; a fit that cannot begin says why."""
+    one = film(LEMON, STRIKES[0], np.random.default_rng(3), sigma=2e-3, rate=60.0)
+    expected = fit(one, PLANT, ["k", "b"], options=FitOptions(drive="joints"))
+    refuse, called = Predictor.__call__, []
+
+    def sometimes(self, plant, *rest, **how):
+        called.append(plant.values()["whip.k"])
+        if len(called) == 6 or plant.values()["whip.k"] > 0.4:
+            raise InputError("whip.k", plant.values()["whip.k"], "less")
+        return refuse(self, plant, *rest, **how)
+
+    monkeypatch.setattr(Predictor, "__call__", sometimes)
+    found = fit(one, PLANT, ["k", "b"], options=FitOptions(drive="joints", check=False))
+    assert found["k"].value == pytest.approx(expected["k"].value, rel=1e-3)
+    stiff = Plant(LEMON.with_parameters({"whip.k": 0.5}), CONTROLLER)
+    with pytest.raises(InputError, match=r"whip\.k: got 0\.5"):
+        fit(one, stiff, ["b"], options=FitOptions(drive="joints", check=False))
+
+
 def test_a_wrong_marker_does_not_pull_the_fit():
     rng = np.random.default_rng(2)
     films = [film(LEMON, v, rng) for v in STRIKES[:3]]
@@ -325,7 +385,7 @@ def test_matrices_of_a_fit_are_the_work_of_one_thread(monkeypatch):
     def blas():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
-    seen, recording, within = [], film(LEMON, STRIKES[0], timestep=1e-3), {}
+    seen, recording, within = [], film(LEMON, STRIKES[0], np.random.default_rng(0), timestep=1e-3), {}
     for name in ("solve", "compare"):
         within[name] = getattr(Problem, name)
         monkeypatch.setattr(

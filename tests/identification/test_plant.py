@@ -208,6 +208,15 @@ def test_slopes_are_those_of_differences(plant):
         slopes(plant, ["whip.colour"])
 
 
+def test_slopes_keep_within_the_bounds_of_a_parameter():
+    """One more metre of the longest link that is allowed was refused, and ended a whole fit."""
+    arm = pendulum((ArmLink(mass=0.2, length=99.5), ArmLink(mass=0.1, length=0.3)))
+    (slope,) = slopes(arm, ["link.length[0]"])
+    for block, x in slope.items():
+        by_difference = arm.changed({"link.length[0]": 99.75}).quantities()[block] - arm.quantities()[block]
+        np.testing.assert_allclose(x, by_difference / 0.25, atol=1e-9)
+
+
 def test_lumping_in_casadi_is_that_of_numpy():
     """Two derivations of the same hats, at two numbers of nodes."""
     for N in (3, 12):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
-from whiptool.identification.readings import NEUTRAL, PLACED, POINTS, Samples, by_placement, carried, placed
+from whiptool.identification.readings import NEUTRAL, PLACED, POINTS, Reading, Samples, by_placement, carried, placed
 
 START, INTERVAL, COUNT = 0.3, 0.05, 21
 GRID = START + INTERVAL * np.arange(COUNT)
@@ -109,3 +110,23 @@ def test_derivatives_are_differences(d):
     for name in PLACED[d]:
         up, down = (placed(X[:, :d], {**GIVEN, name: GIVEN[name] + step}) for step in (h, -h))
         np.testing.assert_allclose(slopes[name], (up - down) / (2 * h), atol=1e-8)
+
+
+def test_smoothed_readings_are_those_of_scipys_filter_with_exact_derivatives():
+    """Predicted, then smoothed, as the tracks were; derivatives against differences."""
+    t, rate = np.arange(120) / 90, 90.0
+    path = np.stack([np.sin(5 * np.arange(0, 1.6, 1e-3)), np.cos(7 * np.arange(0, 1.6, 1e-3))], axis=1)[:, None]
+    of_read = Reading(["tip"], [0], t[:, None], np.zeros((120, 1, 2)), np.ones((120, 1, 2)), 0.0)
+
+    def read(given):
+        return of_read.read(path, path[None], given, start=0.0, interval=1e-3)
+
+    plain, smooth = read(NEUTRAL), read({**NEUTRAL, "smoothing": 1 / 4})
+    expected = filtfilt(*butter(2, 4, fs=rate), plain[0].reshape(120, 2), axis=0).ravel()
+    np.testing.assert_allclose(smooth[0], expected, atol=1e-9)
+    np.testing.assert_allclose(smooth[1][0], expected, atol=1e-9)  # the path changes by itself
+    h = 1e-3
+    ends = [read({**NEUTRAL, "smoothing": 0.25 + step})[0] for step in (h, -h)]
+    by_difference = (ends[0] - ends[1]) / (2 * h)
+    np.testing.assert_allclose(smooth[2]["smoothing"], by_difference, atol=1e-3)
+    np.testing.assert_array_equal(read({**NEUTRAL, "smoothing": 0.0})[0], plain[0])

@@ -68,6 +68,19 @@ def test_an_exact_log_leaves_nothing_unknown():
     assert len(predictor.start[0]) == 0
 
 
+def test_the_log_of_a_standing_arm_leaves_next_to_nothing_unknown_however_slow_it_is():
+    """Zeros ten times a second left a base free to shake between them: as many directions as samples were fitted."""
+    still, counts = seen(0.0), []
+    for rate in (10.0, 100.0):
+        t = np.arange(-0.2, still.t[-1] + 0.3, 1 / rate)
+        log = replace(still, joints_t=t, joints_q=np.zeros((len(t), 2)))
+        predictor = Predictor([log], AWAY, drive="joints", shared=["whip.k"])
+        resolution.resolve(predictor, AWAY, {}, predictor.start)
+        counts.append(len(predictor.start[0]))
+    assert counts[0] <= 2
+    assert counts[1] == 0
+
+
 def test_a_solution_where_readings_resolve_more_goes_on_from_there(noisy):
     """Directions found in the wrong place are replaced, and the path stays as near as the new ones allow."""
     predictor = Predictor([noisy], AWAY, drive="joints", shared=["whip.k"])

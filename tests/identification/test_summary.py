@@ -395,6 +395,27 @@ def test_a_fit_names_what_ended_at_a_bound_and_a_misfit_that_is_too_large():
     assert summary.misfit_line(bad).endswith("if the model fits): above 3, the model does not explain the recordings")
 
 
+def test_a_misfit_is_doubted_where_more_than_half_of_the_squared_residuals_is_not_stated():
+    doubted = summary.misfit_line(ended([0.25, 2.0, 0.003], chi=2.0))
+    assert "75% of the squared residuals are more than the stated errors leave; intervals hold only if" in doubted
+    assert summary.misfit_line(ended([0.25, 2.0, 0.003], chi=1.4)).endswith("about 1 if the model fits)")
+
+
+def test_smoothed_tracks_withdraw_a_fit_and_say_where():
+    found = dataclasses.replace(ended([0.25, 2.0, 0.003]), smoothed=(4.02,))
+    assert not found.explains
+    assert "withdrawn: the tracks were smoothed before export" in repr(found)
+    assert "smoothed before export" in summary.misfit_line(found)
+    assert "at 4 Hz. Classes and intervals are withdrawn" in summary.warning(found)
+
+
+def test_directions_of_the_base_that_were_fitted_are_counted():
+    own = {"motion[0]": 0.1, "motion[1]": 0.2}
+    found = fitted(seen([K], [0.0], [[100]], [1]), [], recordings=(residuals_of(np.zeros(3), own=own),), drive="joints")
+    assert summary.freed_line(found) == "2 directions of its motion that the logs leave open were fitted, too"
+    assert summary.freed_line(dataclasses.replace(found, drive="handle")) == ""  # a handle's motion is always fitted
+
+
 def test_a_fit_looks_short_names_up_as_what_is_freed_does():
     """Of a pendulum's links, `com[1]` and, where one alone was free, `com` stand for `link.com[1]`."""
     names = ["link.com[0]", "link.com[1]", "link.mass[0]", "whip.k"]

@@ -199,14 +199,14 @@ class Problem:
         """Return the edges [Hz] of the filters that the recordings' tracks seem to have gone through before export;
         none if they have the noise of independent readings, or if a filter explains little of the residuals.
         """
-        if SMOOTHING in self._own or not any(map(is_smooth, self._recordings)):
+        slight = 2 * solution.cost < _SLIGHT**2 * sum(len(x) for x in self.predictor.measured)
+        if slight or SMOOTHING in self._own or not any(map(is_smooth, self._recordings)):
             return ()
         options = replace(self.options, per_recording=(*self.options.per_recording, SMOOTHING))
         wider = Problem(self._recordings, self.plant, self.free, self.variables, options)
         wider._limit = self._limit
         end = wider.solve(solution.z)
-        residuals = sum(len(x) for x in self.predictor.measured)
-        if 2 * solution.cost < _SLIGHT**2 * residuals or end.cost > (1 - _SHARE) * solution.cost:
+        if end.cost > (1 - _SHARE) * solution.cost:
             return ()
         return tuple(1 / abs(float(x[of])) for x, of in zip(end.own, wider._at_own(SMOOTHING), strict=True))
 

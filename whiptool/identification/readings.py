@@ -6,8 +6,8 @@ clock:
     measured = scale R position + shift
     stamped  = clock_rate time + delay
 
-In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes. Tracks that were smoothed
-before export are predicted as they were measured: through a zero-lag Butterworth filter of second order each way, the
+In the plane R is a rotation by `rotation`, in space `R = Rz Ry Rx` of rotations about the axes. Tracks that were
+smoothed before export are predicted as measured: through a zero-lag Butterworth filter of second order each way, the
 usual one of motion capture (Winter 2009), whose edge is 1 / `smoothing`.
 """
 

@@ -18,8 +18,9 @@ from whiptool.words import counted
 
 _WINDOW, _LEAST = 12, 6  # differences that are judged together, and windows that have to be there
 _QUIET = 0.6  # of the noise of independent readings is in the quietest quarter of their windows
-_ALTERNATE = 0.55  # share of changes of sign above which differences are those of independent readings
+_ALTERNATE = 0.5  # share of changes of sign above which differences are those of independent readings
 _LITTLE = 0.25  # of the stated errors: less noise is not that of readings with such errors
+_MOTION = 5.0  # stated errors: more noise is motion between too few frames
 _COARSE = 0.1  # of an error: where values are rounded to more, nothing is known of their noise
 _EXACT = 0.02  # of the noise: what successive points on a filled line differ from it at most
 _CHANCE = 1e-6  # that independent readings lie so anywhere in a recording
@@ -60,7 +61,7 @@ def is_smooth(recording: StrikeRecording) -> bool:
 def filled(recording: StrikeRecording) -> np.ndarray:
     """Return which points lie on a line or cubic through their neighbours as readings with noise never do, (T, M)."""
     found = np.zeros_like(recording.seen)
-    if (noise := noise_of(recording)) is None or not noise[1]:
+    if (noise := noise_of(recording)) is None or not noise[1] or noise[0] > _MOTION:
         return found
     level, _, step = noise
     for m, sigma in enumerate(recording.sigma.T):

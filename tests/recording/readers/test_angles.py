@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import tomli_w
 from pendulum_swing import pendulum
+from scipy.special import ellipj
 
 from whiptool.errors import InputError
 from whiptool.identification.plant import read_bare_arm, write_bare_arm
@@ -35,6 +36,25 @@ def test_mistakes_in_a_pendulums_file_are_named(tmp_path, table, said):
     (tmp_path / "bad.toml").write_text(tomli_w.dumps(table))
     with pytest.raises(InputError, match=said):
         read_bare_arm(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 1.5, 2.8])
+@pytest.mark.parametrize("side", [{}, {"angle_units": "deg"}, {"relative": True}])
+def test_links_that_hang_at_half_a_turn_are_recognised(tmp_path, amplitude, side):
+    """A swing about pi was read as an inverted one: a fit ended far away, or by an error about a length."""
+    t = np.linspace(0, 5, 2000)
+    swing = 2 * np.arcsin(np.sin(amplitude / 2) * ellipj(6 * t, np.sin(amplitude / 2) ** 2)[0])  # of one link, exact
+    for zero in (0.0, np.pi):
+        angles = zero + np.stack([swing, 0.9 * swing], axis=1)
+        angles = np.diff(angles, axis=1, prepend=0) if side.get("relative") else angles
+        np.savez(tmp_path / "a.npz", dt=t[1], angle=np.degrees(angles) if "angle_units" in side else angles)
+        (tmp_path / "a.toml").write_text(tomli_w.dumps(side))
+        (found,) = read_swings(tmp_path / "a.npz")
+        np.testing.assert_allclose(found.points[:, 0, 0], swing, atol=1e-9)
+        assert any("half a turn" in note for note in found.notes) == (zero > 0)
+    (tmp_path / "a.toml").write_text(tomli_w.dumps({**side, "zero": 0.0}))
+    (found,) = read_swings(tmp_path / "a.npz")  # what is stated holds
+    assert np.median(found.points[:, 0, 0]) > 1
 
 
 def test_npz_and_csv_tell_the_same_swing(tmp_path):
