@@ -22,8 +22,8 @@ class Encoders:
 
     - Jump: a position changes by `jump` more or less than by the velocities of both readings times the step, which the
       servos' clocks tell to 1 ms.
-    - Stop: a joint that moved in two readings, in one direction and faster than 0.6 rad/s, rests in the next two, its
-      position within a count.
+    - Stop: a joint that moved in two readings, in one direction and faster than 0.6 rad/s, or in one reading twice as
+      fast, rests in the next two, its position within a count.
     - Hold: a position stays within a count while the velocities add up to `jump`, while a mean torque beyond gravity's
       of more than `push` acts, or while the motor's torque is 0.5 N m short of what it is asked for, as that of a motor
       that turns fast. The means are over some 0.1 s.
@@ -77,7 +77,7 @@ class Encoders:
         if len(self._last) < 4:
             return np.zeros(len(self._stands), bool)
         q, v, _ = map(np.array, zip(*self._last, strict=True))  # (4, n)
-        moved = (v[0] * v[1] > 0) & (np.abs(v[:2]) > MOVES).all(axis=0)
+        moved = (v[0] * v[1] > 0) & (np.abs(v[:2]) > MOVES).all(axis=0) | (np.abs(v[1]) > 2 * MOVES)
         return moved & (np.abs(v[2:]) < RESTS).all(axis=0) & (np.abs(np.diff(q[1:], axis=0)) <= COUNT).all(axis=0)
 
 
