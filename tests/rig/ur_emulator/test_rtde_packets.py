@@ -34,13 +34,13 @@ def test_values_have_the_types_and_the_order_of_the_recipe():
 def test_an_unknown_variable_is_told():
     recipe = Recipe.of(b"input_int_register_0,input_int_register_48", INPUT_KINDS)
     assert recipe.kinds == ("INT32", "NOT_FOUND")
-    assert recipe.refused == ("input_int_register_48",)
+    assert recipe.refused == ("input_int_register_48 (NOT_FOUND)",)
 
 
 def test_an_input_of_another_client_is_in_use():
     recipe = Recipe.of(b"input_int_register_0,input_int_register_1", INPUT_KINDS, {"input_int_register_1"})
     assert recipe.kinds == ("INT32", "IN_USE")
-    assert recipe.refused == ("input_int_register_1",)
+    assert recipe.refused == ("input_int_register_1 (IN_USE)",)
 
 
 def test_every_output_that_is_confirmed_is_computed():

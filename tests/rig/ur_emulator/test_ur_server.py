@@ -119,7 +119,7 @@ def test_strangers_are_answered_as_the_protocol_says(robot):
 def test_the_client_is_told_what_is_not_emulated(robot):
     with pytest.raises(RuntimeError, match=r"was not found by the controller: .*actual_robot_current"):
         rtde_receive.RTDEReceiveInterface(robot.host, 500.0, ["actual_q", "actual_robot_current"])
-    assert robot.state()["log"][-1] == "output variables are refused (NOT_FOUND): actual_robot_current"
+    assert robot.state()["log"][-1] == "refused output variables: actual_robot_current (NOT_FOUND)"
 
 
 def claimed(client: socket.socket, names: bytes) -> bytes:
@@ -138,7 +138,7 @@ def test_an_input_has_one_client(robot):
             assert claimed(two, b"input_int_register_41," + names) == b"\x00INT32,IN_USE,IN_USE"
             assert claimed(two, b"input_int_register_41") == b"\x01INT32"  # what was refused claims nothing
             assert claimed(two, b"speed_slider_fraction") == b"\x00NOT_FOUND"
-        assert "(IN_USE): input_int_register_40, input_double_register_40" in "".join(robot.state()["log"])
+        assert "input_int_register_40 (IN_USE), input_double_register_40 (IN_USE)" in "".join(robot.state()["log"])
     with socket.create_connection((robot.host, 30004), timeout=60) as three:
         answer, tries = b"", 0
         while not answer.startswith(b"\x01") and (tries := tries + 1) < 100:  # until the first one's end is seen

@@ -15,8 +15,7 @@ OUTPUTS, INPUTS, START, PAUSE, DATA = ord("O"), ord("I"), ord("S"), ord("P"), or
 _HEADER = struct.Struct(">HB")  # length of the whole packet, kind
 
 _FORMATS = {
-    "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d",
-    "VECTOR6INT32": "6i",
+    "UINT32": "I", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i",
 }  # fmt: skip
 _OUTPUTS = {  # what the emulated controller computes
     "VECTOR6D": (
@@ -86,8 +85,9 @@ class Recipe:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """Names of the variables that are unknown or another client's."""
-        return tuple(name for name, kind in zip(self.names, self.kinds, strict=True) if kind in (NOT_FOUND, IN_USE))
+        """Variables that are unknown or another client's, with the answer."""
+        answers = zip(self.names, self.kinds, strict=True)
+        return tuple(f"{name} ({kind})" for name, kind in answers if kind in (NOT_FOUND, IN_USE))
 
     @property
     def layout(self) -> struct.Struct:

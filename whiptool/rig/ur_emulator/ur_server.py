@@ -166,8 +166,7 @@ class UrServer:
     def _heard(self, recipe: rtde.Recipe, direction: str) -> rtde.Recipe:
         """Say which variables of a recipe are refused."""
         if recipe.refused:
-            answers = ", ".join(sorted({kind for kind in recipe.kinds if kind in (rtde.NOT_FOUND, rtde.IN_USE)}))
-            self.robot.say(f"{direction} variables are refused ({answers}): {', '.join(recipe.refused)}")
+            self.robot.say(f"refused {direction} variables: " + ", ".join(recipe.refused))
         return recipe
 
     def _take_data(self, client: _Client, payload: bytes) -> None:
