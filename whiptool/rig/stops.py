@@ -126,8 +126,8 @@ class Interlock:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Hold the locks of the arm's files in a `with` block, at whose beginning the files are read again. Those in run
-        folders have the folders' locks.
+        """Hold the locks of the arm's files in a `with` block, at whose beginning the files are read again. Files in
+        run folders have the folders' locks.
 
         Raises:
             InputError: Another program holds a lock, or a file's folder cannot be written.
