@@ -32,7 +32,19 @@ from whiptool.rollout.reference import ReferenceRollout
 MODEL = wt.preset("lemon2024")
 STRIKE = wt.Strike.from_vector([-0.622, 0.221, 0.705, 2.122, 1.176])
 COARSE = TwinOptions(timestep=5e-4, integrator="implicitfast", start=STRIKE.q_i)  # 2 mm at the tip; fast
-IDLE = Guards(stale=10.0, overruns=10**9, missed=10**9, low=-99, high=99, speed=99, tracking=99, current=99, frozen=99)
+IDLE = Guards(
+    stale=10.0,
+    overruns=10**9,
+    missed=10**9,
+    low=-99,
+    high=99,
+    speed=99,
+    tracking=99,
+    current=99,
+    frozen=99,
+    jump=99,
+    push=99,
+)
 
 
 class Unpaced(StepClock):
@@ -112,6 +124,8 @@ def detection() -> dict[str, float]:
             "hot",
             "alert",
             "stuck",
+            "flicker",
+            "jump",
             "sag",
             "reboot",
             "same_id",

@@ -9,9 +9,9 @@ strike without one.
 With `--encoders`, so many strikes get a fault of a random encoder at a random cycle. Random strikes of the default
 bounds, half of them with the friction of real servos, are each made nine times: without a fault, and twice with an
 encoder that jumps by 0.05 to 3 rad for a cycle, jumps so for good, stops, or stops and flickers by a count. A reading
-is wrong from the first cycle in which it differs from the true position by more than three counts; cycles are counted from
-there to the fault. `slow` are encoders that stop while their joint is slower than 0.6 rad/s, which looks like a joint
-that comes to rest.
+is wrong from the first cycle in which it differs from the true position by more than three counts; cycles are counted
+from there to the fault. `slow` are encoders that stop while their joint is slower than 0.6 rad/s, which looks like a
+joint that comes to rest.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ from whiptool.models import default_bounds
 from whiptool.rig.control_loop import RigLoop, StepClock
 from whiptool.rig.cyclelog import Flag
 from whiptool.rig.dynamixel import Joints
+from whiptool.rig.dynamixel.bus import DynamixelBus
 from whiptool.rig.dynamixel.encoders import MOVES
 from whiptool.rig.emulator import HARDWARE, Emulator, Fault, Motor, TwinOptions, random_faults
+from whiptool.rig.emulator.server import Server
 from whiptool.rig.loop_options import LoopOptions
 
 PERIOD, CYCLES = 0.002, 85
@@ -73,6 +75,36 @@ def strike_once(twin: Emulator, rng: np.random.Generator, model, n: int) -> tupl
     return ("good" if run.fault is None else run.fault.kind), wrong
 
 
+class TwinHere:
+    """A lock-step twin in this process, so that no strike waits for two processes to take turns."""
+
+    def __init__(self, options: TwinOptions) -> None:
+        self.server = Server(options, control=object())
+
+    def bus(self) -> DynamixelBus:
+        """A bus whose instructions are answered at once."""
+        bus = DynamixelBus(self.server.port, self.server.options.ids)
+        write = bus._port.writePort
+
+        def answered(packet: list[int]) -> int:
+            sent = write(packet)
+            self.server._take()
+            return sent
+
+        bus._port.writePort = answered
+        bus.follow(self)
+        return bus
+
+    def follow(self, client) -> None:
+        """Count a client's bytes."""
+        self.server._count()
+        client.sent = client.received = 0
+
+    def given(self) -> int:
+        """Number of bytes that it has written."""
+        return self.server._given
+
+
 def encoder_fault(rng: np.random.Generator, kind: str) -> Fault:
     """A random fault of an encoder, which happens when it is injected."""
     servo, angle = int(rng.integers(2)), float(rng.uniform(0.05, 3) * rng.choice([-1, 1]))
@@ -81,22 +113,23 @@ def encoder_fault(rng: np.random.Generator, kind: str) -> Fault:
     return Fault("stuck" if kind == "stop" else "flicker", servo=servo)
 
 
-def strike_of(twin: Emulator, model, x: np.ndarray, n: int, begins: int, fault: Fault | None) -> dict:
+def strike_of(twin: TwinHere, model, x: np.ndarray, n: int, begins: int, fault: Fault | None) -> dict:
     """Make a strike whose encoder has a fault from cycle `begins` on; what came of it."""
     strike, first = wt.Strike.from_vector(x), []
-    twin.reset(strike.q_i)
+    server = twin.server
+    server._reset(strike.q_i)
 
     def on_cycle(k, phase) -> None:
         if not first:
-            first.append(float(twin.state()["t"]))
+            first.append(server.t)
         if k == begins and fault is not None:
-            twin.inject(replace(fault, at=float(twin.state()["t"])))
+            server._add(replace(fault, at=server.t))
 
-    with twin.bus(timeout=0.006) as bus:
+    with twin.bus() as line:
         law = oiac_preset("table4") if n % 4 == 0 else OIAC()
-        rig = RigLoop(Joints(bus), model, Controller(law), options=AT_ONCE, clock=StepClock())
+        rig = RigLoop(Joints(line), model, Controller(law), options=AT_ONCE, clock=StepClock())
         run = rig.run(strike, on_cycle=on_cycle)
-    cycles, true = run.cycles, twin.trajectory()
+    cycles, true = run.cycles, server.physics.trajectory()
     kind = "good" if run.fault is None else run.fault.kind
     found = {"end": kind, "cycles": len(cycles)}
     if fault is not None and len(cycles) > begins:
@@ -115,19 +148,18 @@ def encoder_study(strikes: int, rng: np.random.Generator, model, said: bool) -> 
     box, found, free = default_bounds(model).box, [], Counter()
     motors = (HARDWARE, Motor())
     physics = [TwinOptions(motor=m, timestep=5e-4, integrator="implicitfast", period=PERIOD) for m in motors]
-    with Emulator(physics[0]) as one, Emulator(physics[1]) as two:
-        n = 0
-        while len(found) < strikes:
-            n, twin, x = n + 1, (one, two)[n % 2], rng.uniform(*box)
-            whole = strike_of(twin, model, x, n, 0, None)
-            free[whole["end"]] += 1
-            if whole["end"] != "good":
-                continue  # other guards end it
-            for kind in 2 * ENCODERS:
-                begins = int(rng.integers(10, whole["cycles"] - 10))
-                found.append({"kind": kind} | strike_of(twin, model, x, n, begins, encoder_fault(rng, kind)))
-            if said:
-                print(json.dumps(table(found) | {"free": dict(free)}), file=sys.stderr, flush=True)
+    twins, n = [TwinHere(options) for options in physics], 0
+    while len(found) < strikes:
+        n, twin, x = n + 1, twins[n % 2], rng.uniform(*box)
+        whole = strike_of(twin, model, x, n, 0, None)
+        free[whole["end"]] += 1
+        if whole["end"] != "good":
+            continue  # other guards end it
+        for kind in 2 * ENCODERS:
+            begins, fault = int(rng.integers(10, whole["cycles"] - 10)), encoder_fault(rng, kind)
+            found.append({"kind": kind} | strike_of(twin, model, x, n, begins, fault))
+        if said:
+            print(json.dumps(table(found) | {"free": dict(free)}), file=sys.stderr, flush=True)
     return table(found) | {"without_fault": dict(free.most_common()), "false_alarms": free["encoder"]}
 
 

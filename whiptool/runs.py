@@ -285,28 +285,31 @@ def read_config(path: Path) -> dict:
     return read_toml(path / CONFIG)
 
 
-class HeldLock:
+_FREE = "a folder that no other command works in"
+
+
+class RunLock:
     """A lock of the operating system on a file, held until `release` or the end of the process.
 
     The file names its holder. The lock of a killed process is free.
 
     Args:
-        path: The file, in an existing folder.
-        name, given: Name and value of what is locked, for messages.
-        allowed: What has to be true of it.
+        folder: An existing folder.
+        file: Name of the file in it.
+        what, rule: What is locked and what has to be true of it, for messages.
 
     Raises:
         InputError: Another process holds the lock; it is named.
         OSError: The file cannot be written.
     """
 
-    def __init__(self, path: Path, name: str, given: str, allowed: str) -> None:
-        self.path = path
+    def __init__(self, folder: Path, file: str = LOCK, what: str = "run folder", rule: str = _FREE) -> None:
+        self.path = path = folder / file
         self._lock = FileLock(path, timeout=0, thread_local=False)
         try:
             self._lock.acquire()
         except Timeout:
-            raise InputError(name, given, allowed, _said(path)) from None
+            raise InputError(what, str(folder if file == LOCK else path), rule, _said(path)) from None
 
         holder = {
             "process": os.getpid(),
@@ -325,13 +328,6 @@ class HeldLock:
         if self._lock.is_locked:
             self.path.unlink(missing_ok=True)
             self._lock.release()
-
-
-class RunLock(HeldLock):
-    """The lock on a run folder, which is its file `.lock`; the folder has to exist."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder / LOCK, "run folder", str(folder), "a folder that no other command works in")
 
 
 def _said(path: Path) -> str:

@@ -1,3 +1,4 @@
+import socket
 import subprocess
 import sys
 
@@ -14,15 +15,19 @@ from whiptool.commands import emulators
 def test_the_command_serves_until_it_is_stopped():
     receive = pytest.importorskip("rtde_receive", reason="ur-rtde is not installed, or has no wheel here")
     host, posture = own_host(), (0.1, -1.2, 0.3, 0.0, 0.0, 0.5)
-    words = ["--host", host, "--posture", *map(str, posture), "--protective-stop", "0.5"]
+    words = ["--host", host, "--posture", *map(str, posture), "--protective-stop", "0.5", "--lockstep"]
     with subprocess.Popen(
         [sys.executable, "-m", "whiptool.rig.ur_emulator", *words], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == f"an emulated UR5e serves on {host}: ur://{host}; Ctrl-C ends it\n"
-        client = receive.RTDEReceiveInterface(host)
+        client = receive.RTDEReceiveInterface(host, 500.0, ["actual_q"])
         assert np.allclose(client.getActualQ(), posture)
         client.disconnect()
+        with socket.create_connection((host, 30001), timeout=HANG) as stranger:
+            stranger.sendall(b"def mine():\n movej([0, 0, 0, 0, 0, 0])\nend\n")
+            said = process.stdout.readline()  # at once
+        assert said == "a program other than ur_rtde's control program is not emulated\n"
         process.terminate()
         process.wait(HANG)
 

@@ -255,7 +255,7 @@ MOVING = 0.2  # [s], when both joints of SHORT are faster than 1 rad/s
         (Fault("jump", at=AT, servo=0, angle=0.05), "encoder", 3),
         (Fault("jump", at=AT, servo=1, angle=-1.0), "encoder", 3),
         (Fault("jump", at=AT, servo=1, angle=0.4, lasting=PERIOD), "encoder", 3),
-        (Fault("stuck", servo=1), "frozen", 150),  # at rest: as soon as the reference has moved by 0.1 rad
+        (Fault("stuck", servo=1), "encoder", 150),  # at rest: as soon as the torques tell it
     ],
     ids=lambda x: f"{x.kind}{x.servo}" if isinstance(x, Fault) else None,
 )

@@ -158,7 +158,7 @@ def test_a_motion_whose_mark_cannot_be_written_does_not_begin(tmp_path: Path, mo
         write(path, text)
 
     monkeypatch.setattr(stops, "write_whole", full)
-    with pytest.raises(InputError, match=r"stopped\.json.*nothing moved; reason: .*No space left"), lock.moving():
+    with pytest.raises(InputError, match=r"stopped\.json.*nothing moved; .*No space left"), lock.moving():
         pytest.fail("it moved")
     assert list(tmp_path.iterdir()) == []
     lock.trip("line: gone")
@@ -204,6 +204,13 @@ def test_a_fault_of_another_program_is_heard_before_the_arm_is_connected_and_nev
     assert "line: gone" in mark.read_text()
 
 
+def test_a_run_folder_that_is_not_there_is_not_made_by_its_mark(tmp_path: Path) -> None:
+    lock = Interlock()
+    lock.watch(tmp_path / "nowhere" / STOPPED)
+    with lock.held():
+        assert not (tmp_path / "nowhere").exists()
+
+
 def test_two_programs_do_not_use_one_arm_at_once(tmp_path: Path) -> None:
     mark, strike = tmp_path / "arm.json", wt.Strike((0.1, 0.1), (0.2, 0.2), 1.0)
     first, second = Interlock(), Interlock()
@@ -213,7 +220,9 @@ def test_two_programs_do_not_use_one_arm_at_once(tmp_path: Path) -> None:
 
     def meanwhile() -> None:
         for act in (lambda: other.strike(strike), second.release, lambda: second.moving().__enter__()):
-            with pytest.raises(InputError, match=rf"arm: got 'arm'.*no other program uses.*process {os.getpid()}"):
+            with pytest.raises(
+                InputError, match=rf"arm: got .*arm\.lock'.*no other command uses.*process {os.getpid()}"
+            ):
                 act()
 
     one = Arm(first, connecting=meanwhile)

@@ -45,8 +45,8 @@ class EmulatorOptions(ModelOptions):
     faults: tuple[str, ...] = ()
     """Faults that happen, such as drop:at=2:count=10 (from 2 s on ten replies are lost). Each is KIND:NAME=NUMBER:..,
     further examples are sag:at=2:volts=8:lasting=0.5 and same_id:servo=1. Kinds of the line are drop, corrupt, late,
-    split, duplicate, lose and unplug; kinds of servos are dead, hot, stuck, alert, sag, reboot and same_id. Names are
-    at [s], count (packets), servo (from 0), seed, volts, lasting [s]."""
+    split, duplicate, lose and unplug; kinds of servos are dead, hot, stuck, flicker, jump, alert, sag, reboot and
+    same_id. Names are at [s], count (packets), servo (from 0), seed, volts, angle [rad], lasting [s]."""
 
     def check(self) -> None:
         super().check()
@@ -97,6 +97,9 @@ class UrEmulatorOptions(OptionGroup):
     """Press the emergency stop, likewise [s]."""
     cable_pulled: float | None = None
     """Pull the network's cable, likewise [s]."""
+    lockstep: bool = False
+    """Let time wait for the client's next command while the arm follows servoJ, so that a busy computer disturbs no
+    strike; a real controller does not wait."""
 
     def check(self) -> None:
         super().check()
@@ -112,9 +115,9 @@ def _serve_ur(o: UrEmulatorOptions) -> int:
     from whiptool.rig.ur_emulator.ur_controller import HOME, UrFault, UrOptions
     from whiptool.rig.ur_emulator.ur_server import UrServer
 
-    server = UrServer(
-        UrOptions(o.host, o.posture or HOME, o.command_delay, elbow_speed=o.elbow_speed, tool_speed=o.tool_speed)
-    )
+    posture, limits = o.posture or HOME, {"elbow_speed": o.elbow_speed, "tool_speed": o.tool_speed}
+    server = UrServer(UrOptions(o.host, posture, o.command_delay, lockstep=o.lockstep, **limits))
+    server.robot.on_log = lambda sentence: print(sentence, flush=True)
     for kind, at in (("protective", o.protective_stop), ("emergency", o.emergency_stop), ("silence", o.cable_pulled)):
         if at is not None:
             server.robot.add(UrFault(kind, at))
@@ -123,7 +126,6 @@ def _serve_ur(o: UrEmulatorOptions) -> int:
         server.serve()
     except KeyboardInterrupt:
         server.close()
-        print("\n".join(server.robot.log))
     return 0
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from whiptool.errors import InputError, WhiptoolError
-from whiptool.runs import HeldLock
+from whiptool.runs import RunLock
 from whiptool.whole_files import write_whole
 
 STOPPED = "stopped.json"  # in a run folder
@@ -119,10 +119,6 @@ class Interlock:
         """Record faults in the file `mark`; if it exists, a fault of an earlier call is taken from it."""
         if mark not in self._marks:
             self._marks.append(mark)
-        self._hear(mark)
-
-    def _hear(self, mark: Path) -> None:
-        """Take a fault of an earlier call from its file."""
         if mark.exists():
             reason, files = _read(mark)
             self.stop = self.stop or reason
@@ -130,25 +126,20 @@ class Interlock:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Hold the locks of the files in a `with` block, at whose beginning the files are read again.
+        """Hold the locks of the arm's files in a `with` block, at whose beginning the files are read again. Files in
+        run folders have the folders' locks.
 
         Raises:
             InputError: Another program holds a lock, or a file's folder cannot be written.
         """
         with ExitStack() as stack:
             for mark in [] if self._holds else self._marks:
-                try:
-                    mark.parent.mkdir(parents=True, exist_ok=True)
-                    lock = HeldLock(mark.with_suffix(".lock"), "arm", mark.stem, "an arm that no other program uses")
-                except OSError as error:
-                    raise InputError("arm", mark.stem, "a file of its own that can be written", str(error)) from None
-                stack.callback(lock.release)
-                self._hear(mark)
+                if mark.name != STOPPED:
+                    stack.callback(_lock(mark).release)
+                self.watch(mark)
             self._holds += 1
-            try:
-                yield
-            finally:
-                self._holds -= 1
+            stack.callback(setattr, self, "_holds", self._holds - 1)
+            yield
 
     def trip(self, reason: str, *, lasting: bool = True, torque: str = "") -> None:
         """Lock, and record the stop in the files. No exception is raised, because torque is switched off afterwards.
@@ -161,11 +152,7 @@ class Interlock:
         self.stop = self.stop or reason
         if lasting:
             self._recorded = True
-            for mark, error in self._record(self.stop, torque):
-                print(
-                    f"whiptool: {mark}, which says that the arm was stopped, cannot be written: {error}",
-                    file=sys.stderr,
-                )
+            self._record(self.stop, torque)
 
     @contextmanager
     def moving(self) -> Iterator[None]:
@@ -181,9 +168,7 @@ class Interlock:
             self.check()
             self._recorded = False
             try:
-                if unwritten := self._record(UNENDED, self.torque):
-                    rule = "a file that can be written: it says that the arm was stopped, if this program is killed"
-                    raise InputError("file", str(unwritten[0][0]), rule, f"nothing moved; reason: {unwritten[0][1]}")
+                self._record(UNENDED, self.torque, needed=True)
                 yield
             finally:
                 if not self._recorded:
@@ -191,18 +176,21 @@ class Interlock:
                         with suppress(OSError):
                             mark.unlink()
 
-    def _record(self, reason: str, torque: str) -> list[tuple[Path, OSError]]:
-        """Write the files, and return those that cannot be written."""
+    def _record(self, reason: str, torque: str, *, needed: bool = False) -> None:
+        """Write the files; one that cannot be written is said, or refused where it is needed."""
         record: dict[str, Any] = {"reason": reason, "torque": torque, "time": time.strftime("%Y-%m-%dT%H:%M:%S%z")}
         record["files"] = [str(mark.absolute()) for mark in self._marks]
-        unwritten = []
         for mark in self._marks:
             try:
                 mark.parent.mkdir(parents=True, exist_ok=True)
                 write_whole(mark, json.dumps(record, indent=1) + "\n")
             except OSError as error:
-                unwritten.append((mark, error))
-        return unwritten
+                said = f"{mark}, which says that the arm was stopped, cannot be written: {error}"
+                if needed:
+                    raise InputError(
+                        "file", str(mark), "a file that can be written", f"nothing moved; {said}"
+                    ) from None
+                print(f"whiptool: {said}", file=sys.stderr)
 
     def check(self) -> None:
         """Refuse to continue after a stop.
@@ -230,6 +218,15 @@ class Interlock:
                 names = (mark.with_name(f"{mark.stem}-{i}{mark.suffix}") for i in itertools.count(1))
                 with suppress(FileNotFoundError, NotADirectoryError):
                     mark.rename(next(name for name in names if not name.exists()))
+
+
+def _lock(mark: Path) -> RunLock:
+    """The lock of an arm's file."""
+    try:
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        return RunLock(mark.parent, mark.stem + ".lock", "arm", "an arm that no other command uses")
+    except OSError as error:
+        raise InputError("arm", mark.stem, "a file that can be written for its lock", str(error)) from None
 
 
 def _read(mark: Path) -> tuple[str, list[Path]]:

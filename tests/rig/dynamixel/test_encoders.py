@@ -58,7 +58,7 @@ def test_a_jump_is_found_in_its_first_cycle(angle, cycles, speed):
     found = first_fault(rows)
     assert found is not None
     assert found[0] == 100
-    assert "the encoder of joint 0 jumped by" in found[1]
+    assert "encoder: that of joint 0 jumped by" in found[1]
 
 
 @pytest.mark.parametrize("flickers", [0, 1, -1])

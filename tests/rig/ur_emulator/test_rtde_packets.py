@@ -1,8 +1,10 @@
 import struct
 
+import numpy as np
 import pytest
 
 from whiptool.rig.ur_emulator.rtde_packets import INPUT_KINDS, OUTPUT_KINDS, Recipe, packet, packets
+from whiptool.rig.ur_emulator.ur_controller import UrController, UrOptions
 
 
 def test_packets_are_found_in_pieces_of_a_stream():
@@ -32,7 +34,26 @@ def test_values_have_the_types_and_the_order_of_the_recipe():
 def test_an_unknown_variable_is_told():
     recipe = Recipe.of(b"input_int_register_0,input_int_register_48", INPUT_KINDS)
     assert recipe.kinds == ("INT32", "NOT_FOUND")
-    assert not recipe.whole
+    assert recipe.refused == ("input_int_register_48 (NOT_FOUND)",)
+
+
+def test_an_input_of_another_client_is_in_use():
+    recipe = Recipe.of(b"input_int_register_0,input_int_register_1", INPUT_KINDS, {"input_int_register_1"})
+    assert recipe.kinds == ("INT32", "IN_USE")
+    assert recipe.refused == ("input_int_register_1 (IN_USE)",)
+
+
+def test_every_output_that_is_confirmed_is_computed():
+    """21 were confirmed and sent as zeros; registers are 0 until a program writes them."""
+    values = UrController(UrOptions()).outputs()
+    for name, kind in OUTPUT_KINDS.items():
+        if not name.startswith("output_"):
+            count = int(kind.removeprefix("VECTOR")[0]) if kind.startswith("VECTOR") else 1
+            assert np.size(values[name]) == count, name
+
+
+def test_every_input_that_is_confirmed_reaches_the_program():
+    assert all("_register_" in name and "_bit_" not in name for name in INPUT_KINDS)
 
 
 def test_data_of_another_length_are_refused():

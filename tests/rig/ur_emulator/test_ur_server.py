@@ -26,7 +26,7 @@ def robot():
 @pytest.fixture(scope="module")
 def clients(robot):
     control = rtde_control.RTDEControlInterface(robot.host)
-    receive = rtde_receive.RTDEReceiveInterface(robot.host)
+    receive = rtde_receive.RTDEReceiveInterface(robot.host, 500.0, ["actual_q", "actual_TCP_pose", "actual_current"])
     yield control, receive
     control.stopScript()
     control.disconnect()
@@ -110,8 +110,40 @@ def test_strangers_are_answered_as_the_protocol_says(robot):
     assert "recipe 9" in robot.state()["log"][-1]
     with socket.create_connection((robot.host, 29999), timeout=60) as client:
         client.recv(100)
-        client.sendall(b"dance\n")
-        assert client.recv(100) == b"could not understand: 'dance'\n"
+        for line in ("dance", "power on", "brake release"):
+            client.sendall(line.encode() + b"\n")
+            assert client.recv(100).decode() == f"could not understand: '{line}'\n"
+    assert robot.state()["log"][-1] == "a dashboard command is not emulated: brake release"
+
+
+def test_the_client_is_told_what_is_not_emulated(robot):
+    with pytest.raises(RuntimeError, match=r"was not found by the controller: .*actual_robot_current"):
+        rtde_receive.RTDEReceiveInterface(robot.host, 500.0, ["actual_q", "actual_robot_current"])
+    assert robot.state()["log"][-1] == "refused output variables: actual_robot_current (NOT_FOUND)"
+
+
+def claimed(client: socket.socket, names: bytes) -> bytes:
+    """The answer to the set-up of inputs."""
+    client.sendall(struct.pack(">HB", 3 + len(names), ord("I")) + names)
+    return client.recv(100)[3:]
+
+
+def test_an_input_has_one_client(robot):
+    """A second client confirmed the same inputs, and both commanded the arm."""
+    names = b"input_int_register_40,input_double_register_40"
+    with socket.create_connection((robot.host, 30004), timeout=60) as one:
+        assert claimed(one, names) == b"\x01INT32,DOUBLE"
+        assert claimed(one, names) == b"\x02INT32,DOUBLE"  # the client itself may have it in several recipes
+        with socket.create_connection((robot.host, 30004), timeout=60) as two:
+            assert claimed(two, b"input_int_register_41," + names) == b"\x00INT32,IN_USE,IN_USE"
+            assert claimed(two, b"input_int_register_41") == b"\x01INT32"  # what was refused claims nothing
+            assert claimed(two, b"speed_slider_fraction") == b"\x00NOT_FOUND"
+        assert "input_int_register_40 (IN_USE), input_double_register_40 (IN_USE)" in "".join(robot.state()["log"])
+    with socket.create_connection((robot.host, 30004), timeout=60) as three:
+        answer, tries = b"", 0
+        while not answer.startswith(b"\x01") and (tries := tries + 1) < 100:  # until the first one's end is seen
+            answer = claimed(three, names)
+        assert answer == b"\x01INT32,DOUBLE"
 
 
 def test_an_address_that_is_taken_is_refused(robot):

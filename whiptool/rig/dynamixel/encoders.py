@@ -14,22 +14,19 @@ MOVES = 25.5 * Units().velocity  # [rad/s]: a joint that moves so fast does not 
 RESTS = 1.5 * Units().velocity  # [rad/s], below which a joint rests
 TICK = 1e-3  # [s], resolution of the servos' clocks
 AVERAGED = 0.1  # [s], time constant of mean torques
-SHORT = 0.5  # [N m]: a motor at rest gives the torque that it is asked for, but for so much; a fast one cannot
+SHORT = 0.5  # [N m] that a motor at rest may lack of the torque that it is asked for; a fast one lacks more
 
 
 class Encoders:
-    """Compares successive readings with each other, and finds encoders that fail.
+    """Finds encoders that fail by comparing successive readings.
 
     - Jump: a position changes by `jump` more or less than by the velocities of both readings times the step, which the
       servos' clocks tell to 1 ms.
-    - Stop: a joint that moved in two readings, in one direction and faster than 0.6 rad/s, rests in the next two, its
-      position within a count.
-    - Hold: a position stays within a count while the velocities add up to `jump`, while a mean torque beyond gravity's
-      of more than `push` acts, or while the motor's torque is 0.5 N m short of what it is asked for, as that of a motor
-      that turns fast. The means are over some 0.1 s.
-
-    An encoder that stops while its joint is slower than 0.6 rad/s looks like a joint that comes to rest, until the
-    torques tell otherwise.
+    - Stop: a joint that moved in two readings in one direction faster than 0.6 rad/s, or in one twice as fast, rests in
+      the next two, its position within a count.
+    - Hold: a position stays within a count while the velocities add up to `jump`, a mean torque beyond gravity's of
+      more than `push` acts, or the motor gives 0.5 N m less than it is asked for, as one that turns fast. Only
+      this distinguishes an encoder that stops while its joint is slow from a joint at rest.
 
     Args:
         joints: Number n of joints.
@@ -44,15 +41,13 @@ class Encoders:
         self._turned = np.zeros(joints)  # integral of the velocity since it stands there [rad]
         self._means = np.zeros((2, joints))  # mean torques since then, beyond gravity's and short of what is asked for
 
-    def read(
-        self, q: np.ndarray, v: np.ndarray, tick: np.ndarray, torques: np.ndarray | float = 0.0
-    ) -> SafetyError | None:
+    def read(self, q: np.ndarray, v: np.ndarray, tick: np.ndarray, load: np.ndarray | float = 0) -> SafetyError | None:
         """Take the next reading, and return the fault, if any.
 
         Args:
             q, v: Positions [rad] and velocities [rad/s], (n,).
             tick: The servos' clocks [ms], modulo 32768, (n,).
-            torques: Torques beyond gravity's, and short of what the motors are asked for [N m], (2, n).
+            load: Torques beyond gravity's, and short of what the motors are asked for [N m], (2, n).
         """
         self._last.append((q, v, tick))
         moved = ~(np.abs(q - self._stands) <= COUNT)
@@ -65,21 +60,19 @@ class Encoders:
         beyond = off - self._jump - np.abs(v - v_0) / 2 * step - np.maximum(np.abs(v), np.abs(v_0)) * TICK
         if (beyond > 0).any():
             i = int(beyond.argmax())
-            return _fault(i, f"jumped by {off[i]:.3f} rad beyond what its velocities say")
+            return SafetyError("encoder", f"that of joint {i} jumped by {off[i]:.3f} rad more than it turned")
         self._turned = np.where(moved, 0.0, self._turned + mean * step)
-        self._means = np.where(moved, 0.0, torques + (self._means - torques) * np.exp(-step / AVERAGED))
+        self._means = np.where(moved, 0.0, load + (self._means - load) * np.exp(-step / AVERAGED))
         push, short = np.abs(self._means)
         held = (np.abs(self._turned) > self._jump) | (push > self._most) | (short > SHORT) | self._stopped()
-        return _fault(int(held.argmax()), "stands still while the joint should move") if held.any() else None
+        if held.any():
+            return SafetyError("encoder", f"that of joint {int(held.argmax())} stands still while it turns")
+        return None
 
     def _stopped(self) -> np.ndarray:
         """Whether each joint moved in two readings and rests in the next two."""
         if len(self._last) < 4:
             return np.zeros(len(self._stands), bool)
         q, v, _ = map(np.array, zip(*self._last, strict=True))  # (4, n)
-        moved = (v[0] * v[1] > 0) & (np.abs(v[:2]) > MOVES).all(axis=0)
+        moved = (v[0] * v[1] > 0) & (np.abs(v[:2]) > MOVES).all(axis=0) | (np.abs(v[1]) > 2 * MOVES)
         return moved & (np.abs(v[2:]) < RESTS).all(axis=0) & (np.abs(np.diff(q[1:], axis=0)) <= COUNT).all(axis=0)
-
-
-def _fault(joint: int, what: str) -> SafetyError:
-    return SafetyError("encoder", f"the encoder of joint {joint} {what}")

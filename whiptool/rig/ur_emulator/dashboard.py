@@ -12,8 +12,6 @@ _FIXED = {
     "get robot model": "UR5",
     "close safety popup": "closing safety popup",
     "close popup": "closing popup",
-    "power on": "Powering on",
-    "brake release": "Brake releasing",
 }
 
 
@@ -45,4 +43,5 @@ def _answer(line: str, robot: UrController) -> str:
             f"Cannot unlock protective stop until {robot.options.unlock_after:g}s after occurrence. "
             "Always inspect cause of protective stop before unlocking"
         )
+    robot.say(f"a dashboard command is not emulated: {line}")
     return f"could not understand: '{line}'"

@@ -6,7 +6,7 @@ Source: https://docs.universal-robots.com/tutorials/communication-protocol-tutor
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,34 +15,18 @@ OUTPUTS, INPUTS, START, PAUSE, DATA = ord("O"), ord("I"), ord("S"), ord("P"), or
 _HEADER = struct.Struct(">HB")  # length of the whole packet, kind
 
 _FORMATS = {
-    "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d",
-    "VECTOR6INT32": "6i",
+    "UINT32": "I", "INT32": "i", "DOUBLE": "d", "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i",
 }  # fmt: skip
-_OUTPUTS = {
+_OUTPUTS = {  # what the emulated controller computes
     "VECTOR6D": (
-        "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current "
-        "joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose target_TCP_speed "
-        "joint_temperatures actual_joint_voltage ft_raw_wrench payload_inertia actual_current_as_torque"
+        "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current actual_TCP_pose "
+        "target_TCP_pose joint_temperatures payload_inertia"
     ),
-    "VECTOR3D": "actual_tool_accelerometer payload_cog elbow_position elbow_velocity",
+    "VECTOR3D": "payload_cog",
     "VECTOR6INT32": "joint_mode",
-    "DOUBLE": (
-        "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum actual_main_voltage "
-        "actual_robot_voltage actual_robot_current payload standard_analog_input0 standard_analog_input1 "
-        "standard_analog_output0 standard_analog_output1"
-    ),
+    "DOUBLE": "timestamp speed_scaling target_speed_fraction payload",
     "INT32": "robot_mode safety_mode safety_status",
-    "UINT32": "runtime_state robot_status_bits safety_status_bits output_bit_registers0_to_31 "
-    "output_bit_registers32_to_63",
-    "UINT64": "actual_digital_input_bits actual_digital_output_bits",
-}
-_INPUTS = {
-    "VECTOR6D": "external_force_torque",
-    "DOUBLE": "speed_slider_fraction standard_analog_output_0 standard_analog_output_1",
-    "UINT32": "speed_slider_mask input_bit_registers0_to_31 input_bit_registers32_to_63",
-    "UINT8": "standard_digital_output_mask standard_digital_output configurable_digital_output_mask "
-    "configurable_digital_output tool_digital_output_mask tool_digital_output standard_analog_output_mask "
-    "standard_analog_output_type",
+    "UINT32": "runtime_state robot_status_bits safety_status_bits",
 }
 REGISTERS = 48  # of integers and of doubles, in either direction
 
@@ -55,7 +39,8 @@ def _kinds(table: Mapping[str, str], direction: str) -> dict[str, str]:
     return kinds
 
 
-OUTPUT_KINDS, INPUT_KINDS = _kinds(_OUTPUTS, "output"), _kinds(_INPUTS, "input")
+OUTPUT_KINDS, INPUT_KINDS = _kinds(_OUTPUTS, "output"), _kinds({}, "input")
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"  # in place of the type of a variable that is unknown, or another client's
 
 
 def packet(kind: int, payload: bytes = b"") -> bytes:
@@ -86,22 +71,23 @@ class Recipe:
 
     Args:
         names: Names of the variables.
-        kinds: Their types; `NOT_FOUND` for an unknown name.
+        kinds: Their types; `NOT_FOUND` for an unknown name, `IN_USE` for an input that another client writes.
     """
 
     names: tuple[str, ...]
     kinds: tuple[str, ...]
 
     @classmethod
-    def of(cls, text: bytes, known: Mapping[str, str]) -> Recipe:
+    def of(cls, text: bytes, known: Mapping[str, str], in_use: Container[str] = ()) -> Recipe:
         """Return the recipe of comma-separated names, of which the last may be empty."""
         names = tuple(name for name in text.decode("ascii", "replace").split(",") if name)
-        return cls(names, tuple(known.get(name, "NOT_FOUND") for name in names))
+        return cls(names, tuple(IN_USE if name in in_use else known.get(name, NOT_FOUND) for name in names))
 
     @property
-    def whole(self) -> bool:
-        """Whether all variables are known."""
-        return "NOT_FOUND" not in self.kinds
+    def refused(self) -> tuple[str, ...]:
+        """Variables that are unknown or another client's, with the answer."""
+        answers = zip(self.names, self.kinds, strict=True)
+        return tuple(f"{name} ({kind})" for name, kind in answers if kind in (NOT_FOUND, IN_USE))
 
     @property
     def layout(self) -> struct.Struct:
@@ -109,7 +95,7 @@ class Recipe:
         return struct.Struct(">" + "".join(_FORMATS[kind] for kind in self.kinds))
 
     def pack(self, values: Mapping[str, Any]) -> bytes:
-        """Return the variables' values as bytes; a variable without a value is 0."""
+        """Return the variables' values as bytes; a register that no program has written is 0."""
         flat: list[Any] = []
         for name, kind in zip(self.names, self.kinds, strict=True):
             count = int(_FORMATS[kind][0]) if kind.startswith("VECTOR") else 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -99,7 +99,7 @@ class UrController:
         payload, tool: See `Host` of the control program.
         history: Time [s], positions [rad], speeds [rad/s] and whether servoj was commanded, of every period: rows of
             14 numbers.
-        log: Sentences on what happened.
+        log: Sentences on what happened; `on_log` is called with each.
     """
 
     def __init__(self, options: UrOptions) -> None:
@@ -113,6 +113,7 @@ class UrController:
         self.paused, self.safety = False, "normal"
         self.history: list[np.ndarray] = []
         self.log: list[str] = []
+        self.on_log: Callable[[str], None] = lambda sentence: None
         self.began: float | None = None  # when servoj was first commanded
         self._inputs: dict[str, Any] = {}
         self._arriving: deque[tuple[float, dict[str, Any]]] = deque()
@@ -133,6 +134,11 @@ class UrController:
         """Whether the arm follows commands of servoj."""
         return self.program is not None and self.program.servoing and not self.paused
 
+    def say(self, sentence: str) -> None:
+        """Log what happened."""
+        self.log.append(sentence)
+        self.on_log(sentence)
+
     def add(self, fault: UrFault) -> None:
         """Schedule a fault."""
         self._faults.append(fault)
@@ -152,18 +158,18 @@ class UrController:
         """Start a program, in place of one that runs."""
         self.end_program("another program came")
         if self.safety != "normal":
-            self.log.append(f"a program was refused in the safety mode {self.safety}")
+            self.say(f"a program was refused in the safety mode {self.safety}")
             return
         try:
             self.program, self.paused = ControlScript(text, self), False
         except Unknown as unknown:
-            self.log.append(f"{unknown} is not emulated")
+            self.say(f"{unknown} is not emulated")
 
     def end_program(self, reason: str) -> None:
         """End the program; the controller brings the joints to rest."""
         if self.program is None:
             return
-        self.log.append(f"{self.t:.3f} s: the program ended: {reason}")
+        self.say(f"{self.t:.3f} s: the program ended: {reason}")
         self.program, self.paused, self._watched = None, False, None
         if self.joints.moving:
             self.joints.brake(BRAKE)
@@ -183,7 +189,7 @@ class UrController:
     def _halt(self, safety: str, reason: str) -> None:
         self.safety, self._stopped_at = safety, self.t
         self.paused = self.program is not None
-        self.log.append(f"{self.t:.3f} s: {safety} stop: {reason}")
+        self.say(f"{self.t:.3f} s: {safety} stop: {reason}")
         self.joints.brake(BRAKE)
 
     def unlock(self) -> bool:

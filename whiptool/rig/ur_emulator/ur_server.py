@@ -121,7 +121,7 @@ class UrServer:
             take = {DASHBOARD: self._take_lines, RTDE: self._take_packets}.get(client.port, self._take_program)
             take(client)
         except ValueError as error:
-            self.robot.log.append(f"a client was dropped: {error}")
+            self.robot.say(f"a client was dropped: {error}")
             self._drop(client)
 
     def _take_lines(self, client: _Client) -> None:
@@ -150,17 +150,24 @@ class UrServer:
         if kind == rtde.CONTROLLER:
             return struct.pack(">4I", *VERSION)
         if kind == rtde.INPUTS:
-            recipe = rtde.Recipe.of(payload, rtde.INPUT_KINDS)
-            client.inputs.append(recipe)
-            return bytes([len(client.inputs) if recipe.whole else 0]) + ",".join(recipe.kinds).encode()
+            others = {name for other in self._clients if other is not client for r in other.inputs for name in r.names}
+            recipe = self._heard(rtde.Recipe.of(payload, rtde.INPUT_KINDS, others), "input")
+            client.inputs += [] if recipe.refused else [recipe]
+            return bytes([0 if recipe.refused else len(client.inputs)]) + ",".join(recipe.kinds).encode()
         if kind == rtde.OUTPUTS:
-            client.output = recipe = rtde.Recipe.of(payload[8:], rtde.OUTPUT_KINDS)
+            client.output = recipe = self._heard(rtde.Recipe.of(payload[8:], rtde.OUTPUT_KINDS), "output")
             client.every = max(1, round(1 / (PERIOD * struct.unpack(">d", payload[:8])[0])))
-            return bytes([1 if recipe.whole else 0]) + ",".join(recipe.kinds).encode()
+            return bytes([0 if recipe.refused else 1]) + ",".join(recipe.kinds).encode()
         if kind in (rtde.START, rtde.PAUSE):
-            client.started = kind == rtde.START and client.output is not None and client.output.whole
+            client.started = kind == rtde.START and client.output is not None and not client.output.refused
             return bytes([client.started or kind == rtde.PAUSE])
         raise ValueError(f"an RTDE packet of kind {kind}")
+
+    def _heard(self, recipe: rtde.Recipe, direction: str) -> rtde.Recipe:
+        """Say which variables of a recipe are refused."""
+        if recipe.refused:
+            self.robot.say(f"refused {direction} variables: " + ", ".join(recipe.refused))
+        return recipe
 
     def _take_data(self, client: _Client, payload: bytes) -> None:
         number = payload[0] if payload else 0
@@ -192,7 +199,7 @@ class UrServer:
                 client.send(rtde.packet(rtde.DATA, b"\x01" + client.output.pack(values)))
 
     def _begin(self, fault: UrFault) -> None:
-        self.robot.log.append(f"{self.robot.t:.3f} s: fault {fault.kind}")
+        self.robot.say(f"{self.robot.t:.3f} s: fault {fault.kind}")
         if fault.kind in OF_THE_NETWORK:
             self._network[fault.kind] = self.robot.t + fault.lasting
         elif fault.kind == "cut":
