@@ -66,7 +66,7 @@ class Capsule:
         flat: Whether the shape is the cylinder without round ends.
         width: For a box along the segment, the half vector of one of its sides across [m], (3,); the other side is such
             that the edges are at the radius. None: no box.
-        name: Name of a thing that stands beside the robot, such as a table; empty for parts of the robot.
+        name: Name of a thing that stands next to the robot, such as a table; empty for parts of the robot.
 
     Raises:
         InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not

@@ -39,9 +39,9 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
     Bodies without joints or with locked joints are part of the link to which they are attached. Mesh files may be
     missing if all moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres,
     capsules, cylinders and boxes that may collide become the arm's capsules; the smallest of these around it stands for
-    a mesh's convex hull or an ellipsoid. Shapes of `<worldbody>` and of bodies beside the robot, such as tables, become
-    named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip, planes
-    and height fields are ignored, which the arm's `notes` state.
+    a mesh's convex hull or an ellipsoid. Shapes of `<worldbody>` and of bodies next to the robot, such as tables,
+    become named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip,
+    planes and height fields are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.
@@ -334,12 +334,12 @@ class _Robot:
         return bool(body) and self.model.body_rootid[body] == self.model.body_rootid[self._at_tip()]
 
     def _thing(self, geom: int, body: int) -> str:
-        """Name of what stands beside the robot."""
+        """Name of what stands next to the robot."""
         name = (self.bodies[body] if body else "") or self.model.geom(geom).name or f"shape {geom} of the world"
         return f"{name} (shape)" if name in (BASE, *map(joint_name, self.names)) else name
 
     def _unseen(self) -> list[str]:
-        """Notes on shapes that may collide and are not looked at, but for a floor at z = 0."""
+        """Notes on shapes that may collide and are not looked at, except for a floor at z = 0."""
         model, planes = self.model, []
         for i in np.flatnonzero(model.geom_type == int(self.mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
             level = self.data.geom_xmat[i][8] > 1 - _LEVEL and abs(self.data.geom_xpos[i][2]) < _LEVEL
@@ -356,7 +356,7 @@ class _Robot:
         free = [not (model.geom_contype[i] or model.geom_conaffinity[i]) for i in range(model.ngeom)]
         with_looks = {int(model.geom_bodyid[i]) for i in range(model.ngeom) if free[i]}
         for i in range(model.ngeom):
-            body = int(model.geom_bodyid[i])  # of the world what is beside the robot
+            body = int(model.geom_bodyid[i])  # of the world what is next to the robot
             if (free[i] or body not in with_looks) if body else not free[i]:
                 mover = self._mover_of(body)
                 found[mover] += self._look(i, *self._place(i, mover))
