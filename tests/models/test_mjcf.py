@@ -100,6 +100,8 @@ def test_presets_weigh_the_same_in_mujoco(name):
         (MJCF.replace('<compiler angle="radian"/>',
                       '<compiler angle="radian"/><option><flag gravity="disable"/></option>'), TIP,
          r"option gravity: got \(0.0, 0.0, 0.0\); allowed: 0 0 -9.81 .*--mount"),
+        (MJCF.replace('range="-0.3 0.4"', ""), TIP, "joint rail: position: got 'no range'.*arm.locked = { rail = 0 }"),
+        (MJCF.replace('damping="0.5"', 'damping="-0.5"'), TIP, "rail: friction: got -0.5.*correct it in the file"),
         (MJCF.replace('joint1="finger_joint"', 'joint1="elbow" joint2="rail"'), TIP,
          "joint elbow: got 'tied to rail'; .*arm.locked = { elbow = 0 }"),
     ],

@@ -258,7 +258,10 @@ class _Robot:
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
-            link = self._link(i, welded(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            try:
+                link = self._link(i, welded(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            except InputError as error:
+                raise error.renamed(f"joint {self.names[i]}: {error.name}", "correct it in the file") from None
             links.append(replace(link, capsules=tuple(capsules[i])))
             origin, axes = at, turned
         if self.tip in self.bodies:
@@ -421,6 +424,9 @@ class _Robot:
 
     def _range(self, joint: int) -> tuple[float, float]:
         if not self.model.jnt_limited[joint]:
+            if self._kind(joint) == "slide":
+                fix = f"write one into the file, or lock it in a model file: arm.locked = {{ {self.names[joint]} = 0 }}"
+                raise InputError("position", "no range", "a range of a slide", fix)
             return (-np.inf, np.inf)
         low, high = self.model.jnt_range[joint].tolist()
         return low, high
