@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from whiptool.errors import InputError
@@ -80,8 +81,6 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
 
 def _parsed(path: Path) -> Any:
     """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
-    import mujoco
-
     spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
     for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
         setattr(spec, name, getattr(usual, name))
@@ -112,8 +111,6 @@ def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
     one, or these and those `colliding`; the names of moving bodies that have lost their inertia by that, and of the
     bodies that have lost shapes that may collide.
     """
-    import mujoco
-
     spec, weightless, left = _parsed(path), set(), {}
     in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
     from_shapes = spec.compiler.inertiafromgeom == 1 or spec.compiler.settotalmass > 0
@@ -153,9 +150,7 @@ class _Robot:
     """A compiled model with all joints where the choice has them, the movers at 0."""
 
     def __init__(self, model: Any, weightless: set[str], left: list[str], choice: ArmChoice) -> None:
-        import mujoco
-
-        self.model, self.weightless, self.left, self.choice, self.mujoco = model, weightless, left, choice, mujoco
+        self.model, self.weightless, self.left, self.choice = model, weightless, left, choice
         self.bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
         self.sites = [model.site(i).name for i in range(model.nsite)]
         self._refuse_gravity()
@@ -189,10 +184,10 @@ class _Robot:
         mujoco.mj_kinematics(model, self.data)
 
     def _kind(self, joint: int) -> str:
-        return self.mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+        return mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
 
     def _refuse_gravity(self) -> None:
-        off = self.model.opt.disableflags & int(self.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        off = self.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         x, y, z = (0.0, 0.0, 0.0) if off else self.model.opt.gravity.tolist()
         if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
             fix = "remove it from <option>; gravity in a model file sets another strength, --mount turns the base"
@@ -200,9 +195,9 @@ class _Robot:
 
     def _refuse_loops(self) -> None:
         """Refuse connections of bodies over which a joint of the arm moves; others are beyond it."""
-        kinds = (self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtEq.mjEQ_WELD)
+        kinds = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
         for i in range(self.model.neq):
-            if self.model.eq_active0[i] and self.mujoco.mjtEq(self.model.eq_type[i]) in kinds:
+            if self.model.eq_active0[i] and mujoco.mjtEq(self.model.eq_type[i]) in kinds:
                 one, other = (self._carriers(self._body_of(i, end)) for end in ("obj1id", "obj2id"))
                 if (one ^ other) & set(self.movers):
                     name = self.model.equality(i).name or str(i)
@@ -213,7 +208,7 @@ class _Robot:
 
     def _body_of(self, equality: int, end: str) -> int:
         number = int(getattr(self.model, f"eq_{end}")[equality])
-        of_sites = self.model.eq_objtype[equality] == int(self.mujoco.mjtObj.mjOBJ_SITE)
+        of_sites = self.model.eq_objtype[equality] == int(mujoco.mjtObj.mjOBJ_SITE)
         return int(self.model.site_bodyid[number]) if of_sites else number
 
     def _carriers(self, body: int) -> set[int]:
@@ -222,7 +217,7 @@ class _Robot:
 
     def _refuse_couplings(self) -> None:
         for i in range(self.model.neq):
-            couples = self.mujoco.mjtEq(self.model.eq_type[i]) == self.mujoco.mjtEq.mjEQ_JOINT
+            couples = mujoco.mjtEq(self.model.eq_type[i]) == mujoco.mjtEq.mjEQ_JOINT
             if couples and self.model.eq_active0[i] and self.model.eq_obj1id[i] in self.movers:
                 name, other = self.names[self.model.eq_obj1id[i]], int(self.model.eq_obj2id[i])
                 given = f"tied to {self.names[other]}" if other >= 0 else "held by an equality"
@@ -344,7 +339,7 @@ class _Robot:
     def _unseen(self) -> list[str]:
         """Notes on shapes that may collide and are not looked at, except for a floor at z = 0."""
         model, planes = self.model, []
-        for i in np.flatnonzero(model.geom_type == int(self.mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
+        for i in np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
             level = self.data.geom_xmat[i][8] > 1 - _LEVEL and abs(self.data.geom_xpos[i][2]) < _LEVEL
             if (model.geom_contype[i] or model.geom_conaffinity[i]) and not level:
                 planes.append(model.geom(i).name or f"shape {i}")
@@ -390,7 +385,7 @@ class _Robot:
         return vertices[self.model.mesh_graph[start + 2 + count :][:count]] if count else vertices
 
     def _shape(self, geom: int) -> str:
-        return self.mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        return mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
 
     def _place(self, geom: int, mover: int) -> tuple[np.ndarray, np.ndarray]:
         """Rotation and position of a shape in the frame of the mover that carries it."""
