@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.capsules import DIRECTIONS, Capsule
+from whiptool.models.capsules import Capsule
 from whiptool.models.mjcf_forces import notes_on_forces, refuse_tendons, torque, torque_note
 from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.spatial_arm import (
@@ -29,9 +29,11 @@ from whiptool.models.visuals import Look, Surface
 GRAVITY = 9.81  # [m/s2]
 _BASE = -1  # in place of a joint's number
 _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
-_HULLS = ("mesh", "ellipsoid")  # shapes that a simple one stands for, around their convex hulls
+_HULLS = ("mesh", "ellipsoid")  # shapes whose convex hulls count
+_GRID = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 3), axis=-1).reshape(-1, 3)
+_GRID = _GRID[np.abs(_GRID).max(axis=1) == 4]
+_BALL = 1.0147 * _GRID / np.linalg.norm(_GRID, axis=1)[:, None]  # corners whose hull holds a unit ball
 _LEVEL = 1e-6  # by which a floor may be off the height or the direction of the world's z
-_THICK = 5e-4  # [m] by which such a shape may be thicker without a word
 
 
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
@@ -39,8 +41,8 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Bodies without joints or with locked joints are part of the link to which they are attached. Mesh files may be
     missing if all moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres,
-    capsules, cylinders and boxes that may collide become the arm's capsules; the smallest of these around it stands for
-    a mesh's convex hull or an ellipsoid. Shapes of `<worldbody>` and of bodies next to the robot, such as tables,
+    capsules, cylinders and boxes that may collide become the arm's capsules, as do the convex hulls of meshes and of
+    ellipsoids (at most 1.5 % thicker). Shapes of `<worldbody>` and of bodies next to the robot, such as tables,
     become named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip,
     planes and height fields are ignored, which the arm's `notes` state.
 
@@ -249,7 +251,7 @@ class _Robot:
 
     def arm(self) -> SpatialArm:
         """The chain of the movers; of several joints on one body all but the last have massless links."""
-        groups, (capsules, thicker) = self._groups(), self._capsules()
+        groups, capsules = self._groups(), self._capsules()
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
@@ -270,7 +272,7 @@ class _Robot:
         joints = tuple(map(joint_name, own))
         arm = SpatialArm(tuple(links), joints, (x, y, z), turn, base=tuple(capsules[_BASE]), names=own)
         lost = {self._mover_of(self.bodies.index(name)) for name in self.weightless}
-        arm = replace(arm, notes=(*self._notes(), *thicker, *self._unseen()))
+        arm = replace(arm, notes=(*self._notes(), *self._unseen()))
         return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
 
     def _notes(self) -> list[str]:
@@ -301,31 +303,16 @@ class _Robot:
             body = self.model.body_parentid[body]
         return last_of.get(body, _BASE)
 
-    def _capsules(self) -> tuple[dict[int, list[Capsule]], list[str]]:
-        """Capsules that each mover carries, in its frame, and those that stand still; and a note on those around
-        others.
-        """
-        model, found, thicker = self.model, {i: [] for i in [_BASE, *self.movers]}, {}
+    def _capsules(self) -> dict[int, list[Capsule]]:
+        """Capsules that each mover carries, in its frame, and those that stand still."""
+        model, found = self.model, {i: [] for i in [_BASE, *self.movers]}
         for i in range(model.ngeom):
             kind, body = self._shape(i), int(model.geom_bodyid[i])
-            if kind not in (*_SIMPLE, *_HULLS) or not (model.geom_contype[i] or model.geom_conaffinity[i]):
-                continue
-            mover = self._mover_of(body)
-            shape, beyond = self._around(i, kind, *self._place(i, mover))
-            if beyond > _THICK:
-                thicker[self.bodies[body]] = max(beyond, thicker.get(self.bodies[body], 0.0))
-            name = "" if mover != _BASE or self._of_robot(body) else self._thing(i, body)
-            found[mover].append(replace(shape, name=name))
-        note = f"meshes or ellipsoids of {', '.join(thicker)} count as simple shapes around them that may touch, up to "
-        return found, [note + f"{1e3 * max(thicker.values()):.0f} mm thicker"] if thicker else []
-
-    def _around(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> tuple[Capsule, float]:
-        """The simple shape of a geom, or around it, and by how much that is thicker [m]."""
-        if kind in _SIMPLE:
-            return self._capsule(geom, kind, R, p), 0.0
-        points = DIRECTIONS * self.model.geom_size[geom] if kind == "ellipsoid" else self._hull(geom)
-        shape = Capsule.around(points @ R.T + p, [R] if kind == "ellipsoid" else [R, np.eye(3)])
-        return shape, shape.beyond(points @ R.T + p)
+            if kind in (*_SIMPLE, *_HULLS) and (model.geom_contype[i] or model.geom_conaffinity[i]):
+                mover = self._mover_of(body)
+                name = "" if mover != _BASE or self._of_robot(body) else self._thing(i, body)
+                found[mover].append(replace(self._capsule(i, kind, *self._place(i, mover)), name=name))
+        return found
 
     def _of_robot(self, body: int) -> bool:
         """Whether a body hangs on the same body of the world as the arm."""
@@ -364,7 +351,7 @@ class _Robot:
         """A shape at a place in its mover's frame; none where it is neither simple nor a mesh."""
         model, kind = self.model, self._shape(geom)
         if kind in (*_SIMPLE, "ellipsoid"):
-            return [self._around(geom, kind, R, p)[0]]
+            return [self._capsule(geom, kind, R, p)]
         if kind != "mesh":
             return []
         material, (vertices, triangles) = int(model.geom_matid[geom]), self._mesh(geom)
@@ -395,6 +382,9 @@ class _Robot:
 
     def _capsule(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> Capsule:
         size = self.model.geom_size[geom]
+        if kind in _HULLS:
+            points = _BALL * size if kind == "ellipsoid" else self._hull(geom)
+            return Capsule.around(points @ R.T + p)
         if kind == "box":
             return Capsule.around_box(R, p, size)
         half, flat = 0.0 if kind == "sphere" else float(size[1]), kind == "cylinder"
