@@ -319,7 +319,10 @@ def test_a_thing_that_is_called_like_a_joint_is_told_apart(read):
 
 
 def test_memory_that_a_file_asks_for_is_not_taken(read):
-    """MuJoCo would take 2 GB, or half a minute."""
+    """MuJoCo would take 2 GB, or half a minute; a picture of 2 MB may be one of 5 GB, and is not read."""
+    pictures = """<texture name="t" type="2d" file="gone.png"/><material name="m" texture="t"/>
+      <texture type="skybox" builtin="gradient" width="900" height="900"/>"""
+    assert read(MJCF.replace("<asset>", f"<asset>{pictures}")) == read(MJCF)
     sizes = '<size nuserdata="300000000" nuser_body="99999999" nkey="9999999" memory="9G"/>'
     assert read(MJCF.replace("<asset>", f"{sizes}<asset>")) == read(MJCF)
 

@@ -82,10 +82,14 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
 
 
 def _parsed(path: Path) -> Any:
-    """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
+    """The file as MuJoCo's specification, without pictures and the memory that it asks for: nothing is simulated."""
     spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
     for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
         setattr(spec, name, getattr(usual, name))
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in spec.textures:
+        spec.delete(texture)
     return spec
 
 
