@@ -1,14 +1,16 @@
-"""Every robot description in some folders is loaded and makes a strike: it hits, or is refused with what mends it.
+"""Every robot description in some folders is read and makes a strike: it hits, or is refused with what mends it.
 
 `python benchmarks/robots.py FOLDER ... [--read] [--search N] [--most N] [--quick] [--json] [--kept KEPT]`. The folders
-are unpacked packages that hold URDF or MJCF files, such as the wheels of `example-robot-data`, `robosuite`, `gymnasium-robotics` or `pybullet` (`pip
-download --no-deps` and `python -m zipfile -e`). Files without a joint that moves, files that others include, and copies of
-a file are left out and counted. Each robot is read in a process of its own, which has `TIME` seconds and `MEMORY` bytes.
-Where a message says that a tip or the moving joints have to be named, they are, once each. The robot then makes one strike
-within its bounds in MuJoCo (`ReferenceRollout`), which the default limits judge, and with `--search` a search of N trials for
-the usual target (`whiptool.search`). It prints what became of each, and the sum by kind:
+are unpacked packages that hold URDF or MJCF files, such as the wheels of `example-robot-data`, `robosuite`,
+`gymnasium-robotics` or `pybullet` (`pip download --no-deps` and `python -m zipfile -e`). Files without a joint that
+moves, files that others include, and copies of a file are left out and counted. Each robot has its own process, which
+may take `TIME` seconds and `MEMORY` bytes. Where a message asks for a tip or for the moving joints, they are given,
+once each. The robot then makes one strike within its bounds in MuJoCo (`ReferenceRollout`), which the default limits
+judge, and with `--search` a search of N trials for the usual target (`whiptool.search`). It prints what became of each,
+and the sum by kind:
 
-- `read`: it was read, which is all with `--read`; `hit`: the search hit; `struck`: the strike was simulated, and kept the limits or was refused in words;
+- `read`: it was read, which is all that `--read` asks for;
+- `hit`: the search hit; `struck`: the strike was simulated, and kept the limits or was refused in words;
 - `refused`: an `InputError` with a fix; `no cure`: one without; `traceback`, `time`, `memory`: what should not be.
 """
 
@@ -126,7 +128,7 @@ def model_strike(model: Model, vector: np.ndarray) -> wt.Strike:
 
 
 def apart(file: Path, trials: int) -> dict[str, Any]:
-    """The same in a process of its own, and the time [s] and memory [bytes] that it took."""
+    """The same in its own process, and the time [s] and memory [bytes] that it took."""
     reads, writes = os.pipe()
     began = time.monotonic()
     child = os.fork()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from whiptool.live_page.meshes import MOST, ellipsoid_mesh, simplified
+from whiptool.live_page.meshes import MOST, ellipsoid_mesh, shape_mesh, simplified
+from whiptool.models.capsules import Capsule
 
 
 def sphere(rings: int) -> tuple[np.ndarray, np.ndarray]:
@@ -35,3 +36,13 @@ def test_a_large_mesh_has_fewer_triangles_and_the_same_form():
 def test_a_small_mesh_is_left_as_it_is():
     mesh = ellipsoid_mesh(np.zeros(3), np.eye(3))
     assert simplified(mesh) is mesh
+
+
+def test_a_hull_is_drawn_where_it_is():
+    """A tetrahedron, of which the corners and the area are known."""
+    corners = np.array([[1.0, 2.0, 3.0], [1.1, 2.0, 3.0], [1.0, 2.1, 3.0], [1.0, 2.0, 3.1]])
+    mesh = shape_mesh(Capsule.around(corners))
+    assert np.array(sorted(map(tuple, mesh[0].tolist()))) == pytest.approx(
+        np.array(sorted(map(tuple, corners.tolist())))
+    )
+    assert area(mesh) == pytest.approx(0.005 * (3 + np.sqrt(3)))

@@ -7,9 +7,10 @@ import itertools
 import coal
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from whiptool.errors import InputError
-from whiptool.models.capsules import DIRECTIONS, Capsule, checked_capsules, nearest_points
+from whiptool.models.capsules import Capsule, checked_capsules, nearest_points
 from whiptool.models.kinematics import rotation_about
 
 
@@ -74,31 +75,34 @@ def test_a_box_is_in_the_capsule_around_it_and_no_smaller_one_holds_it(halves):
     assert capsule.length == pytest.approx(2 * max(halves))
 
 
-@pytest.mark.parametrize("kind", ["box", "cylinder", "capsule", "points", "plate"])
-def test_the_shape_around_points_holds_them_and_is_as_thick_as_it_says(kind):
-    """Points of a simple shape get that shape, within their spacing; the distance to coal's solid is 0 for each."""
-    rng = np.random.default_rng(1)
-    R, p = rotation_about((0.0, 0.6, 0.8), 1.1), np.array([0.1, -0.2, 0.3])
-    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    circle = np.stack([0.05 * np.cos(angle), 0.05 * np.sin(angle), 0 * angle], axis=1)
-    ball, up = 0.05 * DIRECTIONS, np.array([0.0, 0.0, 0.2])
-    own = {
-        "box": np.array(list(itertools.product((-0.1, 0.1), (-0.05, 0.05), (-0.2, 0.2)))),
-        "cylinder": np.vstack([circle + up / 2, circle - up / 2]),
-        "capsule": np.vstack([ball + up, ball - up]),
-        "points": rng.normal(size=(50, 3)) * [0.1, 0.2, 0.05],
-        "plate": np.array(list(itertools.product((-0.1, 0.1), (-0.05, 0.05), (0.0,)))),
-    }[kind]
-    shape = Capsule.around(own @ R.T + p, [np.eye(3), R])
-    assert (shape.width is not None, shape.flat) == (kind in ("box", "points", "plate"), kind == "cylinder")
-    pose = coal.Transform3s(shape.rotation, (np.array(shape.start) + shape.end) / 2)
-    for point in own @ R.T + p:
-        at = coal.Transform3s(np.eye(3), point)
-        apart = coal.distance(shape.solid(), pose, coal.Sphere(1e-6), at, coal.DistanceRequest(), coal.DistanceResult())
-        assert apart < 1e-6
-    thicker = shape.beyond(own @ R.T + p)
-    assert thicker < {"box": 1e-9, "cylinder": 1e-3, "capsule": 1e-3, "plate": 6e-4}.get(kind, np.inf)
-    assert kind != "points" or thicker > 0.02
+@pytest.mark.parametrize("flat", [False, True])
+def test_the_hull_of_points_is_as_far_from_a_point_as_their_mixtures_are(flat):
+    """The nearest point of the hull by non-negative least squares; points in a plane get a thickness of 1 mm."""
+    rng, thick = np.random.default_rng(1), 1e-3 * flat
+    for _ in range(20):
+        R = rotation_about(np.array([0.0, 0.6, 0.8]), float(rng.uniform(-3, 3)))
+        points = (rng.normal(size=(60, 3)) * [0.1, 0.2, 0.0 if flat else 0.05]) @ R.T + rng.normal(size=3)
+        shape = Capsule.around(points)
+        assert max(distance(shape, corner) for corner in np.array(shape.hull)) <= shape.radius + 1e-6
+        assert not shape.exact
+        assert shape.inner_radius < 0
+        turned = shape.turned(R)
+        assert np.array(turned.hull) == pytest.approx(np.array(shape.hull) @ R.T)
+        pose = coal.Transform3s(shape.rotation, (np.array(shape.start) + shape.end) / 2)
+        for other in points.mean(axis=0) + rng.normal(size=(5, 3)):
+            shares, _ = nnls(np.vstack([points.T, 1e4 * np.ones(60)]), np.array([*other, 1e4]))
+            apart = float(np.linalg.norm(points.T @ shares - other))
+            at, request = coal.Transform3s(np.eye(3), other), coal.DistanceRequest()
+            mine = coal.distance(shape.solid(), pose, coal.Sphere(1e-9), at, request, coal.DistanceResult())
+            if apart > 1e-2:
+                assert apart - thick - 1e-5 < mine < apart + 1e-5
+
+
+@pytest.mark.parametrize("extents", [(0.1, 0.2, 0.0), (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_things_without_thickness_have_a_hull(extents):
+    points = np.array(list(itertools.product(*((-x, x) for x in extents))))
+    solid = Capsule.around(points).solid()
+    assert solid.computeVolume() == pytest.approx(np.prod([2 * max(x, 5e-4) for x in extents]), rel=1e-6)
 
 
 def test_what_is_no_capsule():
@@ -106,5 +110,13 @@ def test_what_is_no_capsule():
         Capsule((0, 0, 0), (0, 0, 1), -1)
     with pytest.raises(InputError, match="start: got"):
         Capsule((0, 0), (0, 0, 1), 1)
+    corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 2))
+    for bad in (corners[:3], corners, ((0, 0, 3), *corners[:3])):
+        with pytest.raises(InputError, match=r"hull: got '[34] corners'; allowed: four corners or more inside"):
+            Capsule((0, 0, 0), (0, 0, 1), 1.0 - 1e-3 * (bad is corners), hull=bad)
+    assert Capsule((0, 0, 0), (0, 0, 1), 1.0, hull=corners).hull == corners
+    for bad in (3, (3, 4), ((1, 2), (3, 4))):
+        with pytest.raises(InputError, match="hull: got"):
+            Capsule((0, 0, 0), (0, 0, 1), 1, hull=bad)
     with pytest.raises(InputError, match="base: got"):
         checked_capsules("base", [(0, 0, 0)])

@@ -49,6 +49,20 @@ def test_files_read_back_the_same(tmp_path, arm):
     assert read_model(tmp_path / "model.toml") == model
 
 
+def test_hulls_and_things_next_to_the_robot_read_back_the_same(tmp_path):
+    table = '<worldbody><geom name="table" type="box" size="1 1 0.1" pos="0 0 -3"/>'
+    (tmp_path / "small.xml").write_text(
+        MJCF.replace("<worldbody>", table).replace(
+            '<inertial pos="0 0 0.02"', '<geom type="ellipsoid" size=".1 .2 .3"/><inertial pos="0 0 0.02"'
+        )
+    )
+    model = load_model(tmp_path / "small.xml", tip="tool")
+    assert model.arm.base[0].name == "table"
+    assert len(model.arm.links[-1].capsules[0].hull) == 386
+    write_model(model, tmp_path / "model.toml")
+    assert read_model(tmp_path / "model.toml") == dataclasses.replace(model, name="small")
+
+
 FURTHER = """
 [arm.limits]
 jerk = 500.0

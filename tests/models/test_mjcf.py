@@ -100,6 +100,8 @@ def test_presets_weigh_the_same_in_mujoco(name):
         (MJCF.replace('<compiler angle="radian"/>',
                       '<compiler angle="radian"/><option><flag gravity="disable"/></option>'), TIP,
          r"option gravity: got \(0.0, 0.0, 0.0\); allowed: 0 0 -9.81 .*--mount"),
+        (MJCF.replace('range="-0.3 0.4"', ""), TIP, "joint rail: position: got 'no range'.*arm.locked = { rail = 0 }"),
+        (MJCF.replace('damping="0.5"', 'damping="-0.5"'), TIP, "rail: friction: got -0.5.*correct it in the file"),
         (MJCF.replace('joint1="finger_joint"', 'joint1="elbow" joint2="rail"'), TIP,
          "joint elbow: got 'tied to rail'; .*arm.locked = { elbow = 0 }"),
     ],
@@ -265,8 +267,8 @@ def test_distances_to_what_stands_in_the_world_are_those_of_mujoco():
     scene = Scene(model, 0.0, ("close", "apart"))
     theirs, robot = {"table_in_world": 1, "rack": 2, "the floor": 0}, mujoco.MjModel.from_xml_path(str(WORLD))
     theirs |= {f"the link of j{i + 1}": 3 + i for i in range(3)}
-    data, (note,) = mujoco.MjData(robot), arm.notes
-    assert note == "meshes or ellipsoids of c count as simple shapes around them that may touch, up to 17 mm thicker"
+    data = mujoco.MjData(robot)
+    assert arm.notes == ()
     end = [0.3, 1.9, 1.0]
     for q in (end, *np.random.default_rng(0).uniform(-2, 2, (20, 3))):
         data.qpos[:] = q
@@ -274,12 +276,12 @@ def test_distances_to_what_stands_in_the_world_are_those_of_mujoco():
         for pair, distance in zip(scene.pairs, scene.distances(np.array([q]))[0][0], strict=True):
             names = scene.names_of(pair)
             right = mujoco.mj_geomDistance(robot, data, *(theirs[name] for name in names), 10.0, None)
-            least = 0.0171 if "the link of j3" in names else 1e-6
+            least = 3e-3 if "the link of j3" in names else 1e-6
             assert right - least < distance < right + 1e-6, names
             if q is end and names == ("the link of j3", "table_in_world"):
-                assert distance == pytest.approx(-0.118, abs=2e-3)
+                assert distance == pytest.approx(-0.118, abs=3e-3)
     found = Clearance(model, 0.0).beyond_on_way(np.linspace(0, 1, 9), np.linspace([0, 0.5, 0.5], end, 9))
-    assert "the link of j3 is 119 mm inside table_in_world" in str(found)
+    assert "the link of j3 is 121 mm inside table_in_world" in str(found)
     named = replace(arm, never_touch=(*arm.never_touch, ("table_in_world", "j3")))
     pairs = [(scene.names_of(pair)) for pair in Scene(replace(model, arm=named), 0.0, "apart").pairs]
     assert ("the link of j3", "table_in_world") not in pairs
@@ -317,7 +319,10 @@ def test_a_thing_that_is_called_like_a_joint_is_told_apart(read):
 
 
 def test_memory_that_a_file_asks_for_is_not_taken(read):
-    """MuJoCo would take 2 GB, or half a minute."""
+    """MuJoCo would take 2 GB, or half a minute; a picture of 2 MB may be one of 5 GB, and is not read."""
+    pictures = """<texture name="t" type="2d" file="gone.png"/><material name="m" texture="t"/>
+      <texture type="skybox" builtin="gradient" width="900" height="900"/>"""
+    assert read(MJCF.replace("<asset>", f"<asset>{pictures}")) == read(MJCF)
     sizes = '<size nuserdata="300000000" nuser_body="99999999" nkey="9999999" memory="9G"/>'
     assert read(MJCF.replace("<asset>", f"{sizes}<asset>")) == read(MJCF)
 

@@ -86,7 +86,7 @@ def test_an_mjcf_looks_like_the_urdf(folder: Path) -> None:
     text = MJCF.replace("nowhere/cart.obj", "meshes/part.obj").replace(
         'name="cart" file', 'scale="0.5 0.5 0.5" name="cart" file'
     )
-    placed = 'pos="0.01 0.02 0.03" euler="0.1 0.2 0.3" contype="0" conaffinity="0" rgba="0.8 0.1 0.2 1"'
+    placed = 'pos="0.01 0.02 0.03" euler="0.1 0.2 0.3" rgba="0.8 0.1 0.2 1"'
     text = text.replace('<compiler angle="radian"/>', '<compiler angle="radian" eulerseq="XYZ"/>')
     path = folder / "small.xml"
     path.write_text(text.replace('<geom type="mesh"', f'<geom {placed} type="mesh"'))

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 from repository import ROOT
+from robot_files import MJCF, URDF
 
 pytest.importorskip("dynamixel_sdk")
 
@@ -61,3 +62,20 @@ def test_the_defaults_keep_their_tolerance():
     for measured in kinds:
         assert measured["p99_error"] < 1e-4
         assert measured["unmarked"] == measured["diverged_unmarked"] == 0
+
+
+@pytest.mark.slow
+def test_every_robot_in_a_folder_is_read_strikes_or_is_refused_with_the_cure(tmp_path):
+    """A tip that has to be named is; what has no joints, and a second copy, are left out."""
+    (tmp_path / "one.xml").write_text(MJCF)
+    (tmp_path / "two.xml").write_text(MJCF)
+    (tmp_path / "two.urdf").write_text(URDF)
+    (tmp_path / "still.urdf").write_text('<robot name="still"><link name="base"/></robot>')
+    (tmp_path / "broken.xml").write_text(MJCF.replace("</worldbody>", "<joint/>"))
+    command = [sys.executable, str(ROOT / "benchmarks" / "robots.py"), str(tmp_path), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["kinds"] == {"struck": 2, "refused": 1}
+    assert result["left_out"] == {"without a joint that moves": 1, "copy of another": 1}
+    assert all(row["named"] == ["tip"] for row in result["rows"] if row["kind"] == "struck")

@@ -188,7 +188,7 @@ class Clearance(Limits):
 
     @staticmethod
     def is_of(model: Model) -> bool:
-        """Whether a model's arm has capsules, or things stand beside it."""
+        """Whether a model's arm has capsules, or things stand next to it."""
         arm = model.arm.in_space()
         return model.dimension == 3 and any((*(link.capsules for link in arm.links), *(x.name for x in arm.base)))
 

@@ -51,8 +51,12 @@ def _box(halves: np.ndarray) -> Mesh:
 
 
 def shape_mesh(shape: Capsule) -> Mesh:
-    """Return the surface of a capsule, cylinder or box in its link's frame."""
-    if shape.width is not None:
+    """Return the surface of a capsule, cylinder, box or hull in its link's frame."""
+    if shape.hull:
+        solid = shape.solid()
+        corners = (solid.polygons(i) for i in range(solid.num_polygons))
+        vertices, faces = solid.points(), np.array([[polygon[k] for k in range(3)] for polygon in corners])
+    elif shape.width is not None:
         across = float(np.linalg.norm(shape.width))
         vertices, faces = _box(np.array([across, math.sqrt(shape.radius**2 - across**2), shape.length / 2]))
     elif shape.flat:

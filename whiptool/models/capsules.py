@@ -1,9 +1,8 @@
-"""Capsules, and cylinders or boxes in them, as shapes of an arm's links, and distances between shapes."""
+"""Capsules, and cylinders, boxes or hulls in them, as shapes of an arm's links, and distances between shapes."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -52,13 +51,11 @@ def turned_point(R: np.ndarray, point: Point) -> Point:
 
 
 THINNEST = 5e-4  # [m] half of a thing that has no thickness
-_GRID = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 3), axis=-1).reshape(-1, 3)
-DIRECTIONS = _GRID[_GRID.any(axis=1)] / np.linalg.norm(_GRID[_GRID.any(axis=1)], axis=1)[:, None]  # all around
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule, i.e. all points within a radius of a segment; or a cylinder or box inside it.
+    """A capsule, i.e. all points within a radius of a segment; or a cylinder, box or convex hull inside it.
 
     Args:
         start, end: Start and end of the segment in the frame of its link [m], (3,) each; a sphere if they are equal.
@@ -66,7 +63,8 @@ class Capsule:
         flat: Whether the shape is the cylinder without round ends.
         width: For a box along the segment, the half vector of one of its sides across [m], (3,); the other side is such
             that the edges are at the radius. None: no box.
-        name: Name of a thing that stands beside the robot, such as a table; empty for parts of the robot.
+        hull: Corners of the convex hull that the capsule holds, in its link's frame [m], (V, 3); none: no hull.
+        name: Name of a thing that stands next to the robot, such as a table; empty for parts of the robot.
 
     Raises:
         InputError: A number is not finite, the radius is negative, a cylinder or box has no length, or the width is not
@@ -78,6 +76,7 @@ class Capsule:
     radius: float
     flat: bool = False
     width: Point | None = None
+    hull: tuple[Point, ...] = ()
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -85,6 +84,7 @@ class Capsule:
             object.__setattr__(self, name, numbers(name, getattr(self, name), 3))
         object.__setattr__(self, "radius", number("radius", self.radius, low=0))
         expect(str, name=self.name)
+        self._check_hull()
         if not isinstance(self.flat, bool):
             raise InputError("flat", self.flat, "true or false")
         if self.flat and not (self.length and self.radius):
@@ -96,10 +96,23 @@ class Capsule:
             if self.flat or not self.length or not 0 < size < self.radius or abs(along @ across) > 1e-6 * size:
                 raise InputError("width", self.width, "a vector across the segment, shorter than the radius")
 
+    def _check_hull(self) -> None:
+        """Refuse what is no hull inside the capsule."""
+        if not isinstance(self.hull, (list, tuple)):
+            raise InputError("hull", self.hull, "corners, of three numbers each")
+        object.__setattr__(self, "hull", tuple(numbers("hull", corner, 3) for corner in self.hull))
+        corners = np.reshape(self.hull, (-1, 3))
+        nearest = nearest_points(np.array(self.start), np.array(self.end), corners, corners)[0]
+        outside = float(np.linalg.norm(nearest - corners, axis=1).max(initial=0.0)) > self.radius * (1 + 1e-6)
+        if self.hull and (outside or self.flat or self.width is not None or not self.length or len(self.hull) < 4):
+            rule = "four corners or more inside the capsule, which has a length, and neither flat nor width"
+            raise InputError("hull", f"{len(self.hull)} corners", rule)
+
     def turned(self, R: np.ndarray) -> Capsule:
         """Return the shape turned about the origin by a rotation (3, 3)."""
         width = None if self.width is None else turned_point(R, self.width)
-        return replace(self, start=turned_point(R, self.start), end=turned_point(R, self.end), width=width)
+        hull = tuple(turned_point(R, corner) for corner in self.hull)
+        return replace(self, start=turned_point(R, self.start), end=turned_point(R, self.end), width=width, hull=hull)
 
     @property
     def length(self) -> float:
@@ -108,12 +121,16 @@ class Capsule:
 
     @property
     def exact(self) -> bool:
-        """Whether the shape is the capsule itself and not a cylinder or box inside it."""
-        return not self.flat and self.width is None
+        """Whether the shape is the capsule itself and not a cylinder, a box or a hull inside it."""
+        return not self.flat and self.width is None and not self.hull
 
     @property
     def inner_radius(self) -> float:
-        """Radius of the largest sphere about the middle that is inside the shape [m]."""
+        """Radius of the largest sphere about the middle that is inside the shape [m]; of a hull, in which the middle
+        need not be, less than 0: all of it is so far from there at most.
+        """
+        if self.hull:
+            return -self.length / 2 - self.radius
         if self.width is not None:
             return min(self.length / 2, float(np.linalg.norm(self.width)), self._height)
         return min(self.length / 2, self.radius) if self.flat else self.radius
@@ -140,6 +157,8 @@ class Capsule:
         """Return the shape as an object of the library coal, centred at the origin, with the axes of `rotation`."""
         import coal
 
+        if self.hull:
+            return _convex((np.array(self.hull) - (np.array(self.start) + self.end) / 2) @ self.rotation)
         if self.width is not None:
             return coal.Box(2 * float(np.linalg.norm(self.width)), 2 * self._height, self.length)
         return coal.Cylinder(self.radius, self.length) if self.flat else coal.Capsule(self.radius, self.length)
@@ -178,39 +197,29 @@ class Capsule:
         return replace(held, width=tuple(width.tolist()))
 
     @classmethod
-    def around(cls, points: np.ndarray, frames: Sequence[np.ndarray]) -> Capsule:
-        """Return the smallest box, cylinder or capsule around points (V, 3) [m], along an axis of one of some frames,
-        rotations (3, 3).
+    def around(cls, points: np.ndarray) -> Capsule:
+        """Return the convex hull of points (V, 3) [m], with a capsule around it along its longest axis; points in a
+        plane get a thickness of 1 mm.
         """
-        found: list[tuple[float, Capsule]] = []
-        for R in frames:
-            low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)
-            halves = np.maximum((high - low) / 2, THINNEST)
-            found.append((8 * float(np.prod(halves)), cls.around_box(R, R @ (low + high) / 2, halves)))
-            for k in range(3):
-                axes = np.roll(R, 2 - k, axis=1)  # the last is along the shape
-                middle = np.roll(low + high, 2 - k) / 2
-                own = points @ axes - middle
-                across = np.hypot(own[:, 0], own[:, 1])
-                radius, half = float(max(across.max(), THINNEST)), float(halves[k])
-                found.append((2 * np.pi * radius**2 * half, cls.along(axes, axes @ middle, half, radius, flat=True)))
-                caps = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
-                ends = np.sort([(own[:, 2] + caps).min(), (own[:, 2] - caps).max()])  # how far in the round ends may be
-                volume = np.pi * radius**2 * (float(np.ptp(ends)) + 4 / 3 * radius)
-                middle[2] += ends.mean()
-                found.append((volume, cls.along(axes, axes @ middle, float(np.ptp(ends)) / 2, radius)))
-        return min(found, key=lambda x: x[0])[1]
+        _, sizes, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+        for axis in axes[sizes <= 1e-3 * sizes[0]]:
+            points = np.concatenate([points - THINNEST * axis, points + THINNEST * axis])
+        corners = _convex(points).points()
+        middle, (x, y, z) = corners.mean(axis=0), ((corners - corners.mean(axis=0)) @ axes[(2, 1, 0), :].T).T
+        radius = float(np.hypot(x, y).max())
+        half = float(max((np.abs(z) - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0.0))).max(), THINNEST))
+        held = cls.along(axes[(2, 1, 0), :].T, middle, half, radius * (1 + 1e-9))
+        return replace(held, hull=tuple(map(tuple, corners.tolist())))
 
-    def beyond(self, points: np.ndarray) -> float:
-        """Return by how much the shape is thicker than the convex hull of points (V, 3), in some 700 directions [m]."""
-        towards = DIRECTIONS @ self.rotation
-        along, (x, y) = np.abs(towards[:, 2]) * self.length / 2, np.abs(towards[:, :2].T)
-        if self.width is not None:
-            out = along + x * float(np.linalg.norm(self.width)) + y * self._height
-        else:
-            out = along + self.radius * (np.hypot(x, y) if self.flat else 1.0)
-        middle = (np.array(self.start) + self.end) / 2
-        return float((out + DIRECTIONS @ middle - (DIRECTIONS @ points.T).max(axis=1)).max())
+
+def _convex(points: np.ndarray) -> Any:
+    """The convex hull of points (V, 3) as an object of the library coal."""
+    import coal
+
+    found = coal.StdVec_Vec3s()
+    for point in points:
+        found.append(point)
+    return coal.Convex.convexHull(found, True, "Qt")
 
 
 def checked_capsules(name: str, given: object) -> tuple[Capsule, ...]:

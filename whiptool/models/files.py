@@ -209,7 +209,7 @@ def arm_to_table(arm: AnyArm) -> dict[str, Any]:
         if not link["capsules"]:
             del link["capsules"]
     for capsule in [*table.get("base", ()), *(c for link in table["links"] for c in link.get("capsules", ()))]:
-        for name in ("flat", "width", "name"):
+        for name in ("flat", "width", "hull", "name"):
             if not capsule[name]:
                 del capsule[name]
     table.pop("notes", None)

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.capsules import DIRECTIONS, Capsule
+from whiptool.models.capsules import Capsule
 from whiptool.models.mjcf_forces import notes_on_forces, refuse_tendons, torque, torque_note
 from whiptool.models.robot_files import ArmChoice, check_mjcf
 from whiptool.models.spatial_arm import (
@@ -28,9 +29,11 @@ from whiptool.models.visuals import Look, Surface
 GRAVITY = 9.81  # [m/s2]
 _BASE = -1  # in place of a joint's number
 _SIMPLE = ("sphere", "capsule", "cylinder", "box")  # shapes
-_HULLS = ("mesh", "ellipsoid")  # shapes that a simple one stands for, around their convex hulls
+_HULLS = ("mesh", "ellipsoid")  # shapes whose convex hulls count
+_GRID = np.stack(np.meshgrid(*[np.arange(-4.0, 5.0)] * 3), axis=-1).reshape(-1, 3)
+_GRID = _GRID[np.abs(_GRID).max(axis=1) == 4]
+_BALL = 1.0147 * _GRID / np.linalg.norm(_GRID, axis=1)[:, None]  # corners whose hull holds a unit ball
 _LEVEL = 1e-6  # by which a floor may be off the height or the direction of the world's z
-_THICK = 5e-4  # [m] by which such a shape may be thicker without a word
 
 
 def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
@@ -38,10 +41,10 @@ def read_mjcf(path: Path | str, choice: ArmChoice | None = None) -> SpatialArm:
 
     Bodies without joints or with locked joints are part of the link to which they are attached. Mesh files may be
     missing if all moving bodies have an `<inertial>`; the link of a body without both is `weightless`. Spheres,
-    capsules, cylinders and boxes that may collide become the arm's capsules; the smallest of these around it stands for
-    a mesh's convex hull or an ellipsoid. Shapes of `<worldbody>` and of bodies beside the robot, such as tables, become
-    named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip, planes
-    and height fields are ignored, which the arm's `notes` state.
+    capsules, cylinders and boxes that may collide become the arm's capsules, as do the convex hulls of meshes and of
+    ellipsoids (at most 1.5 % thicker). Shapes of `<worldbody>` and of bodies next to the robot, such as tables,
+    become named capsules of its `base`. Dry friction and springs of joints, `gravcomp`, air drag, loops beyond the tip,
+    planes and height fields are ignored, which the arm's `notes` state.
 
     Args:
         path: Path of the file.
@@ -79,12 +82,14 @@ def read_mjcf_looks(path: Path | str, choice: ArmChoice | None = None) -> list[L
 
 
 def _parsed(path: Path) -> Any:
-    """The file as MuJoCo's specification, without the memory that it asks for: no contact is simulated."""
-    import mujoco
-
+    """The file as MuJoCo's specification, without pictures and the memory that it asks for: nothing is simulated."""
     spec, usual = mujoco.MjSpec.from_file(str(path)), mujoco.MjSpec()
     for name in ("memory", "nstack", "njmax", "nconmax", "nuserdata", "nkey", *(x for x in dir(spec) if "nuser_" in x)):
         setattr(spec, name, getattr(usual, name))
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in spec.textures:
+        spec.delete(texture)
     return spec
 
 
@@ -112,8 +117,6 @@ def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
     one, or these and those `colliding`; the names of moving bodies that have lost their inertia by that, and of the
     bodies that have lost shapes that may collide.
     """
-    import mujoco
-
     spec, weightless, left = _parsed(path), set(), {}
     in_files = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_SDF, mujoco.mjtGeom.mjGEOM_HFIELD)
     from_shapes = spec.compiler.inertiafromgeom == 1 or spec.compiler.settotalmass > 0
@@ -153,9 +156,7 @@ class _Robot:
     """A compiled model with all joints where the choice has them, the movers at 0."""
 
     def __init__(self, model: Any, weightless: set[str], left: list[str], choice: ArmChoice) -> None:
-        import mujoco
-
-        self.model, self.weightless, self.left, self.choice, self.mujoco = model, weightless, left, choice, mujoco
+        self.model, self.weightless, self.left, self.choice = model, weightless, left, choice
         self.bodies = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
         self.sites = [model.site(i).name for i in range(model.nsite)]
         self._refuse_gravity()
@@ -189,10 +190,10 @@ class _Robot:
         mujoco.mj_kinematics(model, self.data)
 
     def _kind(self, joint: int) -> str:
-        return self.mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
+        return mujoco.mjtJoint(self.model.jnt_type[joint]).name.removeprefix("mjJNT_").lower()
 
     def _refuse_gravity(self) -> None:
-        off = self.model.opt.disableflags & int(self.mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        off = self.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         x, y, z = (0.0, 0.0, 0.0) if off else self.model.opt.gravity.tolist()
         if x or y or abs(z + GRAVITY) > 0.01 * GRAVITY:
             fix = "remove it from <option>; gravity in a model file sets another strength, --mount turns the base"
@@ -200,9 +201,9 @@ class _Robot:
 
     def _refuse_loops(self) -> None:
         """Refuse connections of bodies over which a joint of the arm moves; others are beyond it."""
-        kinds = (self.mujoco.mjtEq.mjEQ_CONNECT, self.mujoco.mjtEq.mjEQ_WELD)
+        kinds = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
         for i in range(self.model.neq):
-            if self.model.eq_active0[i] and self.mujoco.mjtEq(self.model.eq_type[i]) in kinds:
+            if self.model.eq_active0[i] and mujoco.mjtEq(self.model.eq_type[i]) in kinds:
                 one, other = (self._carriers(self._body_of(i, end)) for end in ("obj1id", "obj2id"))
                 if (one ^ other) & set(self.movers):
                     name = self.model.equality(i).name or str(i)
@@ -213,7 +214,7 @@ class _Robot:
 
     def _body_of(self, equality: int, end: str) -> int:
         number = int(getattr(self.model, f"eq_{end}")[equality])
-        of_sites = self.model.eq_objtype[equality] == int(self.mujoco.mjtObj.mjOBJ_SITE)
+        of_sites = self.model.eq_objtype[equality] == int(mujoco.mjtObj.mjOBJ_SITE)
         return int(self.model.site_bodyid[number]) if of_sites else number
 
     def _carriers(self, body: int) -> set[int]:
@@ -222,7 +223,7 @@ class _Robot:
 
     def _refuse_couplings(self) -> None:
         for i in range(self.model.neq):
-            couples = self.mujoco.mjtEq(self.model.eq_type[i]) == self.mujoco.mjtEq.mjEQ_JOINT
+            couples = mujoco.mjtEq(self.model.eq_type[i]) == mujoco.mjtEq.mjEQ_JOINT
             if couples and self.model.eq_active0[i] and self.model.eq_obj1id[i] in self.movers:
                 name, other = self.names[self.model.eq_obj1id[i]], int(self.model.eq_obj2id[i])
                 given = f"tied to {self.names[other]}" if other >= 0 else "held by an equality"
@@ -254,11 +255,14 @@ class _Robot:
 
     def arm(self) -> SpatialArm:
         """The chain of the movers; of several joints on one body all but the last have massless links."""
-        groups, (capsules, thicker) = self._groups(), self._capsules()
+        groups, capsules = self._groups(), self._capsules()
         links, origin, axes = [], np.zeros(3), np.eye(3)
         for i in self.movers:
             at, turned = self.data.xanchor[i], self._axes(i)
-            link = self._link(i, welded(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            try:
+                link = self._link(i, welded(groups[i]), axes.T @ (at - origin), axes.T @ turned)
+            except InputError as error:
+                raise error.renamed(f"joint {self.names[i]}: {error.name}", "correct it in the file") from None
             links.append(replace(link, capsules=tuple(capsules[i])))
             origin, axes = at, turned
         if self.tip in self.bodies:
@@ -272,7 +276,7 @@ class _Robot:
         joints = tuple(map(joint_name, own))
         arm = SpatialArm(tuple(links), joints, (x, y, z), turn, base=tuple(capsules[_BASE]), names=own)
         lost = {self._mover_of(self.bodies.index(name)) for name in self.weightless}
-        arm = replace(arm, notes=(*self._notes(), *thicker, *self._unseen()))
+        arm = replace(arm, notes=(*self._notes(), *self._unseen()))
         return without_inertia(arm, [joints[k] for k, i in enumerate(self.movers) if i in lost])
 
     def _notes(self) -> list[str]:
@@ -303,45 +307,30 @@ class _Robot:
             body = self.model.body_parentid[body]
         return last_of.get(body, _BASE)
 
-    def _capsules(self) -> tuple[dict[int, list[Capsule]], list[str]]:
-        """Capsules that each mover carries, in its frame, and those that stand still; and a note on those around
-        others.
-        """
-        model, found, thicker = self.model, {i: [] for i in [_BASE, *self.movers]}, {}
+    def _capsules(self) -> dict[int, list[Capsule]]:
+        """Capsules that each mover carries, in its frame, and those that stand still."""
+        model, found = self.model, {i: [] for i in [_BASE, *self.movers]}
         for i in range(model.ngeom):
             kind, body = self._shape(i), int(model.geom_bodyid[i])
-            if kind not in (*_SIMPLE, *_HULLS) or not (model.geom_contype[i] or model.geom_conaffinity[i]):
-                continue
-            mover = self._mover_of(body)
-            shape, beyond = self._around(i, kind, *self._place(i, mover))
-            if beyond > _THICK:
-                thicker[self.bodies[body]] = max(beyond, thicker.get(self.bodies[body], 0.0))
-            name = "" if mover != _BASE or self._of_robot(body) else self._thing(i, body)
-            found[mover].append(replace(shape, name=name))
-        note = f"meshes or ellipsoids of {', '.join(thicker)} count as simple shapes around them that may touch, up to "
-        return found, [note + f"{1e3 * max(thicker.values()):.0f} mm thicker"] if thicker else []
-
-    def _around(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> tuple[Capsule, float]:
-        """The simple shape of a geom, or around it, and by how much that is thicker [m]."""
-        if kind in _SIMPLE:
-            return self._capsule(geom, kind, R, p), 0.0
-        points = DIRECTIONS * self.model.geom_size[geom] if kind == "ellipsoid" else self._hull(geom)
-        shape = Capsule.around(points @ R.T + p, [R] if kind == "ellipsoid" else [R, np.eye(3)])
-        return shape, shape.beyond(points @ R.T + p)
+            if kind in (*_SIMPLE, *_HULLS) and (model.geom_contype[i] or model.geom_conaffinity[i]):
+                mover = self._mover_of(body)
+                name = "" if mover != _BASE or self._of_robot(body) else self._thing(i, body)
+                found[mover].append(replace(self._capsule(i, kind, *self._place(i, mover)), name=name))
+        return found
 
     def _of_robot(self, body: int) -> bool:
         """Whether a body hangs on the same body of the world as the arm."""
         return bool(body) and self.model.body_rootid[body] == self.model.body_rootid[self._at_tip()]
 
     def _thing(self, geom: int, body: int) -> str:
-        """Name of what stands beside the robot."""
+        """Name of what stands next to the robot."""
         name = (self.bodies[body] if body else "") or self.model.geom(geom).name or f"shape {geom} of the world"
         return f"{name} (shape)" if name in (BASE, *map(joint_name, self.names)) else name
 
     def _unseen(self) -> list[str]:
-        """Notes on shapes that may collide and are not looked at, but for a floor at z = 0."""
+        """Notes on shapes that may collide and are not looked at, except for a floor at z = 0."""
         model, planes = self.model, []
-        for i in np.flatnonzero(model.geom_type == int(self.mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
+        for i in np.flatnonzero(model.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)).tolist():
             level = self.data.geom_xmat[i][8] > 1 - _LEVEL and abs(self.data.geom_xpos[i][2]) < _LEVEL
             if (model.geom_contype[i] or model.geom_conaffinity[i]) and not level:
                 planes.append(model.geom(i).name or f"shape {i}")
@@ -356,7 +345,7 @@ class _Robot:
         free = [not (model.geom_contype[i] or model.geom_conaffinity[i]) for i in range(model.ngeom)]
         with_looks = {int(model.geom_bodyid[i]) for i in range(model.ngeom) if free[i]}
         for i in range(model.ngeom):
-            body = int(model.geom_bodyid[i])  # of the world what is beside the robot
+            body = int(model.geom_bodyid[i])  # of the world what is next to the robot
             if (free[i] or body not in with_looks) if body else not free[i]:
                 mover = self._mover_of(body)
                 found[mover] += self._look(i, *self._place(i, mover))
@@ -366,7 +355,7 @@ class _Robot:
         """A shape at a place in its mover's frame; none where it is neither simple nor a mesh."""
         model, kind = self.model, self._shape(geom)
         if kind in (*_SIMPLE, "ellipsoid"):
-            return [self._around(geom, kind, R, p)[0]]
+            return [self._capsule(geom, kind, R, p)]
         if kind != "mesh":
             return []
         material, (vertices, triangles) = int(model.geom_matid[geom]), self._mesh(geom)
@@ -387,7 +376,7 @@ class _Robot:
         return vertices[self.model.mesh_graph[start + 2 + count :][:count]] if count else vertices
 
     def _shape(self, geom: int) -> str:
-        return self.mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
+        return mujoco.mjtGeom(self.model.geom_type[geom]).name.removeprefix("mjGEOM_").lower()
 
     def _place(self, geom: int, mover: int) -> tuple[np.ndarray, np.ndarray]:
         """Rotation and position of a shape in the frame of the mover that carries it."""
@@ -397,6 +386,9 @@ class _Robot:
 
     def _capsule(self, geom: int, kind: str, R: np.ndarray, p: np.ndarray) -> Capsule:
         size = self.model.geom_size[geom]
+        if kind in _HULLS:
+            points = _BALL * size if kind == "ellipsoid" else self._hull(geom)
+            return Capsule.around(points @ R.T + p)
         if kind == "box":
             return Capsule.around_box(R, p, size)
         half, flat = 0.0 if kind == "sphere" else float(size[1]), kind == "cylinder"
@@ -421,6 +413,9 @@ class _Robot:
 
     def _range(self, joint: int) -> tuple[float, float]:
         if not self.model.jnt_limited[joint]:
+            if self._kind(joint) == "slide":
+                fix = f"write one into the file, or lock it in a model file: arm.locked = {{ {self.names[joint]} = 0 }}"
+                raise InputError("position", "no range", "a range of a slide", fix)
             return (-np.inf, np.inf)
         low, high = self.model.jnt_range[joint].tolist()
         return low, high

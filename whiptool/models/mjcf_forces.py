@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from whiptool.errors import InputError
@@ -21,8 +22,6 @@ def refuse_tendons(
         InputError: A tendon over a joint of the arm is limited, part of an equality, or has stiffness, damping,
             friction or inertia.
     """
-    import mujoco
-
     in_equality = {
         tendon
         for i in range(model.neq)
@@ -43,8 +42,6 @@ def refuse_tendons(
 
 def _joints_that_follow(model: Any, movers: Sequence[int], names: Sequence[str]) -> list[str]:
     """Note on the joints beyond the arm which an equality couples to joints of the arm."""
-    import mujoco
-
     tied = [
         names[model.eq_obj1id[i]]
         for i in range(model.neq)
@@ -58,8 +55,6 @@ def _pulled_elsewhere(
     model: Any, movers: Sequence[int], names: Sequence[str], joints_to: Callable[[int], list[int]]
 ) -> list[str]:
     """Note on the arm's joints with actuators on tendons or sites, whose limits cannot be assigned to one joint."""
-    import mujoco
-
     places: dict[str, set[int]] = {}
     for i in _switched_on(model):
         kind, (one, other) = mujoco.mjtTrn(model.actuator_trntype[i]), model.actuator_trnid[i].tolist()
@@ -74,8 +69,6 @@ def _pulled_elsewhere(
 
 def _joints_of_tendon(model: Any, tendon: int, joints_to: Callable[[int], list[int]]) -> set[int]:
     """Joints that change a tendon's length."""
-    import mujoco
-
     joints, bodies = set(), []
     for wrap in range(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon]):
         kind, thing = mujoco.mjtWrap(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
@@ -160,8 +153,6 @@ def _unread_actuators(model: Any, movers: Sequence[int], names: Sequence[str]) -
 
 def _switched_on(model: Any) -> list[int]:
     """Actuators of the groups that are not disabled; none where actuation is."""
-    import mujoco
-
     if model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_ACTUATION):
         return []
     return [i for i in range(model.nu) if not model.opt.disableactuator >> int(model.actuator_group[i]) & 1]
@@ -169,8 +160,6 @@ def _switched_on(model: Any) -> list[int]:
 
 def _motors(model: Any, joint: int) -> list[int]:
     """Actuators at a joint."""
-    import mujoco
-
     kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     at = [i for i in _switched_on(model) if model.actuator_trntype[i] in kinds and model.actuator_trnid[i, 0] == joint]
     return [i for i in at if model.actuator_gear[i, 0]]
@@ -178,8 +167,6 @@ def _motors(model: Any, joint: int) -> list[int]:
 
 def _unread(model: Any, actuator: int) -> str:
     """Kind of an actuator that is not read; empty for others."""
-    import mujoco
-
     kind, gain = mujoco.mjtGain(model.actuator_gaintype[actuator]), model.actuator_gainprm[actuator]
     if kind == mujoco.mjtGain.mjGAIN_AFFINE:
         return "" if gain[0] or gain[1] or model.actuator_biastype[actuator] else "damper"
@@ -189,8 +176,6 @@ def _unread(model: Any, actuator: int) -> str:
 
 def _forces(model: Any, actuator: int) -> list[float]:
     """Lowest and highest force of an actuator at its joint: all bounds that it states hold at once."""
-    import mujoco
-
     gear, gain = (float(x[actuator, 0]) for x in (model.actuator_gear, model.actuator_gainprm))
     dynamics, bounds = mujoco.mjtDyn(model.actuator_dyntype[actuator]), []
     if model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_FIXED) and not model.actuator_biastype[actuator]:

@@ -22,7 +22,7 @@ from whiptool.models.whip import WhipParameters
 NEAR_HAND = 3  # of the whip's segments next to the hand, which are not compared with the links that hold it
 Of: TypeAlias = Literal["close", "apart", "whip"]
 _HOLDING = 2  # last links of an arm, which hold the whip: a flange and what carries it
-_BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number; smaller ones are of things beside the robot
+_BASE, _FLOOR, _WHIP = -1, -2, -3  # in place of a link's number; smaller ones are of things next to the robot
 _AT_ONCE = 4096  # states that are looked at together: bounds the memory
 _BLOCK = 16  # successive states that are held in one ball around each body
 _DOWN = np.array([0.0, 0.0, -1.0])
@@ -418,7 +418,7 @@ def _pose(start: np.ndarray, end: np.ndarray, side: np.ndarray) -> tuple[np.ndar
 
 
 def numbers_of(arm: SpatialArm) -> dict[str, int]:
-    """Return the numbers of links by `SpatialArm.bodies`; those of things beside the robot are below `_WHIP`."""
+    """Return the numbers of links by `SpatialArm.bodies`; those of things next to the robot are below `_WHIP`."""
     things = arm.bodies[arm.n + 1 :]
     return (
         {name: i for i, name in enumerate(arm.joints)}

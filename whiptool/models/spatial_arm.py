@@ -379,7 +379,7 @@ class SpatialArm(JointedArm):
         hand_position: Position of the whip's first joint in the last link's frame [m], (3,).
         hand_rotation: Rotation of the hand's frame in the last link's, (3, 3); the whip points along its -z if the
             whip's joints are at 0.
-        base: Capsules of the fixed parts and, with names, of things that stand beside the robot, in the base's frame.
+        base: Capsules of the fixed parts and, with names, of things that stand next to the robot, in the base's frame.
         never_touch: Pairs of links, given by their joints' names (`base` for fixed parts, or a thing's name), that are
             not checked for contact.
         weightless: Names of the joints whose links have an unknown inertia. Such an arm can only be
@@ -451,7 +451,7 @@ class SpatialArm(JointedArm):
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of what is compared for contact: each link by its joint, then the base, and things beside the robot."""
+        """Names of what is compared for contact: each link by its joint, the base, and things next to the robot."""
         return (*self.joints, BASE, *dict.fromkeys(x.name for x in self.base if x.name))
 
     @property
