@@ -9,7 +9,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.limits.arm_limits import LIMITS, ArmLimits, limits_preset
-from whiptool.limits.clearance import Clearance
+from whiptool.limits.clearance import Clearance, HangingWhip
 from whiptool.limits.limits import Limits, Smooth
 from whiptool.limits.point_speeds import PointSpeeds
 from whiptool.models.excess import Excess
@@ -210,7 +210,7 @@ class AllLimits:
         """Return the part of a box of strikes that is within the position limits.
 
         Raises:
-            InputError: No part of the box is within them.
+            InputError: No part of the box is within them, or the whip hangs on the floor in all of it.
         """
         lower, upper = bounds.box
         for limits in self.members:
@@ -220,6 +220,9 @@ class AllLimits:
                 for i in np.flatnonzero(~(lower < upper)):
                     rule = f"a range that overlaps the position limits, {low[i]:.4g} to {high[i]:.4g}"
                     raise InputError(f"bounds[{i}]", (bounds.lower[i], bounds.upper[i]), rule)
+        for smooth in self.smooth:
+            if isinstance(smooth, HangingWhip):
+                smooth.check_box(lower, upper)
         return StrikeBounds(tuple(lower), tuple(upper))
 
     def violation_of_command(self, strikes: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Approach, Trajectory
 
+_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
 
@@ -37,7 +38,7 @@ class HangingWhip:
 
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
         self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
-        self._turns = model.arm.turns
+        self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much the whip hangs too low [m], (1,), at most 0 if it keeps the distance, and the derivatives
@@ -53,6 +54,32 @@ class HangingWhip:
         upward = np.where(self._turns, turning[:, 2], axes[:, 2])
         slopes = np.concatenate([-upward, np.zeros(a + 1)])
         return self._lowest - origins[0, -1, 2:], slopes[None]
+
+    def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,).
+
+        Raises:
+            InputError: The hand is nowhere so high as the whip needs it.
+        """
+        from scipy.optimize import minimize
+
+        a = self._arm.n
+        postures = np.random.default_rng(0).uniform(lower[:a], upper[:a], (_POSTURES, a))
+        heights = arm_poses(self._arm, postures)[0][:, -1, 2]
+        highest = float(heights.max())
+        for start in postures[heights.argsort()[-_CLIMBS:]] if highest < self._lowest else ():
+            found = minimize(self._lacking, start, jac=True, bounds=np.transpose([lower[:a], upper[:a]]))
+            highest = max(highest, self._lowest - float(found.fun))
+        if highest < self._lowest:
+            room, length = highest - self._floor, self._length
+            given = f"a whip of {length:.3g} m on an arm whose hand rises to {room:.3g} m above the floor at most"
+            shorter = f"a shorter whip, such as {max(room, 0) / 2:.2g} m, " if room > 0.02 else ""
+            rule = f"{shorter}or a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
+
+    def _lacking(self, q: np.ndarray) -> tuple[float, np.ndarray]:
+        values, slopes = self.constraints(np.r_[q, q, 0.0])
+        return float(values[0]), slopes[0, : len(q)]
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
