@@ -72,7 +72,7 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         M, C, K = _in_plane(chain, *states)
     M = (M + M.T) / 2  # of rounding
     prescribed = chain.arm.n if isinstance(chain, Model) and chain.arm.weightless else 0
-    return Linearisation(M, C, K, _state_matrix(M, C, K, prescribed))
+    return Linearisation(M, C, K, _state_matrix(M, C, K, prescribed=prescribed))
 
 
 def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
@@ -153,7 +153,7 @@ def _least_turn(d: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / (1 - d[2])
 
 
-def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray, prescribed: int = 0) -> np.ndarray:
+def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray, *, prescribed: int = 0) -> np.ndarray:
     """The state matrix (2 n, 2 n), in which the first `prescribed` of the coordinates do not accelerate."""
     n, free = len(M), slice(prescribed, None)
     accelerations = np.zeros((n, 2 * n))
