@@ -56,11 +56,7 @@ class HangingWhip:
         return self._lowest - origins[0, -1, 2:], slopes[None]
 
     def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,).
-
-        Raises:
-            InputError: The hand is nowhere so high as the whip needs it.
-        """
+        """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,)."""
         from scipy.optimize import minimize
 
         a = self._arm.n
