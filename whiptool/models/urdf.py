@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
+from whiptool.models.numbers import LARGEST
 from whiptool.models.robot_files import ArmChoice, read_urdf_text
 from whiptool.models.spatial_arm import (
     MOMENTS,
@@ -177,7 +179,7 @@ Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on
 def _robot(text: str) -> ET.Element:
     """The file's XML; prefixes of names that nothing declares, as exporters write, are."""
     try:
-        robot = ET.fromstring(text)
+        robot = ET.fromstring(text.strip())
         for element in robot.iter():
             element.tag = element.tag.rpartition("}")[2]  # without its namespace
         return robot
@@ -243,19 +245,19 @@ def _movable(joints: Any) -> list[str]:
 def _check_moving(joint: ET.Element) -> None:
     """Refuse a joint that cannot be moved on its own."""
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
+    fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
     if mimic is not None:
         rule = "joints between base and tip that mimic no other joint"
-        fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     axis = joint.find("axis")
     if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
-        raise InputError(f"joint {name}", "an <axis> of 0 0 0", "a direction")
+        raise InputError(f"joint {name}", "an <axis> of 0 0 0", "a direction", fix)
     if joint.get("type") == "continuous":
         return
     ends = [number_of(limit, end) for end in ("lower", "upper")]
     if not ends[0] < ends[1]:
         rule = 'a <limit> whose lower is below its upper, or type="continuous"'
-        raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
+        raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule, fix)
 
 
 def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
@@ -390,8 +392,9 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
     prismatic = bool(np.any(slide))
     bounded = model.nqs[i] == 1  # a continuous joint is a cosine and a sine
     ends = (model.lowerPositionLimit[q], model.upperPositionLimit[q]) if bounded else (-np.inf, np.inf)
+    low, high = (float(x) if abs(x) <= LARGEST else math.copysign(math.inf, x) for x in ends)
     limits = JointLimits(
-        position=(float(ends[0]), float(ends[1])),
+        position=(low, high),
         velocity=_limit(model.upperVelocityLimit[v]),
         torque=_limit(model.upperEffortLimit[v]),
     )
@@ -410,8 +413,8 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
 
 
 def _limit(given: float) -> float:
-    """A limit as URDF gives it, where 0 means no limit."""
-    return float(given) if given > 0 else float("inf")
+    """A limit as URDF gives it, where 0 means no limit, and so does 1e16."""
+    return float(given) if 0 < given <= LARGEST else float("inf")
 
 
 def _rows(rotation: np.ndarray) -> tuple[tuple[float, ...], ...]:

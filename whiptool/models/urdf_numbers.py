@@ -77,7 +77,7 @@ def _numbers(label: str, text: str, size: int = 1, never_negative: bool = False)
     read = len(values) == len(words) == size and all(map(math.isfinite, values))
     if not read or (never_negative and min(values) < 0):
         rule = ("a number" if size == 1 else f"{size} numbers") + (" >= 0" if never_negative else "")
-        fix = "expand xacro first" if "${" in text else "write a decimal point for the comma" if "," in text else ""
+        fix = "expand xacro first" if "$" in text else "write points and blanks, no commas" if "," in text else ""
         raise InputError(label, text, rule, fix)
     return values
 
