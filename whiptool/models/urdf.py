@@ -355,7 +355,7 @@ def _check_inertias(model: Any, robot: ET.Element, carried: list[set[str]]) -> N
             if link.get("name") in names and not is_possible(moments):
                 given = "principal moments of {:.4g}, {:.4g} and {:.4g} kg m2".format(*moments)
                 rule = "three of which none is above the sum of the others"
-                raise InputError(f"link {link.get('name')}: <inertia>", given, rule)
+                raise InputError(f"link {link.get('name')}: <inertia>", given, rule, "or leave out the <inertial>")
 
 
 def _links_of(model: Any) -> list[set[str]]:
