@@ -231,9 +231,6 @@ def explicit_timestep(model: Model) -> float:
     hang during a strike. Dry friction is linearised at rest, as damping. A node with a universal joint at gimbal lock
     (bent by 90 degrees about its second hinge) has only its moment of inertia about the first hinge, against two
     dampers.
-
-    Args:
-        model: Whip, arm and gravity.
     """
     whip = model.whip
     damping = whip.per_node("b") + whip.per_node("dry_friction") / whip.friction_velocity
@@ -253,12 +250,8 @@ def stepped(
 ) -> Structure:
     """Return the structure of a model and controller, with the integration method that needs less time.
 
-    It is the classical Runge-Kutta method under position control, if that is stable at this step; else a Rosenbrock-W
-    method.
-
-    Args:
-        model, controller, free: As in `Structure.of`.
-        timestep: Length of equal steps [s]; None: adaptive steps.
+    It is the classical Runge-Kutta method under position control, if that is stable at equal steps of `timestep` [s]
+    (None: adaptive steps); else a Rosenbrock-W method. See `Structure.of`.
     """
     longest = _EXPLICIT if timestep is None else timestep
     explicit = controller.prescribed and longest <= explicit_timestep(model)

@@ -41,12 +41,8 @@ class HangingWhip:
         self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much the whip hangs too low [m], (1,), at most 0 if it keeps the distance, and the derivatives
-        (1, 2 a + 1).
-
-        Args:
-            strike: Strike vector, (2 a + 1,).
-        """
+        """Return by how much the whip of a strike (2 a + 1,) hangs too low [m], (1,), at most 0 if it keeps the
+        distance, and the derivatives (1, 2 a + 1)."""
         a = self._arm.n
         origins, rotations = arm_poses(self._arm, strike[None, :a])
         axes = np.einsum("jik,jk->ji", rotations[0, :-1], self._arm.per_link("axis"))
@@ -115,15 +111,9 @@ class PathClearance:
         self._least, self._links = np.array([x[0] for x in kept]), np.array([x[1:] for x in kept], int).reshape(-1, 2)
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one [m].
-
-        Args:
-            strike: Strike vector, (2 a + 1,).
-
-        Returns:
-            The functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A function has a
-            kink where another instant or capsule becomes the nearest.
-        """
+        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one of a strike
+        (2 a + 1,) [m]: the functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A
+        function has a kink where another instant or capsule becomes the nearest."""
         a, m = self._arm.n, len(self._links)
         if not m:
             return np.zeros(0), np.zeros((0, 2 * a + 1))
@@ -149,15 +139,8 @@ class PathClearance:
         return strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
 
     def _slopes(self, q: np.ndarray, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
-        """Return how fast points of two links approach each other, by each joint's position, (m, a).
-
-        The base and the floor, whose numbers are negative, do not move.
-
-        Args:
-            q: States, (m, a).
-            points: One of each link, (m, 2, 3).
-            toward: Directions from each to the other, (m, 2, 3).
-        """
+        """Return how fast points (m, 2, 3) of two links approach each other along directions from each to the other,
+        by each joint's position q (m, a), (m, a); base and floor, whose numbers are negative, do not move."""
         origins, rotations = arm_poses(self._arm, q)
         axes = np.einsum("mjik,jk->mji", rotations[:, :-1], self._arm.per_link("axis"))[:, None]
         arms = points[:, :, None] - origins[:, None, :-1]  # (m, 2, a, 3)
