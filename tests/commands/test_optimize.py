@@ -170,3 +170,13 @@ def test_a_search_of_which_every_strike_is_refused_says_so_early(tmp_path):
     assert json.loads(done.stdout)["miss_distance"] is None  # a penalty is no distance
     assert "all refused so far" in done.stderr
     assert "closest" not in done.stderr.replace(said[0], "")
+
+
+def test_a_whip_that_no_posture_holds_above_the_floor_is_refused_with_the_options_that_help(tmp_path):
+    assert_one_line(
+        called("optimize", "--model", "ur5e", "--whip-length", "3", cwd=tmp_path),
+        "--whip-length and --mount: got 'a whip of 3 m on an arm whose hand rises to 1.",
+        "a shorter whip, such as 0.",
+        "or a base higher above the floor, such as 3 m",
+    )
+    assert not (tmp_path / "runs").exists()

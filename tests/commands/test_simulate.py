@@ -7,6 +7,7 @@ import json
 import mujoco
 import pytest
 from command_line import assert_one_line, called
+from robot_files import WEIGHTLESS
 
 
 def test_simulate_replays_the_strike_that_was_found(tmp_path):
@@ -35,3 +36,20 @@ def test_a_strike_whose_simulation_diverges_ends_with_1(tmp_path):
     assert (done.returncode, json.loads(done.stdout)["diverged"]) == (1, True)
     done = called("simulate", "--strike", "-78", "27", "99", "81", "0.95", cwd=tmp_path)
     assert_one_line(done, "--strike", "-78 rad of shoulder", "are these degrees?")
+
+
+@pytest.mark.slow
+def test_an_arm_whose_file_tells_no_inertia_is_searched_simulated_and_exported(tmp_path):
+    """Its mass matrix is singular: the equations of the whip alone are solved."""
+    (tmp_path / "arm.urdf").write_text(WEIGHTLESS)
+    model = ("--model", "arm.urdf", "--nodes", 5, "--target", 1.2, 0.2, 0.8, "--no-video", "--json")
+    found = called("optimize", *model, "--max-trials", 300, "--seed", 0, "--out", "run", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    best = json.loads(found.stdout)
+    assert best["hit"]
+    assert best["reference"]["miss_distance"] == pytest.approx(best["miss_distance"], abs=3e-4)
+    played = ("run", "--simulator", "reference", "--export-trajectory", "strike.csv", "--no-video", "--json")
+    again = called("simulate", *played, cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert json.loads(again.stdout)["miss_distance"] == pytest.approx(best["miss_distance"], abs=3e-4)
+    assert (tmp_path / "strike.csv").is_file()

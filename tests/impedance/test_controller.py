@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from robot_files import WEIGHTLESS
 from scipy.linalg import eigvalsh
 from spatial_arms import of_universal_nodes
 
@@ -30,6 +31,7 @@ from whiptool.impedance.controller import (
     write_controller,
 )
 from whiptool.models import Model, in_space, preset
+from whiptool.models.files import load_model
 from whiptool.models.strike import JointSpace, Strike
 from whiptool.rl.environment import make_task
 
@@ -257,3 +259,12 @@ def test_what_is_wrong_is_named(text, named, tmp_path):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="readable TOML file"):
         read_controller(tmp_path / "nothing.toml")
+
+
+def test_the_hand_of_an_arm_of_unknown_inertia_has_no_impedance(tmp_path):
+    """Its mass matrix is singular; position control of the hand needs none."""
+    (tmp_path / "arm.urdf").write_text(WEIGHTLESS)
+    model = load_model(tmp_path / "arm.urdf")
+    with pytest.raises(InputError, match=r"arm: got 'unknown inertia of the links of j1, .*position control"):
+        hand_impedance(model)
+    Controller(PositionControl(), hand=HandControl()).check_fits(model.arm)

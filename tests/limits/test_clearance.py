@@ -13,10 +13,16 @@ from processes import HANG
 from whiptool.dynamics.posture import start_posture
 from whiptool.errors import InputError
 from whiptool.limits.clearance import FRACTIONS, SPARE, UNIT, Clearance, HangingWhip, PathClearance
-from whiptool.models import Model, default_bounds, in_space, preset
+from whiptool.models import Model, StrikeBounds, default_bounds, in_space, preset
 from whiptool.models.kinematics import joint_points
+from whiptool.models.mount import mounted
+from whiptool.models.presets import rope
 from whiptool.models.scene import Scene
 from whiptool.models.trajectory import Trajectory
+from whiptool.objective import Objective
+from whiptool.rl.task import StrikeTask
+from whiptool.rollout.compiled import CompiledRollout
+from whiptool.strike_map.striker import Striker
 
 STIFF = Model(replace(preset("nah2023").whip, k=300.0, b=1.0), in_space(preset("lemon2024").arm))
 
@@ -223,3 +229,40 @@ def test_a_whip_must_not_drag_over_the_floor_on_the_way():
     short = replace(model, whip=replace(model.whip, l=model.whip.per_node("l") / 4))
     assert kept.whip_on_way(t, down, short) is None
     assert Clearance(model, None).whip_on_way(t, down, model) is None
+
+
+@pytest.mark.parametrize("least", [0.0, 0.05])
+def test_a_whip_that_no_posture_holds_above_the_floor_is_refused(least):
+    """The hand is highest straight up, 0.65 m above the shoulder: to 0.1 mm as high as the hanging whip needs it."""
+    arm = in_space(preset("lemon2024").arm)
+    model = Model(rope(5), arm)
+    hangs = HangingWhip(model, 0.0)._lowest
+    lower, upper = (np.array(x) for x in StrikeBounds((-3.1,) * 4 + (0.5,), (3.1,) * 4 + (1.0,)).box)
+    upright = np.array([np.pi, 0.0, 0.0, 0.0, 0.5])
+    upper[:2] = 3.2
+    for over, refused in ((-1e-4, False), (1e-4, True)):
+        hanging = HangingWhip(model, 0.65 - hangs - least + over, least)
+        assert bool(hanging.kept(upright[None])[0]) != refused
+        if refused:
+            with pytest.raises(InputError, match=r"whip and mount: got 'a whip of 1 m on an arm whose hand rises to"):
+                hanging.check_box(lower, upper)
+        else:
+            hanging.check_box(lower, upper)
+    lower[0], upper[0] = -1.5, 1.5  # where the upper arm is below the shoulder
+    with pytest.raises(InputError, match="hand rises to"):
+        HangingWhip(model, 0.64 - hangs).check_box(lower, upper)
+
+
+def test_every_search_refuses_it_before_it_begins():
+    """Optimisation, strike map with interception, and training, with what would do."""
+    ur5e = preset("ur5e")
+    low = Model(replace(ur5e.whip, l=0.15), ur5e.arm)
+    said = r"whip and mount: got 'a whip of 3 m on an arm whose hand rises to 1\.\d+ m above the floor at most'; "
+    said += r"allowed: .* a shorter whip, such as 0\.\d+ m, or a base higher above the floor, such as 3 m$"
+    rollout = CompiledRollout(low)
+    for search in (lambda: Objective(rollout), lambda: Striker(rollout), lambda: StrikeTask(rollout)):
+        with pytest.raises(InputError, match=said):
+            search()
+    Objective(rollout, limits=None)
+    high = Model(low.whip, mounted(ur5e.arm, "pedestal", 3.0))
+    Objective(CompiledRollout(high))

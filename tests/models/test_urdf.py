@@ -22,7 +22,7 @@ from whiptool.models.urdf import read_urdf
 
 WHIP = WhipParameters(N=1, l=0.1, m=0.01, k=0, b=0, joints="universal")
 TIP = ArmChoice(tip="tool")
-NO_LIMIT = "a velocity or effort of 0 in the <limit> of elbow is taken as no limit"
+NO_LIMIT = "a velocity or effort of 0 or less in the <limit> of elbow is taken as no limit"
 
 
 @pytest.fixture

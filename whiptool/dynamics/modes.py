@@ -72,7 +72,7 @@ def linearise(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray | None = None
         M, C, K = _in_plane(chain, *states)
     M = (M + M.T) / 2  # of rounding
     prescribed = chain.arm.n if isinstance(chain, Model) and chain.arm.weightless else 0
-    return Linearisation(M, C, K, _state_matrix(M, C, K, prescribed))
+    return Linearisation(M, C, K, _state_matrix(M, C, K, prescribed=prescribed))
 
 
 def _in_plane(chain: Chain | Model, q0: np.ndarray, v0: np.ndarray) -> list[np.ndarray]:
@@ -153,7 +153,7 @@ def _least_turn(d: np.ndarray) -> np.ndarray:
     return np.eye(3) + W + W @ W / (1 - d[2])
 
 
-def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray, prescribed: int = 0) -> np.ndarray:
+def _state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray, *, prescribed: int = 0) -> np.ndarray:
     """The state matrix (2 n, 2 n), in which the first `prescribed` of the coordinates do not accelerate."""
     n, free = len(M), slice(prescribed, None)
     accelerations = np.zeros((n, 2 * n))
@@ -231,9 +231,6 @@ def explicit_timestep(model: Model) -> float:
     hang during a strike. Dry friction is linearised at rest, as damping. A node with a universal joint at gimbal lock
     (bent by 90 degrees about its second hinge) has only its moment of inertia about the first hinge, against two
     dampers.
-
-    Args:
-        model: Whip, arm and gravity.
     """
     whip = model.whip
     damping = whip.per_node("b") + whip.per_node("dry_friction") / whip.friction_velocity
@@ -253,12 +250,8 @@ def stepped(
 ) -> Structure:
     """Return the structure of a model and controller, with the integration method that needs less time.
 
-    It is the classical Runge-Kutta method under position control, if that is stable at this step; else a Rosenbrock-W
-    method.
-
-    Args:
-        model, controller, free: As in `Structure.of`.
-        timestep: Length of equal steps [s]; None: adaptive steps.
+    It is the classical Runge-Kutta method under position control, if that is stable at equal steps of `timestep` [s]
+    (None: adaptive steps); else a Rosenbrock-W method. See `Structure.of`.
     """
     longest = _EXPLICIT if timestep is None else timestep
     explicit = controller.prescribed and longest <= explicit_timestep(model)

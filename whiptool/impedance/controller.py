@@ -77,6 +77,14 @@ def hand_space(arm: AnyArm, hand: HandControl, *, led: bool) -> HandSpace:
     return HandSpace(arm, posture=hand.posture, orientation=hand.orientation, led=led)
 
 
+def _check_inertia_known(arm: AnyArm) -> None:
+    """Refuse an arm that torques move, but whose inertia is unknown."""
+    if arm.weightless:
+        given = f"unknown inertia of the links of {', '.join(arm.weightless)}"
+        fix = "take position control (--controller position), or write an <inertial> of each link into the file"
+        raise InputError("arm", given, "an arm whose links' inertia is known, where torques move it", fix)
+
+
 def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: float = 3.0) -> ConstantImpedance:
     """Return the default stiffness and damping of the hand.
 
@@ -91,9 +99,13 @@ def hand_impedance(model: Model, hand: HandControl | None = None, *, frequency: 
         model: Arm and whip.
         hand: Control of the hand; default: `HandControl()`.
         frequency: Natural frequency [Hz].
+
+    Raises:
+        InputError: The arm's inertia is unknown.
     """
     from whiptool.impedance.arm import Arm
 
+    _check_inertia_known(model.arm)
     hand, d = hand or HandControl(), model.dimension
     kinematics = hand_space(model.arm, hand, led=False).kinematics
     q = kinematics.posture
@@ -191,10 +203,8 @@ class Controller(NoArray, instead="its parameters()"):
                 `compensated` has a wrong length.
         """
         expect(ArmParameters, SpatialArm, arm=arm)
-        if arm.weightless and not self.prescribed:
-            given = f"unknown inertia of the links of {', '.join(arm.weightless)}"
-            fix = "take position control (--controller position), or write an <inertial> of each link into the file"
-            raise InputError("arm", given, "an arm whose links' inertia is known, where torques move it", fix)
+        if not self.prescribed:
+            _check_inertia_known(arm)
         if isinstance(self.torque_limit, tuple) and len(self.torque_limit) != arm.n:
             raise InputError("torque_limit", self.torque_limit, f"one number, or {arm.n}, one per arm joint")
         if self.compensated is not None and len(self.compensated) != arm.n + 1:

@@ -20,6 +20,7 @@ from whiptool.models.parameters import Model
 from whiptool.models.scene import NearestPair, Scene
 from whiptool.models.trajectory import Trajectory
 
+_POSTURES, _CLIMBS = 512, 8  # drawn in search of one that is high enough; of these the highest are improved
 _BENDS = 4.0  # of the length over which a hanging whip bends downward from any direction of the hand
 
 
@@ -37,15 +38,11 @@ class HangingWhip:
 
     def __init__(self, model: Model, floor: float, least: float = 0.0) -> None:
         self._arm, self._lowest = model.arm.in_space(), floor + least + _depth(model)
-        self._turns = model.arm.turns
+        self._turns, self._floor, self._length = model.arm.turns, floor, model.whip.length
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much the whip hangs too low [m], (1,), at most 0 if it keeps the distance, and the derivatives
-        (1, 2 a + 1).
-
-        Args:
-            strike: Strike vector, (2 a + 1,).
-        """
+        """Return by how much the whip of a strike (2 a + 1,) hangs too low [m], (1,), at most 0 if it keeps the
+        distance, and the derivatives (1, 2 a + 1)."""
         a = self._arm.n
         origins, rotations = arm_poses(self._arm, strike[None, :a])
         axes = np.einsum("jik,jk->ji", rotations[0, :-1], self._arm.per_link("axis"))
@@ -53,6 +50,28 @@ class HangingWhip:
         upward = np.where(self._turns, turning[:, 2], axes[:, 2])
         slopes = np.concatenate([-upward, np.zeros(a + 1)])
         return self._lowest - origins[0, -1, 2:], slopes[None]
+
+    def check_box(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Refuse a whip that hangs too low in all postures of a box, whose corners are given as strikes (2 a + 1,)."""
+        from scipy.optimize import minimize
+
+        a = self._arm.n
+        postures = np.random.default_rng(0).uniform(lower[:a], upper[:a], (_POSTURES, a))
+        heights = arm_poses(self._arm, postures)[0][:, -1, 2]
+        highest = float(heights.max())
+        for start in postures[heights.argsort()[-_CLIMBS:]] if highest < self._lowest else ():
+            found = minimize(self._lacking, start, jac=True, bounds=np.transpose([lower[:a], upper[:a]]))
+            highest = max(highest, self._lowest - float(found.fun))
+        if highest < self._lowest:
+            room, length = highest - self._floor, self._length
+            given = f"a whip of {length:.3g} m on an arm whose hand rises to {room:.3g} m above the floor at most"
+            shorter = f"a shorter whip, such as {max(room, 0) / 2:.2g} m, " if room > 0.02 else ""
+            rule = f"{shorter}or a base higher above the floor, such as {math.ceil(10 * length - 1e-9) / 10:g} m"
+            raise InputError("whip and mount", given, f"a whip that hangs above the floor in some posture: {rule}")
+
+    def _lacking(self, q: np.ndarray) -> tuple[float, np.ndarray]:
+        values, slopes = self.constraints(np.r_[q, q, 0.0])
+        return float(values[0]), slopes[0, : len(q)]
 
     def kept(self, strikes: np.ndarray) -> np.ndarray:
         """Return whether the whips of strikes (B, 2 a + 1) hang high enough, (B,)."""
@@ -92,15 +111,9 @@ class PathClearance:
         self._least, self._links = np.array([x[0] for x in kept]), np.array([x[1:] for x in kept], int).reshape(-1, 2)
 
     def constraints(self, strike: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one [m].
-
-        Args:
-            strike: Strike vector, (2 a + 1,).
-
-        Returns:
-            The functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A function has a
-            kink where another instant or capsule becomes the nearest.
-        """
+        """Return for each pair of links (or link and floor) the allowed distance minus the smallest one of a strike
+        (2 a + 1,) [m]: the functions (m,), at most 0 if the distance is kept, and their derivatives (m, 2 a + 1). A
+        function has a kink where another instant or capsule becomes the nearest."""
         a, m = self._arm.n, len(self._links)
         if not m:
             return np.zeros(0), np.zeros((0, 2 * a + 1))
@@ -126,15 +139,8 @@ class PathClearance:
         return strike[:a] + FRACTIONS[:, None] * (strike[a : 2 * a] - strike[:a])
 
     def _slopes(self, q: np.ndarray, points: np.ndarray, toward: np.ndarray) -> np.ndarray:
-        """Return how fast points of two links approach each other, by each joint's position, (m, a).
-
-        The base and the floor, whose numbers are negative, do not move.
-
-        Args:
-            q: States, (m, a).
-            points: One of each link, (m, 2, 3).
-            toward: Directions from each to the other, (m, 2, 3).
-        """
+        """Return how fast points (m, 2, 3) of two links approach each other along directions from each to the other,
+        by each joint's position q (m, a), (m, a); base and floor, whose numbers are negative, do not move."""
         origins, rotations = arm_poses(self._arm, q)
         axes = np.einsum("mjik,jk->mji", rotations[:, :-1], self._arm.per_link("axis"))[:, None]
         arms = points[:, :, None] - origins[:, None, :-1]  # (m, 2, a, 3)

@@ -34,22 +34,14 @@ _MAKING = ("replicate", "composite", "flexcomp")  # of MuJoCo, each with a `coun
 
 
 def read_urdf_text(path: Path | str) -> str:
-    """Return the text of a URDF file after checking it.
-
-    Raises:
-        InputError: The file cannot be read, is nested too deeply, is too large, or defines XML entities.
-    """
+    """Return the text of a URDF file that is not nested too deeply, not too large, and defines no XML entities."""
     text = read_text(path, "URDF")
     _check(Path(path), text, Counter())
     return text
 
 
 def check_mjcf(path: Path | str) -> None:
-    """Refuse an MJCF file that is not safe to parse, or of which MuJoCo makes too much.
-
-    Raises:
-        InputError: See `read_urdf_text`; also for files that it includes.
-    """
+    """Refuse an MJCF file, or one that it includes, that is not safe to parse or of which MuJoCo makes too much."""
     _check(Path(path), read_text(path, "MJCF"), Counter())
 
 
@@ -169,16 +161,8 @@ class ArmChoice:
         object.__setattr__(self, "outward", tuple((outward / np.linalg.norm(outward)).tolist()))
 
     def check_locked(self, name: str, low: float, high: float, *, turns: bool) -> None:
-        """Refuse a locked joint's position that is beyond its limits, such as one in degrees or millimetres.
-
-        Args:
-            name: Name of the joint.
-            low, high: Limits of the joint [rad or m]; infinite: none, but an angle has to be within two turns.
-            turns: Whether the joint is revolute, not prismatic.
-
-        Raises:
-            InputError: The position is beyond the limits.
-        """
+        """Refuse a locked joint's position beyond its limits [rad or m], such as one in degrees or millimetres; the
+        angle of a joint that `turns` has to be within two turns in any case."""
         value, unit = self.locked[name], "rad" if turns else "m"
         farthest = FARTHEST_TURN if turns else LONGEST
         low, high = max(low, -farthest), min(high, farthest)
@@ -189,15 +173,8 @@ class ArmChoice:
             )
 
     def movers(self, chain: Sequence[str], joints: Sequence[str]) -> list[str]:
-        """Return the joints that move, in the chain's order.
-
-        Args:
-            chain: Names of the joints from base to tip.
-            joints: Names of all joints of the robot.
-
-        Raises:
-            InputError: A named joint is not in the robot or not in the chain, or no joint moves.
-        """
+        """Return the names of the joints that move: those of the chain that are neither locked nor left out. What moves
+        has to be in the chain, and what is locked among all `joints` of the robot."""
         for option, names, known in (("moving", self.moving or (), chain), ("locked", self.locked, joints)):
             for name in names:
                 if name not in known:
@@ -210,18 +187,10 @@ class ArmChoice:
         return movers
 
     def only_tip(self, ends: Sequence[str], frames: Sequence[str]) -> str:
-        """Return the name of the tip.
+        """Return the name of the tip, one of the `frames`.
 
-        If no tip is named and the robot branches, it is the end that is named like a tool frame: `tool0`, the flange's
-        frame by the ROS-Industrial convention (REP 199), or `..._tcp`.
-
-        Args:
-            ends: Names of the links that carry no other link.
-            frames: Names of all possible tips.
-
-        Raises:
-            InputError: No part has that name; or no name is given, the robot branches, and not exactly one end is a
-                tool frame.
+        If no tip is named and several links are `ends`, which carry no other, it is the one that is named like a tool
+        frame: `tool0`, the flange's frame by the ROS-Industrial convention (REP 199), or `..._tcp`.
         """
         if self.tip:
             if self.tip not in frames:

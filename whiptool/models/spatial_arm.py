@@ -302,7 +302,7 @@ def _checked_inertia(given: object, mass: float) -> tuple[float, ...]:
 _FEW_DIGITS = 1e-2  # by which the largest principal moment may exceed the others' sum, written with few digits
 
 
-def is_possible(moments: Sequence[float]) -> bool:
+def is_possible(moments: Sequence[float] | np.ndarray) -> bool:
     """Return whether a body can have the principal moments (3,), the largest last: the others' sum is not below it."""
     return moments[0] + moments[1] >= (1 - _FEW_DIGITS) * moments[2]
 

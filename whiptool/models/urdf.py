@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -13,6 +14,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule
+from whiptool.models.numbers import LARGEST
 from whiptool.models.robot_files import ArmChoice, read_urdf_text
 from whiptool.models.spatial_arm import (
     MOMENTS,
@@ -55,19 +57,12 @@ def assumed(
     moved: Collection[str],
     weighed: Collection[str],
     without_mass: Sequence[str],
-    impossible: Sequence[str],
     known: bool,
 ) -> tuple[str, ...]:
     """Return notes on assumptions about a URDF file and on its ignored parts, one line for each kind.
 
-    Args:
-        robot: Root element of the file.
-        movers: Names of the arm's joints.
-        moved: Names of the arm's links, its base included.
-        weighed: Names of its moving links whose mass was computed from their shapes.
-        without_mass: Names of the joints whose links have an inertia but no mass.
-        impossible: Names of its moving links whose own inertia is impossible.
-        known: Whether the inertia of all moving links is known, so that torques are.
+    `movers` and `moved` name the arm's joints and links, the base included; `weighed` moving links with the mass of
+    their shapes; `without_mass` joints whose links have an inertia only; `known`: whether the inertia of all is.
     """
 
     def of(has: Callable[[ET.Element], bool]) -> str:
@@ -82,21 +77,18 @@ def assumed(
     following = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if follow(joint))
     soft, free, meshes = of(keeps_off), of(zero_limit), ", ".join(sorted(with_meshes(robot) & set(moved)))
     rubbing, slowed = of(_rubs), of(by_position)
-    below = of(lambda joint: any(number_of(joint.find("limit"), x) < 0 for x in ("velocity", "effort")))
     held = ", ".join(joint.get("name", "") for joint in robot.findall("joint") if joint.get("type") in _FREE)
-    odd, shared = ", ".join(impossible), ", ".join(rotor_inertias(robot)[1])
+    shared = ", ".join(rotor_inertias(robot)[1])
     guess = ", a guess that torques depend on" if known else ""
     said = {
         f"no <inertial> in {water}: taken as {DENSITY:g} kg/m3 of their shapes{guess}": water,
         f"the inertia of what {light} moves is left out, as its mass is 0: no body has one without the other": light,
         f"speed limits that depend on the position of {slowed} keep {RESERVES}; arm.limits changes that": slowed,
         f"what mimics joints of the arm does not move with them, but is held: {following}": following,
-        f"a velocity or effort of 0 in the <limit> of {free} is taken as no limit": free,
+        f"a velocity or effort of 0 or less in the <limit> of {free} is taken as no limit": free,
         f"collision shapes of {meshes} that are meshes are not looked at: nothing is judged to touch them": meshes,
         f"soft limits of {soft} (<safety_controller>) are not kept, only those of <limit>": soft,
-        f"a negative velocity or effort in the <limit> of {below} is taken as no limit": below,
         f"what hangs on joints that move freely is held where it is with them at 0: {held}": held,
-        f"the inertia of {odd} alone is impossible (principal moments A + B < C), but not that of what moves": odd,
         f"rotor inertias of the transmissions {shared} are not read, as each moves several joints": shared,
         f"dry friction of {rubbing} has no part in the model, only its damping has": rubbing,
     }
@@ -187,7 +179,7 @@ Parents = Mapping[str, "ET.Element | None"]  # the joint that each link hangs on
 def _robot(text: str) -> ET.Element:
     """The file's XML; prefixes of names that nothing declares, as exporters write, are."""
     try:
-        robot = ET.fromstring(text)
+        robot = ET.fromstring(text.strip())
         for element in robot.iter():
             element.tag = element.tag.rpartition("}")[2]  # without its namespace
         return robot
@@ -253,19 +245,19 @@ def _movable(joints: Any) -> list[str]:
 def _check_moving(joint: ET.Element) -> None:
     """Refuse a joint that cannot be moved on its own."""
     name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
+    fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
     if mimic is not None:
         rule = "joints between base and tip that mimic no other joint"
-        fix = f"choose a tip before it, or write arm.locked = {{ {name} = 0 }} in a model file"
         raise InputError(f"joint {name}", f"a mimic of {mimic.get('joint')}", rule, fix)
     axis = joint.find("axis")
     if axis is not None and not any(map(float, axis.get("xyz", "1").split())):
-        raise InputError(f"joint {name}", "an <axis> of 0 0 0", "a direction")
+        raise InputError(f"joint {name}", "an <axis> of 0 0 0", "a direction", fix)
     if joint.get("type") == "continuous":
         return
     ends = [number_of(limit, end) for end in ("lower", "upper")]
     if not ends[0] < ends[1]:
         rule = 'a <limit> whose lower is below its upper, or type="continuous"'
-        raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule)
+        raise InputError(f"joint {name}", f"lower {ends[0]:g} and upper {ends[1]:g}", rule, fix)
 
 
 def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: list[str]) -> SpatialArm:
@@ -287,14 +279,13 @@ def _arm(robot: ET.Element, folder: Path, choice: ArmChoice, tip: str, movers: l
     hand = frame.placement.rotation @ choice.hand
     x, y, z = frame.placement.translation.tolist()
     names = tuple(joint_name(name) for name in model.names[1:])
-    carried, impossible = _links_of(model), _impossible_links(robot)
-    _check_inertias(model, carried, impossible)
+    carried = _links_of(model)
+    _check_inertias(model, robot, carried)
     weightless = _weightless(model, carried, (massless_links(robot) & shaped_links(robot)) - weighed, main)
     moments = {name: body.inertia for name, body in zip(model.names, model.inertias, strict=True) if not body.mass}
     without_mass = [name for name in movers if name in moments and np.any(moments[name])]
     moved = set().union(*carried[1:])
-    odd = [name for name in impossible if name in moved]
-    notes = assumed(robot, movers, moved | carried[0], weighed & moved, without_mass, odd, not weightless)
+    notes = assumed(robot, movers, moved | carried[0], weighed & moved, without_mass, not weightless)
     own, rotors = {joint.get("name"): joint for joint in robot.findall("joint")}, rotor_inertias(robot)[0]
     links = tuple(
         replace(x, armature=rotors.get(name, 0.0), limits=with_all_limits(own[name], x.limits))
@@ -353,24 +344,18 @@ def _locked(robot: ET.Element, choice: ArmChoice) -> dict[str, float]:
     return locked
 
 
-def _impossible_links(robot: ET.Element) -> dict[str, np.ndarray]:
-    """Links that have an inertia that no body can have, and its principal moments (3,) [kg m^2], the largest last."""
-    found = {}
-    for link in robot.findall("link"):
-        xx, yy, zz, xy, xz, yz = (number_of(link.find("inertial/inertia"), f"i{name}") for name in MOMENTS)
-        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if not is_possible(moments):
-            found[link.get("name", "")] = moments
-    return found
-
-
-def _check_inertias(model: Any, carried: list[set[str]], impossible: Mapping[str, np.ndarray]) -> None:
+def _check_inertias(model: Any, robot: ET.Element, carried: list[set[str]]) -> None:
     """Refuse an arm of which no body can have the inertia that moves with a joint, by the link that makes it so."""
     for body, names in zip(model.inertias[1:], carried[1:], strict=True):
-        if body.mass and not is_possible(np.linalg.eigvalsh(body.inertia)):
-            name = next(name for name in impossible if name in names)
-            given = "principal moments of {:.4g}, {:.4g} and {:.4g} kg m2".format(*impossible[name])
-            raise InputError(f"link {name}: <inertia>", given, "three of which none is above the sum of the others")
+        if not body.mass or is_possible(np.linalg.eigvalsh(body.inertia)):
+            continue
+        for link in robot.findall("link"):
+            xx, yy, zz, xy, xz, yz = (number_of(link.find("inertial/inertia"), f"i{name}") for name in MOMENTS)
+            moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if link.get("name") in names and not is_possible(moments):
+                given = "principal moments of {:.4g}, {:.4g} and {:.4g} kg m2".format(*moments)
+                rule = "three of which none is above the sum of the others"
+                raise InputError(f"link {link.get('name')}: <inertia>", given, rule, "or leave out the <inertial>")
 
 
 def _links_of(model: Any) -> list[set[str]]:
@@ -385,13 +370,10 @@ def _links_of(model: Any) -> list[set[str]]:
 
 
 def _weightless(model: Any, carried: list[set[str]], without: set[str], main: set[str]) -> list[int]:
-    """Return the joints whose bodies' inertia is not known.
+    """Return the joints of which the bodies' inertia is not known.
 
-    Args:
-        model: Model of the arm.
-        carried: Names of the links that each joint carries, (joints,).
-        without: Names of the links that have shapes, and no mass.
-        main: Names of the links that joints move, except what is fixed to them.
+    `carried` names the links of each joint, (joints,), `main` those that are not fixed to others, and `without` those
+    that have shapes and no mass.
     """
     found, beyond = [], 0.0
     for i in reversed(range(1, model.njoints)):
@@ -410,8 +392,9 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
     prismatic = bool(np.any(slide))
     bounded = model.nqs[i] == 1  # a continuous joint is a cosine and a sine
     ends = (model.lowerPositionLimit[q], model.upperPositionLimit[q]) if bounded else (-np.inf, np.inf)
+    low, high = (float(x) if abs(x) <= LARGEST else math.copysign(math.inf, x) for x in ends)
     limits = JointLimits(
-        position=(float(ends[0]), float(ends[1])),
+        position=(low, high),
         velocity=_limit(model.upperVelocityLimit[v]),
         torque=_limit(model.upperEffortLimit[v]),
     )
@@ -430,8 +413,8 @@ def _link(model: Any, data: Any, i: int) -> SpatialLink:
 
 
 def _limit(given: float) -> float:
-    """A limit as URDF gives it, where 0 means no limit."""
-    return float(given) if given > 0 else float("inf")
+    """A limit as URDF gives it, where 0 means no limit, and so does 1e16."""
+    return float(given) if 0 < given <= LARGEST else float("inf")
 
 
 def _rows(rotation: np.ndarray) -> tuple[tuple[float, ...], ...]:

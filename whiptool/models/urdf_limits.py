@@ -17,11 +17,8 @@ RESERVES = f"reserves of {VELOCITY_MARGIN:g} rad/s and {1e3 * POSITION_MARGIN:g}
 
 
 def number_of(element: ET.Element | None, name: str, absent: str = "0") -> float:
-    """Return a number of an element: `absent` if it is not given, NaN if it is not a number."""
-    try:
-        return float(absent if element is None else element.get(name, absent))
-    except ValueError:
-        return math.nan
+    """Return a number of an element, `absent` if it is not given; `check_numbers` has seen that it is one."""
+    return float(absent if element is None else element.get(name, absent))
 
 
 def position_limits(joint: ET.Element) -> tuple[float, float]:
@@ -54,17 +51,13 @@ def by_position(joint: ET.Element) -> bool:
 
 
 def with_all_limits(joint: ET.Element, limits: JointLimits) -> JointLimits:
-    """Return a joint's limits with those that only the file's text has.
-
-    These are `acceleration`, `deceleration` and `jerk` of `<limit>` (URDF 1.2), of which the smaller of the first two
-    holds for both, and Franka's `<position_based_velocity_limits>`, with reserves.
-
-    Raises:
-        InputError: One of them is not a number, or the velocities have no range of positions.
+    """Return a joint's limits with those that only the file's text has: `acceleration`, `deceleration` and `jerk` of
+    `<limit>` (URDF 1.2), of which the smaller of the first two holds for both, and Franka's
+    `<position_based_velocity_limits>`, with reserves.
     """
     limit, slowing = joint.find("limit"), joint.find(_BY_POSITION)
     faster, slower, jerk = (number_of(limit, name) or math.inf for name in ("acceleration", "deceleration", "jerk"))
-    acceleration = slower if slower < faster else faster  # 0 is no limit; NaN is refused
+    acceleration = slower if slower < faster else faster  # 0 is no limit
     try:
         limits = replace(limits, acceleration=acceleration, jerk=jerk)
         if slowing is None:

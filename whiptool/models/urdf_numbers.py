@@ -36,22 +36,12 @@ _OF_JOINT = {
 _NEEDED = {"mass": ("value",), "inertia": tuple(_OF_LINK["inertial/inertia"]), "limit": ("effort", "velocity")}
 _NEEDED |= {shape: tuple(sizes) for shape, sizes in _SHAPES.items()}
 _NEVER_NEGATIVE = ("value", "radius", "length", "size", "damping", "friction")
-_GEARS = {
-    "rotor_inertia": "gear_ratio",
-    "motorInertia": "mechanicalReduction",
-}  # elements of rotors, and of their gears
+_GEARS = {"rotor_inertia": "gear_ratio", "motorInertia": "mechanicalReduction"}  # of Drake; of others
 
 
 def check_numbers(robot: ET.Element) -> None:
-    """Check all numbers of a URDF file that are used, and write them as every parser reads them.
-
-    Args:
-        robot: Root element of the file, which is changed in place.
-
-    Raises:
-        InputError: A number is missing or cannot be read, an `<inertial>` is without its mass or inertia, or two links
-            or joints have one name.
-    """
+    """Refuse numbers that are used and missing or unreadable, and write the others as every parser reads them; refuse
+    an `<inertial>` without its mass or inertia, and names that are taken."""
     for tag, places in (("link", _OF_LINK), ("joint", _OF_JOINT)):
         names: set[str] = set()
         for part in robot.findall(tag):
@@ -84,28 +74,18 @@ def _numbers(label: str, text: str, size: int = 1, never_negative: bool = False)
     """The numbers of an attribute."""
     words = text.split()
     values = [float(word) for word in words if _NUMBER.fullmatch(word)]
-    if (
-        len(values) != max(size, len(words))
-        or not all(map(math.isfinite, values))
-        or (never_negative and min(values) < 0)
-    ):
+    read = len(values) == len(words) == size and all(map(math.isfinite, values))
+    if not read or (never_negative and min(values) < 0):
         rule = ("a number" if size == 1 else f"{size} numbers") + (" >= 0" if never_negative else "")
-        fix = "expand xacro first" if "${" in text else "write a decimal point for the comma" if "," in text else ""
+        fix = "expand xacro first" if "$" in text else "write points and blanks, no commas" if "," in text else ""
         raise InputError(label, text, rule, fix)
     return values
 
 
 def rotor_inertias(robot: ET.Element) -> tuple[dict[str, float], list[str]]:
-    """Return the inertias of rotors as the joints feel them [kg m^2 or kg]: times the square of the gear ratio.
-
-    They are in `<rotor_inertia>` and `<gear_ratio>` of Drake, or `<motorInertia>` and `<mechanicalReduction>`, of an
-    `<actuator>` in a `<transmission>` or of the joint itself, or in a `<motor>` of the joint.
-
-    Returns:
-        The inertias by the joints' names, and the names of transmissions that have some and move several joints.
-
-    Raises:
-        InputError: A number cannot be read, or a joint's inertias in several places differ.
+    """Return the inertias of rotors as the joints feel them [kg m^2 or kg], times the square of the gear ratio, by the
+    joints' names, and the names of transmissions that have some and move several joints. Those of one joint, in several
+    places, have to be the same.
     """
     found: dict[str, float] = {}
     shared = []
@@ -138,21 +118,15 @@ def _motors(place: ET.Element) -> Iterator[tuple[str, str]]:
 
 
 def plain_urdf(robot: ET.Element, shapes: Callable[[ET.Element], Iterable[ET.Element]] = lambda link: ()) -> str:
-    """Return the links and joints of a checked robot as XML of which Pinocchio's parser has nothing to complain.
-
-    Args:
-        robot: Root element of the file, checked by `check_numbers`.
-        shapes: Function that returns the shapes that are kept of a link.
-    """
+    """Return links, with some of their shapes, and joints of a checked robot as XML that Pinocchio reads whole."""
     plain = ET.Element("robot", name=robot.get("name") or "robot")
     for link in robot.findall("link"):
         kept = ET.SubElement(plain, "link", name=link.get("name", ""))
         kept.extend([*link.findall("inertial")[:1], *link.findall("collision_checking"), *shapes(link)])
     for joint in robot.findall("joint"):
         moves = joint.get("type") in MOVABLE
-        kept = ET.SubElement(
-            plain, "joint", name=joint.get("name", ""), type=joint.get("type", "") if moves else "fixed"
-        )
+        kind = joint.get("type", "") if moves else "fixed"
+        kept = ET.SubElement(plain, "joint", name=joint.get("name", ""), type=kind)
         kept.extend(x for x in joint if x.tag in ("parent", "child", "origin"))
         if not moves:
             continue

@@ -20,20 +20,12 @@ SIMPLE = ("box", "cylinder", "capsule", "sphere")
 
 
 def simple_shapes(model: Any, robot: ET.Element) -> Any:
-    """Return the simple (non-mesh) collision shapes of a robot as a Pinocchio geometry model.
-
-    Raises:
-        InputError: Pinocchio cannot read them.
-    """
+    """Return the simple (non-mesh) collision shapes of a robot as a Pinocchio geometry model."""
     return _geometry(model, robot, "collision", lambda link: [x for x in link.findall("collision") if _is_simple(x)])
 
 
 def visual_shapes(model: Any, robot: ET.Element, folder: Path) -> Any:
-    """Return the visual shapes of a robot, whose mesh files are there, as a Pinocchio geometry model.
-
-    Raises:
-        InputError: Pinocchio cannot read them.
-    """
+    """Return the visual shapes of a robot, whose mesh files are there, as a Pinocchio geometry model."""
     colours = {x.get("name"): x.find("color") for x in robot.findall("material")}
     for material in robot.iterfind("link/visual/material"):
         if material.find("color") is None and (colour := colours.get(material.get("name"))) is not None:
@@ -86,13 +78,8 @@ def add_inertias(model: Any, robot: ET.Element, folder: Path, main: set[str]) ->
     """Give massless moving bodies of a Pinocchio model the mass of their shapes, and return the names of their links.
 
     Links that are fixed to a link with mass may be mere frames; they get no mass. Collision shapes are used or, without
-    these, visual shapes; meshes only if their files exist.
-
-    Args:
-        model: Pinocchio model, which is changed in place.
-        robot: Root element of the URDF file.
-        folder: Folder of the file, to which the paths of meshes are relative.
-        main: Names of the links directly on moving joints, without those fixed to them.
+    these, visual shapes; meshes only if their files, relative to `folder`, exist. `main` names the links that are
+    directly on moving joints.
     """
     import pinocchio as pin
 

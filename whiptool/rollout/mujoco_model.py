@@ -251,14 +251,8 @@ class _Place:
     def add_body(
         self, name: str, *, mass: float, com: Sequence[float], inertia: Sequence[float], least: float
     ) -> mujoco.MjsBody:
-        """A body with all joints that wait for it.
-
-        Args:
-            mass: Mass [kg].
-            com: Centre of mass [m].
-            inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass [kg m^2].
-            least: Smallest principal moment that it gets [kg m^2].
-        """
+        """A body with all joints that wait for it: its mass [kg], centre of mass [m], inertia about that as in
+        `SpatialLink` [kg m^2], and the least principal moment that it gets."""
         quaternion = np.empty(4)
         mujoco.mju_mat2Quat(quaternion, self.rotation.ravel())
         moments = _at_least(name, inertia, least)

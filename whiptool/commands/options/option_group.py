@@ -356,7 +356,8 @@ def options_named(options: OptionGroup, **others: str) -> Iterator[None]:
         InputError: The error that was raised in the block, with the option's name.
     """
     try:
-        with renaming({**dict(flags(options)), **others}):
+        of_model = {"whip_and_mount": "--whip-length and --mount"}
+        with renaming({**of_model, **dict(flags(options)), **others}):
             yield
     except InputError as error:
         raise of_run(error, getattr(options, "resume", None)) from None
