@@ -187,10 +187,10 @@ def test_modelled_outputs_are_no_markers(tmp_path):
     )
 
 
-def test_points_without_a_label_of_their_own_are_numbered(tmp_path):
+def test_points_without_a_separate_label_are_numbered(tmp_path):
     write_c3d(tmp_path / "a.c3d", labels=("tip", ""))
     found = read_recording(tmp_path / "a.c3d")
     assert found.markers == ("tip", "marker2")
-    assert any("without a name of their own" in note and "marker2" in note for note in found.notes)
+    assert any("without a separate name" in note and "marker2" in note for note in found.notes)
     write_c3d(tmp_path / "b.c3d", labels=("tip", "tip"))
     assert read_recording(tmp_path / "b.c3d").markers == ("tip", "marker2")

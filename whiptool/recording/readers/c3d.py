@@ -121,7 +121,7 @@ def parse(path: str) -> dict[str, np.ndarray]:
         return next(iter(group[name]["value"] if name in group else []), default)
 
     def texts(names: str) -> list[str]:  # in parts of 255, as in LABELS, LABELS2, ...
-        parts = [name for name in sorted(group, key=len) if re.fullmatch(rf"({names})\d*", name)]
+        parts = [name for name in sorted(map(str, group), key=len) if re.fullmatch(rf"({names})\d*", name)]
         return [str(x).strip() for name in parts for x in group[name]["value"]]
 
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)

@@ -137,12 +137,12 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
 
 
 def _labeled(side: Sidecar, capture: Capture) -> Capture:
-    """The capture without markers that a program numbered for want of a label, where others have labels; those without
-    a label of their own are numbered here."""
+    """The capture without markers that a program numbered for want of a label, where others have labels; without a
+    label, or with that of another marker, they are numbered here."""
     given = list(capture.labels)
     own = [x if x and x not in given[:i] else f"marker{i + 1}" for i, x in enumerate(given)]
     if new := [x for x, was in zip(own, given, strict=True) if x != was]:
-        said = f"markers without a name of their own are numbered in the file's order: {', '.join(new)[:200]}"
+        said = f"markers without a separate name are numbered in the file's order: {', '.join(new)[:200]}"
         capture = replace(capture, labels=own, notes=(*capture.notes, said))
     kept = [i for i, label in enumerate(capture.labels) if not UNLABELED.fullmatch(label.rpartition(":")[2])]
     left = len(capture.labels) - len(kept)
