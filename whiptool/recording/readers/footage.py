@@ -47,17 +47,11 @@ SAME = 1e-3  # part by which two rates may differ without a word
 
 @dataclass(frozen=True, eq=False)
 class FrameClock:
-    """Times of frames.
+    """Times of frames."""
 
-    Args:
-        times: Middle of the first row's exposure of each kept frame [s], (F,), relative to the command's start.
-        keep: Whether each of the file's frames is kept, (frames in the file,).
-        notes: Sentences on the clock that was used and on frames that were left out.
-    """
-
-    times: np.ndarray
-    keep: np.ndarray
-    notes: tuple[str, ...]
+    times: np.ndarray  # middle of the first row's exposure of each kept frame [s], (F,), since the command's start
+    keep: np.ndarray  # whether each of the file's frames is kept, (frames in the file,)
+    notes: tuple[str, ...]  # sentences on the clock that was used and on frames that were left out
 
 
 def frame_clock(

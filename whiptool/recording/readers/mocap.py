@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import number_in
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
 from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import AXES, number_of, text_of, with_points
+from whiptool.recording.readers.table import AXES, LARGEST_TABLE, number_of, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -42,35 +42,20 @@ UNSTATED = {  # what to do where neither the file nor its sidecar states a key
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """What a motion capture file holds.
+    """What a motion capture file holds."""
 
-    Args:
-        what: Description of the format, for messages.
-        t: Times by the file's own clock [s], (T,).
-        clock: A sentence on the source of the times.
-        points: Positions in the file's units and axes, NaN where missing, (T, M, 2 or 3).
-        labels: Names of the markers in the file, (M,).
-        units: One of m, cm, mm, in.
-        assumed: Whether the file does not state its units.
-        forward, up: Axes that point forward and up, such as `x` and `-y`; empty: unknown.
-        axes: A sentence on the source of these axes.
-        notes: Further assumptions, and data that were left out.
-        turns: Rotations of rigid bodies in the file's axes as quaternions (x, y, z, w), (T, 4), by those labels that
-            are bodies; (T, 0) where the file has no quaternions.
-    """
-
-    what: str
-    t: np.ndarray
-    clock: str
-    points: np.ndarray
-    labels: Sequence[str]
-    units: str
-    assumed: bool = False
-    forward: str = ""
-    up: str = ""
-    axes: str = ""
-    notes: tuple[str, ...] = ()
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    what: str  # description of the format, for messages
+    t: np.ndarray  # times by the file's own clock [s], (T,)
+    clock: str  # a sentence on the source of the times
+    points: np.ndarray  # in the file's units and axes, NaN where missing, (T, M, 2 or 3)
+    labels: Sequence[str]  # names of the markers in the file, (M,); empty: it has none
+    units: str  # m, cm, mm or in
+    assumed: bool = False  # whether the file does not state its units
+    forward: str = ""  # axis that points forward, such as `-y`; empty: unknown
+    up: str = ""  # axis that points up, likewise
+    axes: str = ""  # a sentence on the source of these axes
+    notes: tuple[str, ...] = ()  # further assumptions, and data that were left out
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # quaternions (x, y, z, w) of bodies, (T, 4 or 0)
 
 
 def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
@@ -125,6 +110,28 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
         fix = "" if label else '; if one holds the whip, name it in hand, as hand = "NAME"'
         notes.append(f"left out the rotations of {counted(others, 'rigid body', 'rigid bodies')}{fix}")
     return side.recording(path, notes=[*notes, *capture.notes], **read)
+
+
+def text_reader(
+    kind: str, mark: str | Callable[[Path], str], capture: Callable[[list[list[str]], Sidecar], Capture]
+) -> Callable[..., StrikeRecording]:
+    """Return the reader of a text table of another program, whose cells `mark` separates, and of whose rows `capture`
+    makes what they hold."""
+
+    def read(path: Path | str, **options: Any) -> StrikeRecording:
+        """Read a file; `options` are keys of its sidecar, whose values they override.
+
+        Raises:
+            InputError: The file is damaged, holds no markers, lacks what the sidecar does not state, or a value is not
+                allowed.
+        """
+        path = whole_file(path, largest=LARGEST_TABLE)
+        side = Sidecar.of(path, options, *KEYS)
+        with parsing(path, kind):
+            rows = text_rows(path, mark if isinstance(mark, str) else mark(path))
+            return recorded(path, side, capture(rows, side))
+
+    return read
 
 
 def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:

@@ -34,29 +34,17 @@ HIGH = 1e6  # the largest limit of a likelihood; SLEAP's scores may exceed 1
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """What a file of pose estimation holds of one animal.
+    """What a file of pose estimation holds of one animal."""
 
-    Args:
-        what: Description of the format, for messages.
-        pixels: Pixels (u to the right, v down) of the body parts, NaN where missing, (T, M, 2).
-        parts: Names of the body parts, (M,).
-        likelihood: Likelihood or score of each point, (T, M); None: the file has none.
-        usual: Likelihood below which a point is missing if the sidecar does not say; None: none is.
-        numbers: Numbers of the frames, (T,); None: from 0 on.
-        stamps: Time stamps in the file [s], (T,); None: it has none.
-        of: Source of the stamps.
-        notes: Assumptions, and data that were left out.
-    """
-
-    what: str
-    pixels: np.ndarray
-    parts: Sequence[str]
-    likelihood: np.ndarray | None = None
-    usual: float | None = None
-    numbers: np.ndarray | None = None
-    stamps: np.ndarray | None = None
-    of: str = ""
-    notes: tuple[str, ...] = ()
+    what: str  # description of the format, for messages
+    pixels: np.ndarray  # (u to the right, v down) of the body parts, NaN where missing, (T, M, 2)
+    parts: Sequence[str]  # names of the body parts, (M,)
+    likelihood: np.ndarray | None = None  # or score of each point, (T, M); None: the file has none
+    usual: float | None = None  # likelihood below which a point is missing if the sidecar does not say; None: none is
+    numbers: np.ndarray | None = None  # of the frames, (T,); None: from 0 on
+    stamps: np.ndarray | None = None  # time stamps in the file [s], (T,); None: it has none
+    of: str = ""  # source of the stamps
+    notes: tuple[str, ...] = ()  # assumptions, and data that were left out
 
 
 def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
