@@ -24,7 +24,7 @@ from whiptool.errors import InputError
 from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
-from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
+from whiptool.recording.readers.sidecar import SPACE, UNITS, UNSTATED, Sidecar
 from whiptool.recording.readers.table import AXES, LARGEST_TABLE, number_of, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
@@ -34,10 +34,6 @@ UNLABELED = re.compile(r"unlabell?ed.*|\*\d+|new \d+|u_\d+", re.IGNORECASE)  # o
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
-UNSTATED = {  # what to do where neither the file nor its sidecar states a key
-    "units": "state units in the sidecar file",
-    "axes": 'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
-}
 
 
 @dataclass(frozen=True, eq=False)

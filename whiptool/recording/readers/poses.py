@@ -23,7 +23,7 @@ from whiptool.errors import InputError
 from whiptool.recording.camera import to_plane
 from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.readers.footage import frame_clock
-from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, UNSTATED, Sidecar
 from whiptool.recording.strike_recording import POSE_PIXELS, StrikeRecording
 from whiptool.words import counted
 
@@ -76,7 +76,7 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
     homography, view = side.homography(), side.filmed_by
     if (homography is None) == (view is None):
         given = None if view is None else "together with cameras"
-        raise InputError("homography", given, WAYS, "state them in the sidecar .toml")
+        raise InputError("homography", given, WAYS, UNSTATED["homography"])
     clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
     pixels, t = pixels[clock.keep], clock.times
     readout, sigma = side.readout(), side.number("sigma_pixels", POSE_PIXELS, low=1e-6, high=1e3)
