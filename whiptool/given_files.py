@@ -117,10 +117,10 @@ def number_in(text: str) -> float:
     """Return the number that a text states; `float` would also take `1_0.5` and digits of other scripts.
 
     Raises:
-        ValueError: The text is no number.
+        ValueError: The text states none.
     """
     if "_" in text or not text.strip().isascii():
-        raise ValueError(f"{text[:40]!r} is no number")
+        raise ValueError(f"{text[:40]!r} does not state a number")
     return float(text)
 
 

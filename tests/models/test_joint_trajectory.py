@@ -297,3 +297,12 @@ def test_no_warning_of_gimbal_lock_is_given_for_orientations_that_are_not_taken(
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hand_joints(turning(Rotation.identity(), [0.3, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("kind", [bool, complex, str])
+def test_what_are_no_real_numbers_is_refused_in_a_trajectory(kind):
+    t, rest = np.arange(4) / 10, np.zeros((4, 2))
+    for name in ("q", "v", "a"):
+        parts = {"q": rest, "v": rest, "a": rest} | {name: rest.astype(kind)}
+        with pytest.raises(InputError, match=rf"trajectory's {name}: got .*numbers"):
+            JointTrajectory(("a", "b"), t, **parts)

@@ -215,8 +215,12 @@ def test_what_is_turned_upright_is_one_rigid_motion_of_points_and_poses():
 def test_texts_booleans_and_complex_numbers_are_no_numbers(name, value):
     with pytest.raises(InputError, match=rf"{name}: got "):
         dataclasses.replace(full(), **{name: value})
+
+
+@pytest.mark.parametrize("value", [[True, False], ["1", "2"], ["1_0", "2"]])
+def test_texts_and_booleans_of_a_sidecar_are_no_numbers(value):
     with pytest.raises(InputError, match=r"origin: got .*finite numbers"):
-        Keys({"origin": [True, False]}, Path(), "").array("origin", 2)
+        Keys({"origin": value}, Path(), "").array("origin", 2)
 
 
 def test_missing_numbers_may_be_none():

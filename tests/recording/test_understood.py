@@ -101,8 +101,8 @@ def test_what_is_no_recording_is_refused_with_what_was_meant(tmp_path):
         assert len(str(caught.value)) < 300 + len(str(tmp_path / name)) * 2
 
 
-def bare_c3d(path, units: str = "", **screen: str) -> np.ndarray:
-    """A whip that hangs and then swings, in a file that may state neither units nor axes; its places [m]."""
+def bare_c3d(path) -> np.ndarray:
+    """A whip that hangs and then swings, in a file that states neither units nor axes; its places [m]."""
     import ezc3d
 
     begun = np.maximum(T - 0.5, 0)
@@ -110,9 +110,7 @@ def bare_c3d(path, units: str = "", **screen: str) -> np.ndarray:
     tip = handle + 0.5 * np.stack([np.sin(5 * begun), 0 * T, -np.cos(5 * begun)], axis=1)
     c3d = ezc3d.c3d()
     group = c3d["parameters"]["POINT"]
-    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [120.0], [units], ["handle", "tip"]
-    for name, value in screen.items():
-        c3d.add_parameter("POINT", name, [value])
+    group["RATE"]["value"], group["UNITS"]["value"], group["LABELS"]["value"] = [120.0], [""], ["handle", "tip"]
     places = np.stack([handle, tip], axis=1)
     c3d["data"]["points"] = np.concatenate([1e3 * places.transpose(2, 1, 0), np.ones((1, 2, len(T)))])
     c3d.write(str(path))
@@ -132,9 +130,6 @@ def test_a_file_that_states_neither_units_nor_axes_is_shown_and_asked_for_them(t
     assert found["up"].value.startswith("z is up")
     with pytest.raises(InputError, match="POINT:UNITS"):
         read_recording(tmp_path / "a.c3d")
-    bare_c3d(tmp_path / "b.c3d", units="mm")
-    found = findings(tmp_path / "b.c3d")
-    assert (found["units"].certainty, found["axes"].certainty) == ("stated", "doubtful")
     with pytest.raises(InputError, match="units"):  # what is stated wrongly is not guessed
         understand(str(tmp_path / "a.c3d"), units="furlongs")
 
@@ -152,3 +147,16 @@ def test_a_rate_that_no_camera_has_is_doubted_or_refused(rate, said, tmp_path):
     (tmp_path / "b.csv").write_text("t [ms],tip_x,tip_y\n" + rows)
     with pytest.raises(InputError, match=r"t: got 'steps of 8.33.*are these seconds, in a column whose name says a sm"):
         understand(str(tmp_path / "b.csv"))
+
+
+def test_a_file_in_pixels_that_states_neither_clock_nor_scale_is_shown_and_asked_for_them(tmp_path):
+    file, write, _ = FORMATS["DeepLabCut CSV"]
+    write(tmp_path / file, swing())
+    found = findings(tmp_path / file)
+    assert found["rate"].value == "unknown, shown as if 60 frames a second"
+    assert found["rate"].fix == "state fps in the sidecar: fps or timestamps"
+    assert found["units"].value == "unknown, shown as if a millimetre a pixel"
+    assert found["units"].fix.startswith("state homography in the sidecar: homography, known_points, or scale and orig")
+    assert {found[topic].certainty for topic in ("rate", "units")} == {"doubtful"}
+    with pytest.raises(InputError):
+        read_recording(tmp_path / file)

@@ -20,7 +20,7 @@ from whiptool.errors import InputError
 from whiptool.given_files import number_in, read_text
 from whiptool.models.excess import Excess
 from whiptool.models.hand_space import HandPath, hand_poses
-from whiptool.models.numbers import number, numbers
+from whiptool.models.numbers import float_array, number, numbers
 from whiptool.models.pose_columns import POSE
 from whiptool.models.smooth_path import path_between
 from whiptool.models.spatial_arm import JointLimits, SpatialArm, SpatialLink, Vector, limit_unit
@@ -63,12 +63,12 @@ class JointTrajectory:
         T, n = len(self.t), len(self.joints)
         shapes = {"q": (T, n), "v": (T, n), "a": (T, n)} | ({} if self.hand is None else {"hand": (T, len(POSE))})
         for name, shape in shapes.items():
-            values = getattr(self, name)
+            values = float_array(f"trajectory's {name}", getattr(self, name))
             if values.shape != shape or not np.isfinite(values).all():
                 raise InputError(f"trajectory's {name}", values.shape, f"finite numbers of the shape {shape}")
         if self.hand is not None and (np.abs(np.linalg.norm(self.hand[:, 3:], axis=1) - 1) > _UNIT).any():
             raise InputError("trajectory's quaternions", "one of another length", "unit quaternions of the hand")
-        if len(self.t) < 2 or self.t[0] != 0 or not (np.diff(self.t) > 0).all():
+        if len(float_array("trajectory's times", self.t)) < 2 or self.t[0] != 0 or not (np.diff(self.t) > 0).all():
             raise InputError("trajectory's times", self.t[:3].tolist(), "two instants or more, increasing from 0")
 
     def __repr__(self) -> str:

@@ -104,10 +104,9 @@ def float_array(name: str, value: object) -> np.ndarray:
         ):
             array = array.astype(float)
     except Exception:  # a class may raise anything, such as a tensor of PyTorch that has gradients
-        raise InputError(name, str(value)[:80], "numbers") from None
+        raise InputError(name, value, "numbers") from None
     if array.dtype.kind not in "iuf":
-        given = str(value)[:80]
-        raise InputError(name, given, "numbers, which are neither text, nor true or false, nor complex")
+        raise InputError(name, value, "numbers, which are neither text, nor true or false, nor complex")
     if np.isinf(array).any():
         raise InputError(name, "infinite values", "finite numbers, or NaN where missing")
     return array.astype(float, copy=False)

@@ -33,44 +33,26 @@ SPEED = 0.05  # [m/s] that has to be reached
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A path through time.
+    """A path through time."""
 
-    Args:
-        t: Times [s], (T,), strictly increasing.
-        places: Places [m], (T, 2 or 3), finite.
-        rotations: Orientation of the body that moves along it, (T, 3, 3); None: not known.
-    """
-
-    t: np.ndarray
-    places: np.ndarray
-    rotations: np.ndarray | None = None
+    t: np.ndarray  # times [s], (T,), strictly increasing
+    places: np.ndarray  # [m], (T, 2 or 3), finite
+    rotations: np.ndarray | None = None  # of the body that moves along it, (T, 3, 3)
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How a second record of a motion lies to the first, with standard errors.
+    """How a second record of a motion lies to the first, with standard errors."""
 
-    Args:
-        offset: What has to be added to the second's time for the first's, in the middle of the motion [s].
-        rate: Seconds of the first's clock in one of the second's.
-        scale: Unit of the second's places in that of the first's.
-        rotation: Rotation from the second's axes to the first's, (3, 3).
-        shift: Place of the second's origin in the first's axes, (d,).
-        errors: Standard errors of `offset`, `rate`, `scale`, `rotation` [rad] and `shift` (largest), by name.
-        correlation: Correlation of the two speeds.
-        rms: Root mean square of the distances that are left, in the first's unit.
-        span: First and last time of the places that were compared, by the first's clock [s].
-    """
-
-    offset: float
-    rate: float
-    scale: float
-    rotation: np.ndarray
-    shift: np.ndarray
-    errors: dict[str, float]
-    correlation: float
-    rms: float
-    span: tuple[float, float]
+    offset: float  # to add to the second's time for the first's, in the middle of the motion [s]
+    rate: float  # seconds of the first's clock in one of the second's
+    scale: float  # unit of the second's places in that of the first's
+    rotation: np.ndarray  # from the second's axes to the first's, (3, 3)
+    shift: np.ndarray  # place of the second's origin in the first's axes, (d,)
+    errors: dict[str, float]  # standard errors of these five by name; of `rotation` [rad], of `shift` the largest
+    correlation: float  # of the two speeds
+    rms: float  # root mean square of the distances that are left, in the first's unit
+    span: tuple[float, float]  # first and last time of the places that were compared, by the first's clock [s]
 
 
 def align(first: Path, second: Path) -> Alignment | None:

@@ -126,7 +126,7 @@ def _with_logs(
         handle = marker_path(one.found.upright("z"), "handle")
         found = align(handle, path)
         if what == "joints" and arm is not None and (apart := _against_vertical(handle, found, logs.joints, arm)):
-            fix = "write each angle less that of the joint before it into the log; no other correction is sure before"
+            fix = "write each angle less that of the joint before it into the log, and compare again"
             yield Finding("joints", f"{called}: each is logged against the vertical", DOUBTFUL, apart, fix)
             continue
         if found is None:

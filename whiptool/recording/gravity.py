@@ -35,23 +35,14 @@ CHAIN = 1.2  # length over that of the point pendulum with the same period: 1 fo
 
 @dataclass(frozen=True)
 class Hanging:
-    """A whip at rest.
+    """A whip at rest."""
 
-    Args:
-        up: Unit vector from its lowest to its highest marker, (d,).
-        length: Distance between the two, in the recording's unit.
-        error: Standard error of the direction [rad].
-        span: First and last time of the rest [s].
-        markers: The highest and the lowest marker.
-        bend: Largest distance of a marker between them from their line, relative to the length.
-    """
-
-    up: np.ndarray
-    length: float
-    error: float
-    span: tuple[float, float]
-    markers: tuple[str, str]
-    bend: float
+    up: np.ndarray  # unit vector from its lowest to its highest marker, (d,)
+    length: float  # distance between the two, in the recording's unit
+    error: float  # standard error of the direction [rad]
+    span: tuple[float, float]  # first and last time of the rest [s]
+    markers: tuple[str, str]  # the highest and the lowest marker
+    bend: float  # largest distance of a marker between them from their line, relative to the length
 
     @property
     def axis(self) -> tuple[str, float]:
@@ -135,19 +126,12 @@ def _hanging(recording: StrikeRecording, rest: np.ndarray) -> Hanging | None:
 
 @dataclass(frozen=True)
 class Fall:
-    """A marker in free fall.
+    """A marker in free fall."""
 
-    Args:
-        marker: Its name.
-        span: First and last time [s].
-        acceleration: Acceleration in the recording's unit, (d,).
-        error: Standard error of its size.
-    """
-
-    marker: str
-    span: tuple[float, float]
-    acceleration: np.ndarray
-    error: float
+    marker: str  # its name
+    span: tuple[float, float]  # first and last time [s]
+    acceleration: np.ndarray  # in the recording's unit, (d,)
+    error: float  # standard error of its size
 
     @property
     def size(self) -> float:

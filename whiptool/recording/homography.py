@@ -42,7 +42,7 @@ def homography_from_scale(scale: float, origin: np.ndarray) -> np.ndarray:
     Raises:
         InputError: The scale is not above 0.
     """
-    if not 0 < scale < np.inf:
+    if isinstance(scale, bool) or not 0 < scale < np.inf:
         raise InputError("scale", scale, "metres per pixel, > 0")
     u, v = origin
     return np.array([[scale, 0, -scale * u], [0, -scale, scale * v], [0, 0, 1.0]])

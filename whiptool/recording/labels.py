@@ -26,17 +26,11 @@ LASTING = 3  # frames in a row that they do
 
 @dataclass(frozen=True)
 class Exchange:
-    """Labels that were exchanged between one frame and the next.
+    """Labels that were exchanged between one frame and the next."""
 
-    Args:
-        t: Time of the first frame with the new labels [s].
-        markers: Labels in that frame.
-        before: Former labels of these markers, in the same order.
-    """
-
-    t: float
-    markers: tuple[str, ...]
-    before: tuple[str, ...]
+    t: float  # of the first frame with the new labels [s]
+    markers: tuple[str, ...]  # labels in that frame
+    before: tuple[str, ...]  # former labels of these markers, in the same order
 
     def __str__(self) -> str:
         changes = ", ".join(f"{old} became {new}" for old, new in zip(self.before, self.markers, strict=True))
@@ -45,16 +39,11 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Swallowed:
-    """Two labels that were on the same marker for some time.
+    """Two labels that were on the same marker for some time."""
 
-    Args:
-        start, end: First and last time [s].
-        markers: The two labels.
-    """
-
-    start: float
-    end: float
-    markers: tuple[str, str]
+    start: float  # first time [s]
+    end: float  # last time [s]
+    markers: tuple[str, str]  # the two labels
 
     def __str__(self) -> str:
         return f"{self.markers[0]} and {self.markers[1]} on one place from {self.start:.3f} to {self.end:.3f} s"

@@ -20,11 +20,16 @@ from whiptool.recording.logs import ClocksApart, gaps
 from whiptool.recording.readers import READERS, VideoSource, find_format, log_alone, open_any, split_episode
 from whiptool.recording.readers.joint_log import Logs
 from whiptool.recording.readers.log_keys import LOGS
-from whiptool.recording.readers.mocap import UNSTATED
+from whiptool.recording.readers.sidecar import UNSTATED
 from whiptool.recording.strike_recording import StrikeRecording
 from whiptool.recording.track_findings import IN_METRES, clock_of, of_tracks, taken
 
-GUESSES = {"units": ("m", "mm"), "axes": (["x", "y", "z"],)}  # of keys of the sidecar, to show what lacks them
+GUESSES: dict[str, tuple[str, dict[str, Any]]] = {  # of keys of the sidecar, to show what lacks them
+    "units": ("units", {"m": "m", "mm": "mm"}),
+    "axes": ("axes", {"x, y, z": ["x", "y", "z"]}),
+    "fps": ("rate", {"60 frames a second": 60.0}),
+    "homography": ("units", {"a millimetre a pixel": [[1e-3, 0, 0], [0, -1e-3, 0], [0, 0, 1]]}),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +91,7 @@ def understand(path: str, **options: Any) -> Understood:
         reason = f"{error.name.rpartition(' ')[2]} {error.given}, and the frames do not overlap"
         findings.append(Finding("clocks", "the logs have another clock than the frames", DOUBTFUL, reason))
     if isinstance(found, StrikeRecording):
-        of_file = _upright(of_tracks(found, form, said), found, path, options, said)
-        findings += (lacking.get(finding.topic, finding) for finding in of_file)
+        findings += _upright(of_tracks(found, form, said), found, path, options, said)
     elif isinstance(found, VideoSource):
         findings += _of_images(found)
     else:
@@ -96,22 +100,24 @@ def understand(path: str, **options: Any) -> Understood:
     if apart is None and isinstance(found, StrikeRecording):
         logs = logs_in(vars(found.upright("z")))
         starts = {what: said.get(f"{what}_start", found.start) for what in LOGS}
-    return Understood(path, form, found, tuple(findings), said, logs, starts)
+    shown = tuple(lacking.pop(finding.topic, finding) for finding in findings)
+    return Understood(path, form, found, shown, said, logs, starts)
 
 
 def _opened(path: str, options: Mapping[str, Any], lacking: dict[str, Finding], **guessed: Any) -> tuple[Any, Any]:
     """Return what a file holds, and guesses of the keys that nothing states and without which only `show` reads it; the
-    findings on these keys are put into `lacking`."""
+    findings on them are put into `lacking`."""
     try:
         return open_any(path, **{**options, **guessed}), guessed
     except InputError as error:
         key = next((key for key, fix in UNSTATED.items() if error.fix == fix and key not in guessed), "")
-        for guess in GUESSES.get(key, ()):
+        topic, guesses = GUESSES.get(key, ("", {}))
+        for words, guess in guesses.items():
             with suppress(InputError):
                 found = _opened(path, options, lacking, **guessed, **{key: guess})
-                value = f"unknown, shown as if they were {', '.join(guess) if isinstance(guess, list) else guess}"
                 fix = f"state {key} in the sidecar: {error.allowed}"
-                lacking[key] = Finding(key, value, DOUBTFUL, "nothing states them, and no fit is made without", fix)
+                reason = "nothing states it, and no fit is made without"
+                lacking[topic] = Finding(topic, f"unknown, shown as if {words}", DOUBTFUL, reason, fix)
                 return found
         raise
 

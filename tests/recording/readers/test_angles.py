@@ -76,3 +76,12 @@ def test_npz_and_csv_tell_the_same_swing(tmp_path):
     other = read_recording(tmp_path / "other.csv")
     np.testing.assert_allclose(other.points[..., 0], angle, atol=1e-12)
     np.testing.assert_allclose(other.first_state, [angle[0], velocity[0]], atol=0.05)  # by a parabola
+
+
+@pytest.mark.parametrize("key", ["angle", "velocity", "t"])
+@pytest.mark.parametrize("kind", [bool, complex, str])
+def test_an_npz_file_of_texts_booleans_or_complex_numbers_is_refused(key, kind, tmp_path):
+    parts = {"t": np.arange(20) / 100, "angle": np.zeros((20, 1)), "velocity": np.zeros((20, 1))}
+    np.savez(tmp_path / "a.npz", **parts | {key: parts[key].astype(kind)})
+    with pytest.raises(InputError, match=rf"{key}: got .*numbers"):
+        read_swings(tmp_path / "a.npz")

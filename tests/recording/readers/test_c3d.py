@@ -142,13 +142,29 @@ def test_analog_numbers_that_no_parameter_announces_move_no_marker(tmp_path):
         with_analog(tmp_path / "b.c3d", words)
         found = read_recording(tmp_path / "b.c3d")
         np.testing.assert_array_equal(found.points, plain.points)
-        assert any(f"the header counts {words} analog numbers a frame, and the parameters 0" in x for x in found.notes)
+        assert any(
+            f"the header counts 2 points and {words} analog numbers a frame, and the parameters 2 and 0" in x
+            for x in found.notes
+        )
     data = (tmp_path / "b.c3d").read_bytes()
     (tmp_path / "b.c3d").write_bytes(data[:4] + struct.pack("<H", 5) + data[6:])
     with pytest.raises(
-        InputError, match="ANALOG: got 'the header counts 5 analog numbers a frame, and the parameters 0'"
+        InputError,
+        match="header: got 'the header counts 2 points and 5 analog numbers a frame, and the parameters 2 and 0'",
     ):
         read_recording(tmp_path / "b.c3d")
+
+
+def test_points_that_no_parameter_announces_move_no_marker(tmp_path):
+    """A third point in each frame, which the header counts."""
+    write_c3d(tmp_path / "a.c3d")
+    plain = read_recording(tmp_path / "a.c3d")
+    with_analog(tmp_path / "a.c3d", 4)
+    data = (tmp_path / "a.c3d").read_bytes()
+    (tmp_path / "a.c3d").write_bytes(data[:2] + struct.pack("<2H", 3, 0) + data[6:])
+    found = read_recording(tmp_path / "a.c3d")
+    np.testing.assert_array_equal(found.points[:, :2], plain.points)
+    assert found.markers == (*plain.markers, "marker3")
 
 
 def test_frames_that_a_header_cannot_count_are_read(tmp_path):
@@ -187,10 +203,10 @@ def test_modelled_outputs_are_no_markers(tmp_path):
     )
 
 
-def test_points_without_a_label_of_their_own_are_numbered(tmp_path):
+def test_points_without_a_separate_label_are_numbered(tmp_path):
     write_c3d(tmp_path / "a.c3d", labels=("tip", ""))
     found = read_recording(tmp_path / "a.c3d")
     assert found.markers == ("tip", "marker2")
-    assert any("without a name of their own" in note and "marker2" in note for note in found.notes)
+    assert any("without a separate name" in note and "marker2" in note for note in found.notes)
     write_c3d(tmp_path / "b.c3d", labels=("tip", "tip"))
     assert read_recording(tmp_path / "b.c3d").markers == ("tip", "marker2")

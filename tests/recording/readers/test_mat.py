@@ -44,6 +44,7 @@ def test_mat(tmp_path):
         ({"points": places(), "t": times(), "markers": np.array([1.0, "a"], object)}, "cell array of texts"),
         ({"points": 1e3 * places()[:, :1], "t": times()}, "millimetres"),
         ({"points": places()[:, :1] + 1j, "t": times()}, "real numbers"),
+        ({"points": places()[:, :1], "t": times(), "sigma": "0.00_1"}, "sigma: got .*numbers"),
     ],
 )
 def test_mat_damage(tmp_path, variables, said):

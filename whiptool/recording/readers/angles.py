@@ -27,7 +27,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsing, read_arrays, read_toml, sha256, whole_file
-from whiptool.models.numbers import number, whole
+from whiptool.models.numbers import float_array, number, whole
 from whiptool.recording.readers.table import read_columns
 from whiptool.recording.strike_recording import StrikeRecording
 
@@ -104,11 +104,11 @@ def _from_npz(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     data = read_arrays(path, "recording")
     if "angle" not in data or not {"t", "dt"} & set(data):
         raise InputError("key", ", ".join(data)[:80], "angle, and t (T,) [s] or dt [s]")
-    angle = np.array(data["angle"], float)
-    velocity = np.array(data["velocity"], float) if "velocity" in data else None
+    angle = float_array("angle", data["angle"])
+    velocity = float_array("velocity", data["velocity"]) if "velocity" in data else None
     if angle.ndim not in (2, 3) or (velocity is not None and velocity.shape != angle.shape):
         raise InputError("angle", angle.shape, "(T, links) or (swings, T, links), and velocity like it")
-    t = np.array(data["t"], float) if "t" in data else np.arange(angle.shape[-2]) * float(data["dt"])
+    t = float_array("t", data["t"]) if "t" in data else np.arange(angle.shape[-2]) * float_array("dt", data["dt"])
     many = (-1, *angle.shape[-2:])
     return t, angle.reshape(many), None if velocity is None else velocity.reshape(many)
 

@@ -121,13 +121,13 @@ def parse(path: str) -> dict[str, np.ndarray]:
         return next(iter(group[name]["value"] if name in group else []), default)
 
     def texts(names: str) -> list[str]:  # in parts of 255, as in LABELS, LABELS2, ...
-        parts = [name for name in sorted(group, key=len) if re.fullmatch(rf"({names})\d*", name)]
+        parts = [name for name in sorted(map(str, group), key=len) if re.fullmatch(rf"({names})\d*", name)]
         return [str(x).strip() for name in parts for x in group[name]["value"]]
 
     points = np.moveaxis(file["data"]["points"][:3], 0, 2).swapaxes(0, 1)  # (3, M, T) -> (T, M, 3)
     residuals = file["data"]["meta_points"]["residuals"][0].T  # (T, M)
     notes = []
-    if stored := _as_stored(Path(path), int(first("USED", 0, file["parameters"].get("ANALOG", {})))):
+    if stored := _as_stored(Path(path), first("USED", 0), first("USED", 0, file["parameters"].get("ANALOG", {}))):
         points, residuals, *notes = stored
     if points.size == 0:
         raise InputError("POINT:LABELS", 0, "at least one point")
@@ -147,28 +147,25 @@ def parse(path: str) -> dict[str, np.ndarray]:
     }
 
 
-def _as_stored(path: Path, channels: int) -> tuple[np.ndarray, np.ndarray, str] | None:
+def _as_stored(path: Path, points: int, channels: int) -> tuple[np.ndarray, np.ndarray, str] | None:
     """Points (T, M, 3), residuals (T, M) and a sentence on them if the file's size says that ezc3d misreads them, which
-    steps by the analog channels of the parameters, and counts frames as the header does; else None.
+    steps by the points and channels of the parameters, and counts frames as the header does; else None.
     """
     head, size = _checked_header(path), path.stat().st_size
     kind = np.dtype(f"{head.order}{'f4' if head.scale < 0 else 'i2'}")
-    told, width, frames = channels * head.ratio, 4 * head.points + head.analog, head.last - head.first + 1
-    long = size - head.start >= max(MOST, frames) * width * kind.itemsize + BLOCK
-    if not head.order or (told == head.analog and not long):
+    width, told, frames = 4 * head.points + head.analog, 4 * points + channels * head.ratio, head.last - head.first + 1
+    fits = [0 <= size - head.start - x * kind.itemsize * frames < BLOCK for x in (width, told)]
+    long = not fits[1] and size - head.start >= max(MOST, frames) * width * kind.itemsize + BLOCK
+    if not head.order or (not long and (told == width or fits == [False, True])):
         return None
-    fits = [
-        0 <= size - head.start - (4 * head.points + x) * kind.itemsize * frames < BLOCK for x in (head.analog, told)
-    ]
-    said = f"the header counts {head.analog} analog numbers a frame, and the parameters {told}"
+    said = f"the header counts {head.points} points and {head.analog} analog numbers a frame, "
+    said += f"and the parameters {points} and {channels * head.ratio}"
     if not long and not any(fits):
-        raise InputError("ANALOG", said, "numbers that fit the file's size", "export it again with its parameters")
-    if not long and not fits[0]:
-        return None
+        raise InputError("header", said, "numbers that fit the file's size", "export it again with its parameters")
     count = (size - head.start) // (width * kind.itemsize) if long else frames
     raw = np.fromfile(path, kind, count * width, offset=head.start).reshape(count, width)[:, : 4 * head.points]
     if long:  # the last block is filled up with zeros
         raw = raw[: np.flatnonzero(raw.any(axis=1))[-1] + 1]
         said = f"{len(raw)} frames by the file's size; a header counts at most {MOST}"
-    points = raw.reshape(len(raw), head.points, 4).astype(float)
-    return points[..., :3] * (1.0 if head.scale < 0 else head.scale), points[..., 3], said
+    stored = raw.reshape(len(raw), head.points, 4).astype(float)
+    return stored[..., :3] * (1.0 if head.scale < 0 else head.scale), stored[..., 3], said

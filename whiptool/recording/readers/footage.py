@@ -36,7 +36,7 @@ from whiptool.given_files import sha256, whole_file
 from whiptool.recording.camera import Camera
 from whiptool.recording.logs import check_pace, good_stamps
 from whiptool.recording.readers.joint_log import JointLog
-from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, STAMPS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, KINDS, PIXELS, STAMPS, UNSTATED, Sidecar
 from whiptool.recording.readers.table import read_columns, time_column
 
 ROUNDED = 0.6e-3  # [s] by which stamps in whole milliseconds miss an even clock
@@ -47,17 +47,11 @@ SAME = 1e-3  # part by which two rates may differ without a word
 
 @dataclass(frozen=True, eq=False)
 class FrameClock:
-    """Times of frames.
+    """Times of frames."""
 
-    Args:
-        times: Middle of the first row's exposure of each kept frame [s], (F,), relative to the command's start.
-        keep: Whether each of the file's frames is kept, (frames in the file,).
-        notes: Sentences on the clock that was used and on frames that were left out.
-    """
-
-    times: np.ndarray
-    keep: np.ndarray
-    notes: tuple[str, ...]
+    times: np.ndarray  # middle of the first row's exposure of each kept frame [s], (F,), since the command's start
+    keep: np.ndarray  # whether each of the file's frames is kept, (frames in the file,)
+    notes: tuple[str, ...]  # sentences on the clock that was used and on frames that were left out
 
 
 def frame_clock(
@@ -92,7 +86,7 @@ def frame_clock(
         )
     else:
         hinted = f" (the file itself says {hint:g}; true only if no frame was dropped)" if hint > 0 else ""
-        raise InputError(f"{side.place}fps", None, "fps or timestamps" + hinted, "write one into the sidecar .toml")
+        raise InputError(f"{side.place}fps", None, "fps or timestamps" + hinted, UNSTATED["fps"])
     keep, bad = good_stamps(times, f"{side.place}times")
     shift = STAMPS[side.word("stamp", STAMPS, "middle")] * side.exposure()
     return FrameClock(times[keep] + shift - side.start, keep, (note, *bad))

@@ -27,19 +27,12 @@ from whiptool.recording.readers.table import read_columns, time_column, without_
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns of the log that a robot's own software writes.
+    """Columns of the log that a robot's own software writes."""
 
-    Args:
-        what: Description of the log.
-        first: Names of columns with which its first row begins, or which it has.
-        joints: Regular expression of the columns of measured joint positions [rad], numbered in the arm's order.
-        seconds: Unit of the column of times, which is the first of `first` [s].
-    """
-
-    what: str
-    first: tuple[str, ...]
-    joints: str
-    seconds: float
+    what: str  # description of the log
+    first: tuple[str, ...]  # names of columns with which its first row begins, or which it has
+    joints: str  # regular expression of the measured positions [rad], numbered in the arm's order
+    seconds: float  # unit of the column of times, which is the first of `first` [s]
 
     def columns(self, names: Sequence[str]) -> list[str]:
         """Return the columns of joint positions in the arm's order; empty if the log is not of this layout."""
@@ -61,40 +54,24 @@ PREFIX = POSITION + "_"  # of a joint's name, as in the trajectories that whipto
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
-    """Positions of joints over time, as read from a file.
+    """Positions of joints over time, as read from a file."""
 
-    Args:
-        t: Times [s], (S,), strictly increasing.
-        q: Positions in the unit of the file, (S, n).
-        names: Names of the joints of the log, (n,); empty if they are in the arm's order.
-        columns: Names of their columns in the file.
-        unit: `rad` or `deg` if the columns' names state it; else empty.
-        listed: Whether the columns were listed in the arm's order.
-        notes: Assumptions, and columns and rows that were left out.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    names: tuple[str, ...] = ()
-    columns: tuple[str, ...] = ()
-    unit: str = ""
-    listed: bool = False
-    notes: tuple[str, ...] = ()
+    t: np.ndarray  # times [s], (S,), strictly increasing
+    q: np.ndarray  # positions in the unit of the file, (S, n)
+    names: tuple[str, ...] = ()  # of the joints, (n,); empty if they are in the arm's order
+    columns: tuple[str, ...] = ()  # names of their columns in the file
+    unit: str = ""  # `rad` or `deg` if the columns' names state it; else empty
+    listed: bool = False  # whether the columns were listed in the arm's order
+    notes: tuple[str, ...] = ()  # assumptions, and columns and rows that were left out
 
 
 @dataclass(frozen=True, eq=False)
 class Logs:
-    """What a robot logged.
+    """What a robot logged."""
 
-    Args:
-        joints: Positions of its joints, if they were logged.
-        hand: Poses of its hand, if they were logged: `q` (S, 7) has places [m] and quaternions (x, y, z, w).
-        aside: What else the file holds, such as names of topics.
-    """
-
-    joints: JointLog | None = None
-    hand: JointLog | None = None
-    aside: tuple[str, ...] = ()
+    joints: JointLog | None = None  # positions of its joints, if they were logged
+    hand: JointLog | None = None  # its poses, if they were logged: q (S, 7), places [m] and quaternions (x, y, z, w)
+    aside: tuple[str, ...] = ()  # what else the file holds, such as names of topics
 
 
 def holds_log(names: Sequence[str]) -> bool:

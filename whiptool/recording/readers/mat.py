@@ -26,6 +26,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.given_files import parsed_apart, parsing, whole_file
+from whiptool.models.numbers import float_array
 from whiptool.models.strike import Strike
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.joint_log import JointLog, joint_log
@@ -71,12 +72,12 @@ def read_mat(path: Path | str, **options: Any) -> StrikeRecording:
             raise InputError("units", units, "one of " + ", ".join(UNITS))
         clock = clock_of_rows(side, t, note, "t")
         scale = {"sigma": UNITS[side.word("units", UNITS, units)]}
-        read: dict[str, Any] = {key: data[key].astype(float) * scale.get(key, 1.0) for key in SPREAD if key in data}
+        read: dict[str, Any] = {key: float_array(key, data[key]) * scale.get(key, 1.0) for key in SPREAD if key in data}
         read = {key: x[clock.keep] if x.ndim and len(x) == count else x for key, x in read.items()}
         if "t_points" in read:
             read["t_points"] = read["t_points"] - side.start
-        read |= {key: float(data[key].item()) for key in ("exposure", "t_stay") if key in data}
-        read |= {"target": tuple(data["target"].astype(float).ravel())} if "target" in data else {}
+        read |= {key: float_array(key, data[key]).item() for key in ("exposure", "t_stay") if key in data}
+        read |= {"target": tuple(float_array("target", data["target"]).ravel())} if "target" in data else {}
         read |= {"camera": str(data["camera"].item())} if "camera" in data else {}
         return side.recording(
             path,
@@ -104,9 +105,9 @@ def _check_version(path: Path) -> None:
 def _times(data: dict[str, np.ndarray], side: Sidecar, count: int) -> tuple[np.ndarray, str]:
     """Times [s] by the file's own clock, and where they come from."""
     if "t" in data:
-        return data["t"].astype(float).ravel(), "times [s] from the variable t"
+        return float_array("t", data["t"]).ravel(), "times [s] from the variable t"
     if "fps" in data or "fps" in side.table:
-        rate = side.number("fps", float(data["fps"].item()) if "fps" in data else 0.0, low=1.0, high=1e5)
+        rate = side.number("fps", float_array("fps", data["fps"]).item() if "fps" in data else 0.0, low=1.0, high=1e5)
         return np.arange(count) / rate, f"times by frame number at {rate:g} a second"
     raise InputError("t", None, "the variable t, times [s], or fps")
 
@@ -114,9 +115,9 @@ def _times(data: dict[str, np.ndarray], side: Sidecar, count: int) -> tuple[np.n
 def _strike(data: dict[str, np.ndarray]) -> Strike | None:
     """The strike, from its vector or from a struct."""
     if "strike" in data:
-        return Strike.from_vector(data["strike"].astype(float).ravel())
+        return Strike.from_vector(float_array("strike", data["strike"]).ravel())
     if "strike.D" in data:
-        q_i, q_f, D = (data[f"strike.{key}"].astype(float).ravel() for key in ("q_i", "q_f", "D"))
+        q_i, q_f, D = (float_array(key, data[f"strike.{key}"]).ravel() for key in ("q_i", "q_f", "D"))
         return Strike(tuple(q_i), tuple(q_f), D.item())
     return None
 
@@ -125,7 +126,8 @@ def _joints(data: dict[str, np.ndarray], side: Sidecar) -> JointLog | None:
     """The joint log, if there is one."""
     if "joints_t" not in data or "joints_q" not in data:
         return None
-    t, q = data["joints_t"].astype(float).ravel(), data["joints_q"].astype(float)
+    t, q = (float_array(key, data[key]) for key in ("joints_t", "joints_q"))
+    t = t.ravel()
     if q.ndim != 2 or len(q) != len(t):
         raise InputError("joints_q", f"shape {q.shape}", f"shape ({len(t)}, number of joints), as joints_t has it")
     names = [str(name).strip() for name in data.get("joint_names", np.array([])).ravel()]
@@ -147,12 +149,12 @@ def _one_struct(flat: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _points(data: dict[str, np.ndarray]) -> np.ndarray:
     """Places (T, M, d) as they stand in the file."""
     if "points" in data:
-        points = data["points"].astype(float)
+        points = float_array("points", data["points"])
         points = points[:, None, :] if points.ndim == 2 else points  # MATLAB drops no axis but the last; M = 1
         if points.ndim != 3 or points.shape[2] not in (2, 3):
             raise InputError("points", f"shape {points.shape}", "(T, M, 2), (T, M, 3), or for one marker (T, 2)")
         return points
-    axes = [data[name].astype(float) for name in ("x", "y", "z") if name in data]
+    axes = [float_array(name, data[name]) for name in ("x", "y", "z") if name in data]
     axes = [axis.T if axis.shape[0] == 1 else axis for axis in axes]  # a row is one marker over time
     if len(axes) < 2 or len({axis.shape for axis in axes}) > 1 or axes[0].ndim != 2:
         raise InputError("x, y", ", ".join(str(axis.shape) for axis in axes), "x and y of the same shape (T, M)")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import number_in
+from whiptool.given_files import number_in, parsing, whole_file
 from whiptool.recording.readers.footage import clock_of_rows
 from whiptool.recording.readers.hand_bodies import body_named, with_poses
-from whiptool.recording.readers.sidecar import SPACE, UNITS, Sidecar
-from whiptool.recording.readers.table import AXES, number_of, text_of, with_points
+from whiptool.recording.readers.sidecar import SPACE, UNITS, UNSTATED, Sidecar
+from whiptool.recording.readers.table import AXES, LARGEST_TABLE, number_of, text_of, with_points
 from whiptool.recording.strike_recording import PARTS, StrikeRecording
 from whiptool.words import counted
 
@@ -34,43 +34,24 @@ UNLABELED = re.compile(r"unlabell?ed.*|\*\d+|new \d+|u_\d+", re.IGNORECASE)  # o
 SPELLED = {"meter": "m", "metre": "m", "centimeter": "cm", "centimetre": "cm", "millimeter": "mm", "millimetre": "mm"}
 FORWARD = {"x": "y", "y": "x", "z": "x"}  # which axis is taken to point forward, by the one that points up
 LARGEST_RATE = 1e5  # [1/s]
-UNSTATED = {  # what to do where neither the file nor its sidecar states a key
-    "units": "state units in the sidecar file",
-    "axes": 'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
-}
 
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """What a motion capture file holds.
+    """What a motion capture file holds."""
 
-    Args:
-        what: Description of the format, for messages.
-        t: Times by the file's own clock [s], (T,).
-        clock: A sentence on the source of the times.
-        points: Positions in the file's units and axes, NaN where missing, (T, M, 2 or 3).
-        labels: Names of the markers in the file, (M,).
-        units: One of m, cm, mm, in.
-        assumed: Whether the file does not state its units.
-        forward, up: Axes that point forward and up, such as `x` and `-y`; empty: unknown.
-        axes: A sentence on the source of these axes.
-        notes: Further assumptions, and data that were left out.
-        turns: Rotations of rigid bodies in the file's axes as quaternions (x, y, z, w), (T, 4), by those labels that
-            are bodies; (T, 0) where the file has no quaternions.
-    """
-
-    what: str
-    t: np.ndarray
-    clock: str
-    points: np.ndarray
-    labels: Sequence[str]
-    units: str
-    assumed: bool = False
-    forward: str = ""
-    up: str = ""
-    axes: str = ""
-    notes: tuple[str, ...] = ()
-    turns: Mapping[str, np.ndarray] = field(default_factory=dict)
+    what: str  # description of the format, for messages
+    t: np.ndarray  # times by the file's own clock [s], (T,)
+    clock: str  # a sentence on the source of the times
+    points: np.ndarray  # in the file's units and axes, NaN where missing, (T, M, 2 or 3)
+    labels: Sequence[str]  # names of the markers in the file, (M,); empty: it has none
+    units: str  # m, cm, mm or in
+    assumed: bool = False  # whether the file does not state its units
+    forward: str = ""  # axis that points forward, such as `-y`; empty: unknown
+    up: str = ""  # axis that points up, likewise
+    axes: str = ""  # a sentence on the source of these axes
+    notes: tuple[str, ...] = ()  # further assumptions, and data that were left out
+    turns: Mapping[str, np.ndarray] = field(default_factory=dict)  # quaternions (x, y, z, w) of bodies, (T, 4 or 0)
 
 
 def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
@@ -127,6 +108,28 @@ def recorded(path: Path, side: Sidecar, capture: Capture) -> StrikeRecording:
     return side.recording(path, notes=[*notes, *capture.notes], **read)
 
 
+def text_reader(
+    kind: str, mark: str | Callable[[Path], str], capture: Callable[[list[list[str]], Sidecar], Capture]
+) -> Callable[..., StrikeRecording]:
+    """Return the reader of a text table of another program, whose cells `mark` separates, and of whose rows `capture`
+    makes what they hold."""
+
+    def read(path: Path | str, **options: Any) -> StrikeRecording:
+        """Read a file; `options` are keys of its sidecar, whose values they override.
+
+        Raises:
+            InputError: The file is damaged, holds no markers, lacks what the sidecar does not state, or a value is not
+                allowed.
+        """
+        path = whole_file(path, largest=LARGEST_TABLE)
+        side = Sidecar.of(path, options, *KEYS)
+        with parsing(path, kind):
+            rows = text_rows(path, mark if isinstance(mark, str) else mark(path))
+            return recorded(path, side, capture(rows, side))
+
+    return read
+
+
 def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
     """The sidecar without the key `up`, and the capture with the file's axis that it names as the upward one."""
     if "up" not in side.table or "axes" in side.table:  # with axes, up is that of the axes that they name
@@ -137,12 +140,12 @@ def _with_up(side: Sidecar, capture: Capture) -> tuple[Sidecar, Capture]:
 
 
 def _labeled(side: Sidecar, capture: Capture) -> Capture:
-    """The capture without markers that a program numbered for want of a label, where others have labels; those without
-    a label of their own are numbered here."""
+    """The capture without markers that a program numbered for want of a label, where others have labels; without a
+    label, or with that of another marker, they are numbered here."""
     given = list(capture.labels)
     own = [x if x and x not in given[:i] else f"marker{i + 1}" for i, x in enumerate(given)]
     if new := [x for x, was in zip(own, given, strict=True) if x != was]:
-        said = f"markers without a name of their own are numbered in the file's order: {', '.join(new)[:200]}"
+        said = f"markers without a separate name are numbered in the file's order: {', '.join(new)[:200]}"
         capture = replace(capture, labels=own, notes=(*capture.notes, said))
     kept = [i for i, label in enumerate(capture.labels) if not UNLABELED.fullmatch(label.rpartition(":")[2])]
     left = len(capture.labels) - len(kept)

@@ -10,19 +10,17 @@ axes: y is up, as is Motive's own convention, unless the first row says otherwis
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import number_in, parsing, whole_file
+from whiptool.given_files import number_in
 from whiptool.recording.readers import mocap
-from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.mocap import Capture, numbers
 from whiptool.recording.readers.programs import MOTIVE
 from whiptool.recording.readers.sidecar import Sidecar
-from whiptool.recording.readers.table import AXES, LARGEST_TABLE
-from whiptool.recording.strike_recording import StrikeRecording
+from whiptool.recording.readers.table import AXES
 from whiptool.words import counted
 
 MEASURED, BODY = "marker", "rigid body"  # types of columns
@@ -33,34 +31,24 @@ KNOWN = (1.0, 4.0)  # format versions
 Columns = dict[str, list[int]]  # indices of columns by the label of their marker or body
 
 
-def read_motive(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a CSV export of Motive.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged, holds no markers or rigid bodies, is in the axes of its bodies, or a value is
-            not allowed.
-    """
-    path = whole_file(path, largest=LARGEST_TABLE)
-    side = Sidecar.of(path, options, *mocap.KEYS)
-    with parsing(path, "Motive CSV"):
-        rows = text_rows(path, ",")
-        said = dict(zip(rows[0][::2], rows[0][1::2]))
-        at = next((i for i, row in enumerate(rows) if row[:1] == ["Frame"]), None)
-        if at is None:
-            raise InputError("rows", "no row that begins with Frame", f"that row, as in {MOTIVE.what}")
-        if said.get("Coordinate Space", "Global") != "Global":
-            raise InputError("Coordinate Space", said["Coordinate Space"], "Global", "export in global coordinates")
-        columns, turns, notes = _markers(rows[1:at], rows[at])
-        read = _capture(rows, at, said, (columns, turns), side)
-        notes = (*_unfamiliar(said), *mocap.announced(said, "Total Exported Frames", len(read["t"])), *notes)
-        return mocap.recorded(path, side, Capture(what=MOTIVE.what, notes=notes, **read))
+def _capture(rows: list[list[str]], side: Sidecar) -> Capture:
+    """What the rows of a CSV export of Motive hold."""
+    said = dict(zip(rows[0][::2], rows[0][1::2]))
+    at = next((i for i, row in enumerate(rows) if row[:1] == ["Frame"]), None)
+    if at is None:
+        raise InputError("rows", "no row that begins with Frame", f"that row, as in {MOTIVE.what}")
+    if said.get("Coordinate Space", "Global") != "Global":
+        raise InputError("Coordinate Space", said["Coordinate Space"], "Global", "export in global coordinates")
+    columns, turns, notes = _markers(rows[1:at], rows[at])
+    read = _read(rows, at, said, (columns, turns), side)
+    notes = (*_unfamiliar(said), *mocap.announced(said, "Total Exported Frames", len(read["t"])), *notes)
+    return Capture(what=MOTIVE.what, notes=notes, **read)
 
 
-def _capture(
+read_motive = mocap.text_reader("Motive CSV", ",", _capture)
+
+
+def _read(
     rows: list[list[str]], at: int, said: dict[str, str], found: tuple[Columns, Columns], side: Sidecar
 ) -> dict[str, Any]:
     """Times, places, rotations, units and axes, as arguments of `Capture`."""

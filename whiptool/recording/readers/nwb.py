@@ -109,7 +109,7 @@ def recorded(path: Path, options: dict[str, Any], read: dict[str, np.ndarray]) -
     parts, scores = [str(x) for x in read[f"{i}.parts"]], read.get(f"{i}.scores")
     if str(unit) in PIXELS and points.shape[2] == 2:
         found = Poses(WHAT, points, parts, scores, stamps=t, of=str(clock))
-        if np.median(np.diff(t)) == 1:  # sleap-io writes so if it was told no rate
+        if np.median(np.diff(t)) == 1:  # as sleap-io writes without a rate
             if "fps" not in side.table:
                 raise side.refuse("fps", "frames per second, for the file has a frame a second, or counts frames")
             found = replace(found, numbers=t, stamps=None)

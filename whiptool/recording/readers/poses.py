@@ -23,7 +23,7 @@ from whiptool.errors import InputError
 from whiptool.recording.camera import to_plane
 from whiptool.recording.homography import metres_per_pixel
 from whiptool.recording.readers.footage import frame_clock
-from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, Sidecar
+from whiptool.recording.readers.sidecar import CLOCK, FILM, PIXELS, UNSTATED, Sidecar
 from whiptool.recording.strike_recording import POSE_PIXELS, StrikeRecording
 from whiptool.words import counted
 
@@ -34,29 +34,17 @@ HIGH = 1e6  # the largest limit of a likelihood; SLEAP's scores may exceed 1
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """What a file of pose estimation holds of one animal.
+    """What a file of pose estimation holds of one animal."""
 
-    Args:
-        what: Description of the format, for messages.
-        pixels: Pixels (u to the right, v down) of the body parts, NaN where missing, (T, M, 2).
-        parts: Names of the body parts, (M,).
-        likelihood: Likelihood or score of each point, (T, M); None: the file has none.
-        usual: Likelihood below which a point is missing if the sidecar does not say; None: none is.
-        numbers: Numbers of the frames, (T,); None: from 0 on.
-        stamps: Time stamps in the file [s], (T,); None: it has none.
-        of: Source of the stamps.
-        notes: Assumptions, and data that were left out.
-    """
-
-    what: str
-    pixels: np.ndarray
-    parts: Sequence[str]
-    likelihood: np.ndarray | None = None
-    usual: float | None = None
-    numbers: np.ndarray | None = None
-    stamps: np.ndarray | None = None
-    of: str = ""
-    notes: tuple[str, ...] = ()
+    what: str  # description of the format, for messages
+    pixels: np.ndarray  # (u to the right, v down) of the body parts, NaN where missing, (T, M, 2)
+    parts: Sequence[str]  # names of the body parts, (M,)
+    likelihood: np.ndarray | None = None  # or score of each point, (T, M); None: the file has none
+    usual: float | None = None  # likelihood below which a point is missing if the sidecar does not say; None: none is
+    numbers: np.ndarray | None = None  # of the frames, (T,); None: from 0 on
+    stamps: np.ndarray | None = None  # time stamps in the file [s], (T,); None: it has none
+    of: str = ""  # source of the stamps
+    notes: tuple[str, ...] = ()  # assumptions, and data that were left out
 
 
 def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
@@ -88,7 +76,7 @@ def recorded(path: Path, side: Sidecar, poses: Poses) -> StrikeRecording:
     homography, view = side.homography(), side.filmed_by
     if (homography is None) == (view is None):
         given = None if view is None else "together with cameras"
-        raise InputError("homography", given, WAYS, "state them in the sidecar .toml")
+        raise InputError("homography", given, WAYS, UNSTATED["homography"])
     clock = frame_clock(side, len(pixels), stamps=poses.stamps, of=poses.of, numbers=_numbers(side, poses))
     pixels, t = pixels[clock.keep], clock.times
     readout, sigma = side.readout(), side.number("sigma_pixels", POSE_PIXELS, low=1e-6, high=1e3)

@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import number_in, parsing, whole_file
+from whiptool.given_files import number_in
 from whiptool.recording.readers import mocap
-from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.mocap import Capture, numbers
 from whiptool.recording.readers.programs import QUALISYS
 from whiptool.recording.readers.sidecar import Sidecar
-from whiptool.recording.readers.table import LARGEST_TABLE
 from whiptool.recording.strike_recording import StrikeRecording
 
 USUAL: dict[str, Any] = {
@@ -33,38 +32,28 @@ USUAL: dict[str, Any] = {
 FILLED = (2, 3)  # types of points in MAT files: gap-filled, virtual
 
 
-def read_qualisys(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read motion data that Qualisys Track Manager exported as TSV.
+def _capture(rows: list[list[str]], side: Sidecar) -> Capture:
+    """What the rows of a TSV export of QTM hold."""
+    keys = {row[0]: row[1:] for row in rows[:40] if row and row[0].replace("_", "").isupper()}
+    said = {key: values[0] for key, values in keys.items() if values}
+    if said.get("DATA_INCLUDED", "3D") != "3D" or "MARKER_NAMES" not in keys:
+        given = f"{QUALISYS.what} with {said.get('DATA_INCLUDED', 'no')} data, without 3D markers"
+        raise InputError("contents", given, "3D data", "export 3D data there, with the TSV header")
+    first = next((i for i, row in enumerate(rows) if row and _is_number(row[0] or "nan")), len(rows))
+    timed = any(row[:2] == ["Frame", "Time"] for row in rows[:first])
+    names = mocap.padded(keys["MARKER_NAMES"], said, "NO_OF_MARKERS", rows[first:], 2 * timed)
+    width = 3 * len(names) + 2 * timed
+    table = numbers(rows, first, range(width), width)
+    t, clock = _times(table, timed, said)
+    filled = [name for name, kind in zip(names, keys.get("TRAJECTORY_TYPES", ())) if kind != "Measured"]
+    notes = mocap.announced(said, "NO_OF_FRAMES", len(table))
+    notes += mocap.announced(said, "NO_OF_MARKERS", len(names), "markers")
+    notes += (f"{', '.join(filled)}: not all points were measured (TRAJECTORY_TYPES)",) if filled else ()
+    points = table[:, 2 * timed :].reshape(len(table), len(names), 3)
+    return Capture(QUALISYS.what, t, clock, points, names, notes=notes, **USUAL)
 
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
 
-    Raises:
-        InputError: The file is damaged, holds no 3D data or no markers, or a value is not allowed.
-    """
-    path = whole_file(path, largest=LARGEST_TABLE)
-    side = Sidecar.of(path, options, *mocap.KEYS)
-    with parsing(path, "Qualisys TSV"):
-        rows = text_rows(path, "\t")
-        keys = {row[0]: row[1:] for row in rows[:40] if row and row[0].replace("_", "").isupper()}
-        said = {key: values[0] for key, values in keys.items() if values}
-        if said.get("DATA_INCLUDED", "3D") != "3D" or "MARKER_NAMES" not in keys:
-            given = f"{QUALISYS.what} with {said.get('DATA_INCLUDED', 'no')} data, without 3D markers"
-            raise InputError(str(path), given, "3D data", "export 3D data there, with the TSV header")
-        first = next((i for i, row in enumerate(rows) if row and _is_number(row[0] or "nan")), len(rows))
-        timed = any(row[:2] == ["Frame", "Time"] for row in rows[:first])
-        names = mocap.padded(keys["MARKER_NAMES"], said, "NO_OF_MARKERS", rows[first:], 2 * timed)
-        width = 3 * len(names) + 2 * timed
-        table = numbers(rows, first, range(width), width)
-        t, clock = _times(table, timed, said)
-        filled = [name for name, kind in zip(names, keys.get("TRAJECTORY_TYPES", ())) if kind != "Measured"]
-        notes = mocap.announced(said, "NO_OF_FRAMES", len(table))
-        notes += mocap.announced(said, "NO_OF_MARKERS", len(names), "markers")
-        notes += (f"{', '.join(filled)}: not all points were measured (TRAJECTORY_TYPES)",) if filled else ()
-        points = table[:, 2 * timed :].reshape(len(table), len(names), 3)
-        capture = Capture(QUALISYS.what, t, clock, points, names, notes=notes, **USUAL)
-        return mocap.recorded(path, side, capture)
+read_qualisys = mocap.text_reader("Qualisys TSV", "\t", _capture)
 
 
 def _is_number(cell: str) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import parsing, sha256
+from whiptool.given_files import number_in, parsing, sha256
 from whiptool.recording.readers.bag_files import bag_messages, bag_parts, bag_topics, best_clock, stamp_of
 from whiptool.recording.readers.bag_logs import PLACES
 from whiptool.recording.readers.footage import VideoSource, frame_clock, source
@@ -166,7 +166,7 @@ def _camera_times(path: Path, topic: str) -> dict[int, float]:
     for _, bag_time, message in bag_messages(path, [f"{head}/metadata"], [TEXT]):
         pairs = dict(pair.partition("=")[::2] for pair in message.data.split(";"))
         try:
-            times[bag_time] = 1e-3 * float(pairs["timestamp"])
+            times[bag_time] = 1e-3 * number_in(pairs["timestamp"])
         except (KeyError, ValueError):
             return {}
     return times

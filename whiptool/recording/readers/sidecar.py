@@ -61,6 +61,12 @@ PIXELS = ("homography", "known_points", "scale", "origin", "kind", "synthetic") 
 FILM = ("cameras",)  # of readers whose files hold frames that a camera in space may have taken
 CLOCK = ("fps", "timestamps", "stamp", "readout", "shutter")  # of readers whose files hold frames
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+UNSTATED = {  # what to do where neither the file nor its sidecar states a key
+    "units": "state units in the sidecar file",
+    "axes": 'such as axes = ["x", "z", "-y"], of a file whose z is up, in space axes = ["x", "y", "z"]',
+    "fps": "write one into the sidecar .toml",
+    "homography": "state them in the sidecar .toml",
+}
 KINDS = ("color", "infrared")  # of light
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}  # exposures from the stamp to the middle
 

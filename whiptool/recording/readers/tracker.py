@@ -11,60 +11,44 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.given_files import number_in, parsing, whole_file
+from whiptool.given_files import number_in
 from whiptool.recording.logs import SECONDS
 from whiptool.recording.readers import mocap
-from whiptool.recording.readers.mocap import Capture, numbers, text_rows
+from whiptool.recording.readers.mocap import Capture, numbers
 from whiptool.recording.readers.programs import TRACKER, beginning
 from whiptool.recording.readers.sidecar import Sidecar
-from whiptool.recording.readers.table import LARGEST_TABLE
-from whiptool.recording.strike_recording import StrikeRecording
 
 TOO_FINE = 1e-8  # [s] of a digit, below which rounding of times does not matter
 _VARIABLE = re.compile(r"#?\{?(\w+)\}?\s*(?:[(\[](\w+)[)\]])?")
 
 
-def read_tracker(path: Path | str, **options: Any) -> StrikeRecording:
-    """Read a text export of Tracker.
-
-    Args:
-        path: The file.
-        options: Keys of the sidecar file, whose values they override.
-
-    Raises:
-        InputError: The file is damaged, holds no positions, or a value is not allowed.
-    """
-    path = whole_file(path, largest=LARGEST_TABLE)
-    side = Sidecar.of(path, options, *mocap.KEYS)
-    with parsing(path, "Tracker's text"):
-        rows = text_rows(path, _mark(path))
-        if rows[0][:1] and rows[0][0].startswith("#multi"):  # the names are in this row, or in the next one
-            rows = [["", *rows[0][1:]], *rows[1:]] if any(rows[0][1:]) else rows[1:]
-        names, variables = rows[0], [_variable(cell) for cell in rows[1]]
-        labels, columns = _columns(names, variables)
-        if not columns:
-            raise InputError(str(path), f"{TRACKER.what} without x and y", "the variables t, x and y of a point mass")
-        units = {unit for i in columns for _, unit in (variables[j] for j in i)} - {""}
-        if len(units) > 1 or not units <= set(mocap.UNITS):
-            raise InputError("units", ", ".join(sorted(units)), "one of " + ", ".join(mocap.UNITS))
-        table = numbers(rows, 2, [i for found in columns for i in found], len(variables))
-        t, clock = _even([row[0] for row in rows[2:] if row], SECONDS[variables[0][1] or "s"])
-        capture = Capture(
-            what=TRACKER.what,
-            t=t,
-            clock=clock,
-            points=table.reshape(len(table), len(columns), 2),
-            labels=labels,
-            units=next(iter(units), "m"),
-            assumed=not units,
-            axes="x is taken as forward, y as up, and the origin as the shoulder, as they were set in Tracker",
-        )
-        return mocap.recorded(path, side, capture)
+def _capture(rows: list[list[str]], side: Sidecar) -> Capture:
+    """What the rows of a text export of Tracker hold."""
+    if rows[0][:1] and rows[0][0].startswith("#multi"):  # the names are in this row, or in the next one
+        rows = [["", *rows[0][1:]], *rows[1:]] if any(rows[0][1:]) else rows[1:]
+    names, variables = rows[0], [_variable(cell) for cell in rows[1]]
+    labels, columns = _columns(names, variables)
+    if not columns:
+        raise InputError("contents", f"{TRACKER.what} without x and y", "the variables t, x and y of a point mass")
+    units = {unit for i in columns for _, unit in (variables[j] for j in i)} - {""}
+    if len(units) > 1 or not units <= set(mocap.UNITS):
+        raise InputError("units", ", ".join(sorted(units)), "one of " + ", ".join(mocap.UNITS))
+    table = numbers(rows, 2, [i for found in columns for i in found], len(variables))
+    t, clock = _even([row[0] for row in rows[2:] if row], SECONDS[variables[0][1] or "s"])
+    return Capture(
+        what=TRACKER.what,
+        t=t,
+        clock=clock,
+        points=table.reshape(len(table), len(columns), 2),
+        labels=labels,
+        units=next(iter(units), "m"),
+        assumed=not units,
+        axes="x is taken as forward, y as up, and the origin as the shoulder, as they were set in Tracker",
+    )
 
 
 def _mark(path: Path) -> str:
@@ -107,3 +91,6 @@ def _even(written: list[str], unit: float) -> tuple[np.ndarray, str]:
     if not (np.abs(t - even) <= 0.6 * last).all() or last.max() < TOO_FINE:
         return as_written
     return even, f"times from the variable t, whose digits are those of {1 / step:.6g} even frames a second"
+
+
+read_tracker = mocap.text_reader("Tracker's text", _mark, _capture)
