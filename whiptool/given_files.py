@@ -138,8 +138,9 @@ def check_kinds(cls: type, table: Mapping[str, Any], place: str = "") -> None:
     for name in table.keys() & kinds.keys():
         try:
             check_type(table[name], kinds[name], collection_check_strategy=CollectionCheckStrategy.ALL_ITEMS)
-        except TypeCheckError as error:
-            raise InputError(place + name, table[name], "a value of its kind", f"reason: {str(error)[:120]}") from None
+        except TypeCheckError:
+            kind = getattr(kinds[name], "__name__", str(kinds[name]))
+            raise InputError(place + name, table[name], f"a value of the kind {kind}") from None
 
 
 def read_arrays(path: Path | str, name: str, shapes: Mapping[str, str] | None = None) -> dict[str, np.ndarray]:

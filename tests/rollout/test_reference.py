@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 
 import mujoco
 import numpy as np
@@ -151,3 +153,29 @@ def test_threads_that_share_a_reference_get_what_each_gets_alone(law):
         return path.t, path.q, path.v, path.tau, path.tip
 
     check_shared(judged, strikes)
+
+
+@pytest.mark.parametrize("integrator", [None, "implicitfast"])
+def test_a_reference_can_be_sent_to_another_process(integrator):
+    """It is made again there from its arguments."""
+    rollout = ReferenceRollout(LEMON, Controller(ConstantImpedance()), timestep=2e-4, integrator=integrator)
+    strike = DRAWN[0].copy()
+    strike[-1] = 0.05
+    path = rollout.trajectory(strike, t_stay=0.0)
+    for other in (pickle.loads(pickle.dumps(rollout)), copy.deepcopy(rollout)):
+        again = other.trajectory(strike, t_stay=0.0)
+        for name in ("t", "q", "v", "tau", "tip"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
+
+
+def test_callbacks_of_a_user_of_mujoco_are_put_back():
+    def mine(*_: object) -> None:
+        pass
+
+    rollout = ReferenceRollout(LEMON, Controller(ConstantImpedance()), timestep=1e-4)
+    mujoco.set_mjcb_control(mine)
+    try:
+        rollout.trajectory([-1, 0.5, -1, 0.5, 0.01], t_stay=0.0)
+        assert mujoco.get_mjcb_control() is mine
+    finally:
+        mujoco.set_mjcb_control(None)

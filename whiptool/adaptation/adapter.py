@@ -427,7 +427,7 @@ class Adapter:
             with parsing(place, "JSON"):
                 return made_of(read_json(place))
         except InputError as error:
-            raise error.renamed(error.name, f"delete {place.parent}") from None
+            raise error.advising(f"delete {place.parent}") from None
 
     def _write(self, name: str, table: dict[str, Any]) -> None:
         if self.place is not None:
