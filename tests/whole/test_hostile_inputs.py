@@ -7,6 +7,8 @@ one line; commands are stopped where they begin to compute.
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 
 import forked
@@ -18,7 +20,7 @@ from tests.whole.test_wrong_types import CALLS
 
 SEED = 0
 MOST = {"model": 1100, "recording": 330, "stored": 420, "run folder": 300, "option": 350, "python": 1200}
-SOME = {"model": 60, "stored": 20, "python": 150}
+SOME = {"model": 60, "stored": 12, "python": 120}
 
 
 def tried(counts: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> str:
@@ -44,29 +46,28 @@ def test_there_are_thousands_of_inputs_the_same_each_time():
     assert labels == [one.label for one in hostile_inputs.inputs(MOST, SEED, CALLS)]
 
 
-def _takes_memory(_) -> str:
-    kept = bytearray(forked.MOST)
-    return str(len(kept))
-
-
-def _waits(_) -> str:
-    time.sleep(3600)
-    return ""
-
-
 def _ends(_) -> str:
     raise SystemExit
 
 
-def test_what_hangs_crashes_or_takes_memory_is_seen_and_the_rest_is_tried():
-    given = [_takes_memory, lambda _: "", _waits, _ends, lambda _: "a traceback", lambda _: ""]
-    found = faults([Input(f"input {i}", answer) for i, answer in enumerate(given)], silent=1.0)
-    assert [line[:30] for line in found] == [
-        "input 0: stopped: it took more",
-        "input 2: stopped: it did not e",
-        "input 3: SystemExit of the tes",
-        "input 4: a traceback",
+def test_what_hangs_crashes_or_takes_memory_is_seen_and_the_rest_is_tried(monkeypatch):
+    """Each in a process of its own, or the next one would not be tried."""
+    monkeypatch.setattr(forked, "MOST", 1 << 30)
+
+    def seen(*answers) -> list[str]:
+        return [line[:30] for line in faults([Input(f"{i}", x) for i, x in enumerate(answers)])]
+
+    def takes_memory(_) -> str:
+        return str(len(b"x" * forked.MOST))
+
+    assert seen(takes_memory, lambda _: "", _ends, lambda _: "a traceback", lambda _: "") == [
+        "0: stopped: it took more than ",
+        "2: SystemExit of the test itse",
+        "3: a traceback",
     ]
+    assert seen(lambda _: os.kill(os.getpid(), signal.SIGKILL)) == ["0: its process ended without a"]
+    waits = Input("waits", lambda _: time.sleep(forked.SILENT) or "")
+    assert faults([waits], silent=0.1) == ["waits: stopped: it did not end"]
 
 
 @pytest.mark.parametrize(
