@@ -209,7 +209,7 @@ def test_counts_beyond_any_machine_and_no_names_are_refused():
             whiptool.default_bounds(MODEL.arm).sample(wrong)
     with pytest.raises(InputError, match=f"from 0 to {2**63 - 1}"):
         whole("seed", 10**400, low=0)
-    with pytest.raises(InputError, match="names of one parameter or more"):
+    with pytest.raises(InputError, match=r"names.*a list of texts, at least 1"):
         rollout.gradient([-1, 0.5, 1, 0.5, 0.7], (1.0, 0.1), names=[])
     with pytest.raises(InputError, match="names"):
         dataclasses.replace(whiptool.preset("ur5e").arm, names=1.0)
