@@ -312,3 +312,10 @@ def test_files_that_are_no_toml_are_named(tmp_path, content, said):
 def test_a_folder_is_no_file(tmp_path):
     with pytest.raises(InputError, match="a readable TOML file"):
         read_toml(tmp_path)
+
+
+@pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity"])
+def test_json_has_no_number_that_is_none(word: str, tmp_path: Path) -> None:
+    (tmp_path / "x.json").write_text(f'{{"miss": {word}}}')
+    with pytest.raises(InputError, match=f"valid JSON; reason: {word} does not count as a number"):
+        read_json(tmp_path / "x.json")

@@ -50,6 +50,10 @@ class InputError(WhiptoolError, ValueError):
         """Return the same error under another name, and with `fix` if it has no correction yet."""
         return InputError(name, self.given, self.allowed, self.fix or fix)
 
+    def advising(self, advice: str) -> InputError:
+        """Return the same error with advice added to its reason or correction."""
+        return InputError(self.name, self.given, self.allowed, f"{self.fix}; {advice}" if self.fix else advice)
+
 
 def _meant(given: object, allowed: str) -> str:
     """Ask whether one of the words that are allowed was meant; empty where none of them is like what was given."""

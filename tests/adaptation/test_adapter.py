@@ -146,6 +146,25 @@ def test_what_another_controller_struck_is_neither_kept_nor_learned_from(prior, 
     assert adapter.tell(Seen(other, 0.3)).number == 1  # a twin whose gains are unlike those of the prior
 
 
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("plan.json", {"strike": [0.0]}), ("plan.json", {"strike": "x"}), ("plan.json", {"magic": 1}),
+        ("plan.json", {"probability": "x"}), ("plan.json", {"misses": [[]]}),
+        ("plan.json", {"wall_time": float("nan")}),
+        ("outcome.json", {"filmed": 1}), ("outcome.json", {"seen_miss": []}), ("outcome.json", {"magic": 1}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_stored_file_with_another_content_is_refused_by_name_and_kept(name, damage, prior, tmp_path):
+    run(prior, folder=tmp_path)
+    path = sorted(tmp_path.glob("strike-*"))[0] / name
+    path.write_text(text := json.dumps(json.loads(path.read_text()) | damage))
+    with pytest.raises(InputError, match=rf"{name}.*delete "):
+        told(prior, tmp_path).ask()
+    assert path.read_text() == text
+
+
 def test_a_damaged_folder_is_named(prior, tmp_path):
     told(prior, tmp_path).ask()
     plan = tmp_path / "strike-0001" / PLANNED

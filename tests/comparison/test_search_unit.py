@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -10,11 +11,42 @@ from fake_rollout import SPEED, StraightFlight, StraightFlightInSpace
 from flights import scene
 
 from whiptool.comparison.search_unit import RATE, SearchUnit, StrikeLibrary, library_search, warm_search
+from whiptool.comparison.units import Store, unit_file
+from whiptool.errors import InputError
 from whiptool.goals.arrival_rule import ArrivalRule
 from whiptool.goals.target import Target
 from whiptool.models.strike import StrikeBounds
 from whiptool.objective import Objective
 from whiptool.optimizers import search
+
+
+def outcomes(**changes) -> dict:
+    """What a unit of two targets stores for its hit radii, the first of them changed."""
+    found = [{"convention": "", "hit_radius": x, "trials": [3, 1], "hit": [True, False]} for x in scene().radii]
+    return {"outcomes": [found[0] | changes, *found[1:]]}
+
+
+FOUND = {**outcomes(), "training_trials": 0, "n_diverged": 0, "wall_time": 1.0, "note": ""}
+DAMAGES = [
+    *({"outcomes": x} for x in ([], None, [{}])),
+    *(outcomes(**x) for x in ({"trials": [3]}, {"trials": [3, "x"]}, {"hit": [1, 0]}, {"hit_radius": 9.0})),
+    {"n_diverged": "x"},
+    {"wall_time": []},
+    {"wall_time": math.nan},
+]
+
+
+@pytest.mark.parametrize("damage", DAMAGES, ids=str)
+def test_a_damaged_result_is_refused_by_its_file_and_kept(damage, tmp_path):
+    unit = SearchUnit(scene=scene(), method="random", seed=0, first=0, last=2)
+    store = Store(tmp_path)
+    path = unit_file(store.units, unit.key)
+    path.write_text(json.dumps(FOUND))
+    assert store.results([unit]) == {unit.key: FOUND}
+    path.write_text(text := json.dumps(FOUND | damage))
+    with pytest.raises(InputError, match=f"{unit.key}.*delete it"):
+        store.results([unit])
+    assert path.read_text() == text
 
 
 def test_targets_are_drawn_once_for_all():

@@ -527,27 +527,33 @@ def _main(command: str) -> Callable[[list[str]], int]:
     return main_of(command)
 
 
-def stop_before_computing() -> None:
-    """Let what rolls out, trains, serves or draws say that the input was accepted; only in a process of its own."""
+def accept(*_: object, **__: object) -> Any:
+    """Take the place of what computes: the input was accepted."""
+    raise Accepted
+
+
+def computing() -> list[tuple[Any, str]]:
+    """Return what rolls out, trains, serves or starts processes, as modules or classes with a name."""
     import viser
 
     from whiptool.commands import emulators, following
     from whiptool.comparison import units
-    from whiptool.correction import rolled
     from whiptool.identification import predict
     from whiptool.rig import child_process
     from whiptool.rollout import compiled, reference
 
-    def accept(*_: object, **__: object) -> Any:
-        raise Accepted
-
-    for module in (compiled, predict, rolled):
-        module.find_engine = accept
-    reference.ReferenceRollout.trajectory = accept  # pyrefly: ignore
-    units.work_on = child_process.Emulated.__init__ = accept  # pyrefly: ignore
-    following.serve_until_stopped = following.watch = accept
-    viser.ViserServer = accept  # pyrefly: ignore
-    emulators._serve_servos = emulators._serve_ur = accept
+    return [
+        (compiled, "find_engine"),
+        (predict, "find_engine"),
+        (reference.ReferenceRollout, "trajectory"),
+        (units, "work_on"),
+        (child_process.Emulated, "__init__"),
+        (following, "serve_until_stopped"),
+        (following, "watch"),
+        (viser, "ViserServer"),
+        (emulators, "_serve_servos"),
+        (emulators, "_serve_ur"),
+    ]
 
 
 # --- options ---------------------------------------------------------------------------------------------------------

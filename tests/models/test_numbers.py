@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -165,3 +166,50 @@ def test_every_public_class_is_an_array_of_numbers_or_says_why_not():
     silent = {x.__name__ for x in classes if isinstance(x, type) and not hasattr(x, "__array__")}
     assert silent == {"CompiledRollout", "ReferenceRollout", "Objective", "Plant", "Adaptation", "TipPort", "WhipEnv"}
     assert all(hasattr(x, "_instead") for x in NoArray.__subclasses__())
+
+
+class Raising:
+    """Raises whatever NumPy, `repr` or a loop asks of it, as classes of other libraries do."""
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise RuntimeError("not now")
+
+    def __iter__(self):
+        raise RuntimeError("not now")
+
+    def __repr__(self) -> str:
+        raise RuntimeError("not now")
+
+
+def test_values_of_foreign_classes_are_refused_by_the_arguments_name():
+    torch = pytest.importorskip("torch")
+    tracked = torch.ones(5, requires_grad=True)
+    rollout = whiptool.CompiledRollout(MODEL, engine="interpreter")
+    for wrong in (Raising(), [Raising()], tracked, np.array(1.0), np.timedelta64(3, "s"), np.timedelta64("NaT")):
+        with pytest.raises(InputError, match="strike"):
+            whiptool.Strike.from_vector(wrong)
+        with pytest.raises(InputError, match="seed"):
+            whiptool.default_bounds(MODEL.arm).sample(3, seed=wrong)
+        with pytest.raises(InputError, match="names"):
+            rollout.gradient([-1, 0.5, 1, 0.5, 0.7], (1.0, 0.1), names=wrong)
+        with pytest.raises(InputError, match="name"):
+            MODEL.whip.per_node(wrong)
+        with pytest.raises(InputError, match="name"):
+            whiptool.citations(wrong)
+        with pytest.raises(InputError, match="models"):
+            rollout.approach([-1, 0.5, 1, 0.5, 0.7], (1.0, 0.1), models=wrong)
+        with pytest.raises(InputError, match="m: got"):
+            whiptool.WhipParameters(N=2, l=0.1, m=wrong, k=0.1, b=0.1)
+
+
+def test_counts_beyond_any_machine_and_no_names_are_refused():
+    rollout = whiptool.CompiledRollout(MODEL, engine="interpreter")
+    for wrong in (10**400, 10**18):
+        with pytest.raises(InputError, match="size"):
+            whiptool.default_bounds(MODEL.arm).sample(wrong)
+    with pytest.raises(InputError, match=f"from 0 to {2**63 - 1}"):
+        whole("seed", 10**400, low=0)
+    with pytest.raises(InputError, match=r"names.*a list of texts, at least 1"):
+        rollout.gradient([-1, 0.5, 1, 0.5, 0.7], (1.0, 0.1), names=[])
+    with pytest.raises(InputError, match="names"):
+        dataclasses.replace(whiptool.preset("ur5e").arm, names=1.0)

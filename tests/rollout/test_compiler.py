@@ -187,7 +187,9 @@ def test_where_the_disk_of_the_cache_is_full_a_temporary_folder_takes_its_place(
         return contextlib.nullcontext(SimpleNamespace(write=full)) if where.get("dir") == folder else file
 
     monkeypatch.setattr(compiler.tempfile, "TemporaryFile", made)
-    monkeypatch.setattr(compiler, "write_whole", lambda path, text: (full if folder in path.parents else write)(path, text))
+    monkeypatch.setattr(
+        compiler, "write_whole", lambda path, text: (full if folder in path.parents else write)(path, text)
+    )
     assert seven() == 7  # what is cached is loaded
     kept.unlink()
     with caplog.at_level(logging.WARNING, "whiptool"):

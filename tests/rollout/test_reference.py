@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 
 import mujoco
 import numpy as np
@@ -181,3 +183,29 @@ def test_an_arm_of_unknown_inertia_is_simulated_as_by_the_compiled_engine(joints
     ours = CompiledRollout(model).approach(UNKNOWN[None], target, t_stay=0.1).distance[0]
     path = ReferenceRollout(model).trajectory(UNKNOWN, t_stay=0.1)
     assert path.approach(target).distance[0] == pytest.approx(ours, abs=1e-4)
+
+
+@pytest.mark.parametrize("integrator", [None, "implicitfast"])
+def test_a_reference_can_be_sent_to_another_process(integrator):
+    """It is made again there from its arguments."""
+    rollout = ReferenceRollout(LEMON, Controller(ConstantImpedance()), timestep=2e-4, integrator=integrator)
+    strike = DRAWN[0].copy()
+    strike[-1] = 0.05
+    path = rollout.trajectory(strike, t_stay=0.0)
+    for other in (pickle.loads(pickle.dumps(rollout)), copy.deepcopy(rollout)):
+        again = other.trajectory(strike, t_stay=0.0)
+        for name in ("t", "q", "v", "tau", "tip"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
+
+
+def test_callbacks_of_a_user_of_mujoco_are_put_back():
+    def mine(*_: object) -> None:
+        pass
+
+    rollout = ReferenceRollout(LEMON, Controller(ConstantImpedance()), timestep=1e-4)
+    mujoco.set_mjcb_control(mine)
+    try:
+        rollout.trajectory([-1, 0.5, -1, 0.5, 0.01], t_stay=0.0)
+        assert mujoco.get_mjcb_control() is mine
+    finally:
+        mujoco.set_mjcb_control(None)

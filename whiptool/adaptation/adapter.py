@@ -419,7 +419,7 @@ class Adapter:
         return seen
 
     def _read(self, name: str, made_of: Callable[[dict[str, Any]], Stored]) -> Stored | None:
-        """Return what a stored file says of this strike; None: there is none."""
+        """Return what a stored file says of this strike; None: the file is missing."""
         place = None if self.place is None else self.place / name
         if place is None or not place.exists():
             return None
@@ -427,7 +427,7 @@ class Adapter:
             with parsing(place, "JSON"):
                 return made_of(read_json(place))
         except InputError as error:
-            raise error.renamed(error.name, f"delete {place.parent}") from None
+            raise error.advising(f"delete {place.parent}") from None
 
     def _write(self, name: str, table: dict[str, Any]) -> None:
         if self.place is not None:

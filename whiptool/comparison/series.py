@@ -241,7 +241,10 @@ class MethodUnit(Unit):
 
     def check(self, result: Mapping[str, Any]) -> None:
         """Raise an exception if a stored result is not one that this unit can have had."""
-        for one in collect([self], {self.key: result}):
+        series = collect([self], {self.key: result})
+        if {one.hit_radius for one in series} != set(self.scene.radii):
+            raise ValueError(f"not of the hit radii {self.scene.radii}")
+        for one in series:
             one.row()
             if one.trials.shape != (1, self.count) or one.trials.dtype.kind != "i" or one.hit.dtype != bool:
                 raise ValueError(f"no {self.count} numbers of trials, each with a hit or none: {one.label}")

@@ -343,7 +343,7 @@ class Store:
                 unit.check(result := read_json(path))
             return result
         except InputError as error:
-            raise error.renamed(error.name, "delete it") from None
+            raise error.advising("delete it") from None
 
 
 def unit_file(folder: Path, key: str) -> Path:

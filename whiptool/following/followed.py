@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from whiptool.following.run_view import Chosen, RunView, ShownMotion
+from whiptool.given_files import parsing
 from whiptool.models.visuals import Look
 from whiptool.runs import RESULT
 
@@ -39,11 +40,12 @@ class Followed(ABC):
         Raises:
             InputError: A file of the run is damaged.
         """
-        new, finished = self._read(), (self.folder / RESULT).is_file()
-        if not new and finished == self._finished:
-            return None
-        self._finished = finished
-        return self._view(finished)
+        with parsing(self.folder, "run"):
+            new, finished = self._read(), (self.folder / RESULT).is_file()
+            if not new and finished == self._finished:
+                return None
+            self._finished = finished
+            return self._view(finished)
 
     @abstractmethod
     def _read(self) -> bool:

@@ -23,6 +23,7 @@ from whiptool.identification.uncertainty import Uncertainty, classify
 from whiptool.identification.variables import units, variables_of
 from whiptool.models.numbers import texts
 from whiptool.models.parameters import Model
+from whiptool.process_settings import HeldSetting
 from whiptool.recording.smoothing import without_filled
 from whiptool.recording.strike_plane import check_one_plane, fit_plane
 from whiptool.recording.strike_recording import StrikeRecording
@@ -30,7 +31,8 @@ from whiptool.words import counted
 
 __all__ = ["Fit", "FitOptions", "RecordingFit", "best_nodes", "fit", "predict"]
 
-_BLAS_THREADS = 1  # more of them wait for each other most of the time, as the matrices are small
+# more threads of BLAS wait for each other most of the time, as the matrices are small
+_FEW_THREADS = HeldSetting(lambda: threadpool_limits(1, "blas").restore_original_limits)
 
 
 def fit(
@@ -77,7 +79,7 @@ def fit(
     if options.check:
         every, left_out = _without_filled([*recordings, *held_out])
         recordings, held_out = every[:count], every[count:]
-    with threadpool_limits(_BLAS_THREADS, "blas"):
+    with _FEW_THREADS.held():
         problem = Problem(recordings, plant, free, variables, options)
         remarks = tuple(check_beginnings(problem.predictor, plant)) if options.check else ()
         starts = _starts(problem)
@@ -234,7 +236,7 @@ def predict(
         InputError: A recording has no readings left to predict.
     """
     variables = variables_of(nuisance, tuple(nuisance), {}, {})
-    with threadpool_limits(_BLAS_THREADS, "blas"):
+    with _FEW_THREADS.held():
         problem = Problem(recordings, plant, tuple(nuisance), variables, _predicting(options))
         return _predicted(problem, np.array([v.z(nuisance[v.name]) for v in variables]), None)
 

@@ -112,7 +112,7 @@ class Studio(PageServer):
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Keep viser from printing, and nobody else in the process."""
+    """Keep viser from printing, and no other code of the process."""
     import rich
 
     def print_of_others(*texts: Any, **options: Any) -> None:

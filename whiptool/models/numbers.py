@@ -128,16 +128,17 @@ def one_of(name: str, value: object, known: Collection[str]) -> str:
     return value
 
 
-def texts(name: str, value: object) -> tuple[str, ...]:
-    """Return `value` as a tuple of strings, or refuse it."""
+def texts(name: str, value: object, *, least: int = 0) -> tuple[str, ...]:
+    """Return `value` as a tuple of at least so many strings, or refuse it."""
+    rule = "a list of texts" + (f", at least {least}" if least else "")
     if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InputError(name, value, "a list of texts")
+        raise InputError(name, value, rule)
     try:
         found = tuple(value)
     except Exception:  # a class whose values cannot be looked at, such as an array of no dimension
-        raise InputError(name, value, "a list of texts") from None
-    if not all(isinstance(x, str) for x in found):
-        raise InputError(name, value, "a list of texts")
+        raise InputError(name, value, rule) from None
+    if len(found) < least or not all(isinstance(x, str) for x in found):
+        raise InputError(name, value, rule)
     return found
 
 

@@ -172,7 +172,7 @@ def cmaes_search(objective: Objective, *, seed: int) -> None:
     Raises:
         SearchStopped: The objective ended the search.
     """
-    from cmaes import CMA  # each search draws from a generator of its own
+    from cmaes import CMA  # each search draws from its own generator
 
     rng, box = np.random.default_rng(seed), np.tile([0.0, 1.0], (len(objective.bounds.box[0]), 1))
     while True:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from whiptool.impedance.controller import controller_from_table
 from whiptool.models import numbers
 from whiptool.models.files import model_from_table
 from whiptool.models.strike import T_STAY, Strike
+from whiptool.process_settings import HeldSetting
 from whiptool.progress import Progress
 from whiptool.rl.settings import TrainingPlan, settings_for
 from whiptool.rl.task import OLD_OBSERVATIONS, StrikeTask
@@ -159,14 +160,19 @@ def train(
     return training.policy()
 
 
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Limit PyTorch to one thread within a `with` block, so that sums are reproducible to the last digit."""
+def _one_thread() -> Callable[[], None]:
     import torch
 
     before = torch.get_num_threads()
     torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+    return lambda: torch.set_num_threads(before)
+
+
+_ONE_THREAD = HeldSetting(_one_thread, in_each=True)  # as of OpenMP
+
+
+def one_torch_thread() -> AbstractContextManager[None]:
+    """Limit PyTorch to one thread within a `with` block, so that sums are reproducible to the last digit. The limit
+    is the whole process's.
+    """
+    return _ONE_THREAD.held()

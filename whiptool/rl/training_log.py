@@ -51,7 +51,7 @@ class EpisodeTable:
         """Keep only the lines of the first `episodes` episodes; later episodes will be repeated.
 
         Raises:
-            InputError: The file is no table of episodes, or the lines to be kept are damaged.
+            InputError: The file does not hold a table of episodes, or the lines to be kept are damaged.
         """
         lines = read_text(self.path, "CSV").splitlines(keepends=True) if self.path.exists() else []
         kept = lines[: self._intact(lines, episodes)] if episodes else []

@@ -62,13 +62,6 @@ def _check_one_each(count: int, **given: object) -> None:
             raise InputError(name, some, f"a list of {count}, one for each strike, or none")
 
 
-def _some(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of one parameter or more, or refuse them."""
-    if not (found := texts("names", names)):
-        raise InputError("names", names, "the names of one parameter or more, such as D")
-    return found
-
-
 class CompiledRollout(Rollout):
     """Simulator with compiled code, for one model and controller, or for many with the same structure.
 
@@ -278,7 +271,7 @@ class CompiledRollout(Rollout):
     ) -> tuple[Approach, np.ndarray, Columns]:
         """The approaches, what the engine says along each of m directions, (B, m, width), and its columns."""
         strikes = self.vectors(strikes)
-        names = self.space.names if names is None else _some(names)
+        names = self.space.names if names is None else texts("names", names, least=1)
         B, m = len(strikes), len(names)
         targets = target_points(target, B, self.model.dimension)
         columns = outcome_columns(self.model.arm.n, self.model.dimension)
@@ -407,7 +400,7 @@ class CompiledRollout(Rollout):
             stride: Number of steps of at most `timestep` between samples. Since D shifts the sampling times,
                 derivatives by D include a part of the velocity.
         """
-        strikes, names = self.vectors(strikes), _some(names)
+        strikes, names = self.vectors(strikes), texts("names", names, least=1)
         d = self.model.dimension
         ends = self.model.arm.n + self.model.whip.N
         m, at_once = len(names), max(1, _TRAJECTORIES_AT_ONCE // len(names))
