@@ -16,7 +16,7 @@ BAND = 2.0  # standard deviations of the release time to either side: 95 % of no
 NODES = 5  # instants of the band that are judged
 FARTHEST = 100.0  # [m]; a thing that misses by more counts as missing by this
 _STRIDE = 4  # samples between those from which the search for the best instant begins
-_COARSE, _FINE = 1e-5, 1e-8  # [m], error of a step of a flight while the best instant is looked for, and found
+_COARSE = 1e-5  # [m], error of a step of a flight while the best instant is looked for
 _POWER = 8  # of the mean over the band; the larger, the nearer to the largest miss
 _ROUNDS, _EXACT = 20, 1e-14  # of the search for the root of a slope, and its last step [s]
 
@@ -79,7 +79,7 @@ class Release:
 
     def _root(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Return where the miss is smallest between two times (B,) [s], by the Illinois form of regula falsi."""
-        of_low, of_high = (self.half_slope(t, tolerance=_FINE) for t in (low, high))
+        of_low, of_high = (self.half_slope(t) for t in (low, high))
         at, side = np.where(of_low >= 0, low, high), np.zeros(len(low))
         within = (of_low < 0) & (of_high > 0)
         for _ in range(_ROUNDS):
@@ -87,7 +87,7 @@ class Release:
             before, at = at, np.where(within, np.clip(high - of_high * (high - low) / rise, low, high), at)
             if np.abs(at - before).max(initial=0.0) < _EXACT:
                 break
-            slope = self.half_slope(at, tolerance=_FINE)
+            slope = self.half_slope(at)
             above, below = within & (slope > 0), within & (slope <= 0)
             of_low = np.where(above & (side > 0), of_low / 2, np.where(below, slope, of_low))
             of_high = np.where(below & (side < 0), of_high / 2, np.where(above, slope, of_high))
