@@ -41,7 +41,7 @@ def read(tmp_path):
     [
         ('mass value="0.8"', 'mass value="${m3}"',
          r"link fore: value of <inertial/mass>: got '\${m3}'; allowed: a number >= 0; expand xacro first$"),
-        ('mass value="0.8"', 'mass value="0,8"', "got '0,8'; allowed: a number >= 0; write points and blanks, no commas"),
+        ('mass value="0.8"', 'mass value="0,8"', "got '0,8'; .* >= 0; write points and blanks, no commas"),
         ('mass value="0.8"', 'mass value="nan"', "link fore: value of <inertial/mass>: got 'nan'"),
         ('mass value="0.8"', 'mass value="inf"', "link fore: value of <inertial/mass>: got 'inf'"),
         ('mass value="0.8"', 'mass value="1e999"', "link fore: value of <inertial/mass>: got '1e999'"),
