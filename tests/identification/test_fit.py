@@ -17,14 +17,16 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from whiptool.dynamics.structure import PROFILE, lumping
 from whiptool.errors import InputError
 from whiptool.goals.target import Target
+from whiptool.identification import problem
 from whiptool.identification.fit import FitOptions, best_nodes, fit, predict
 from whiptool.identification.plant import Plant
 from whiptool.identification.predict import Predictor
 from whiptool.identification.problem import Problem
 from whiptool.identification.readings import Samples
+from whiptool.identification.results import known_part
 from whiptool.identification.solver import Block, Ending, Loss, solve
 from whiptool.identification.uncertainty import classify
-from whiptool.identification.variables import Prior
+from whiptool.identification.variables import Prior, variables_of
 from whiptool.impedance import OIAC, Controller
 from whiptool.models import preset
 from whiptool.models.parameters import ArmLink
@@ -278,6 +280,26 @@ def test_a_refused_evaluation_is_a_rejected_step(monkeypatch):
     stiff = Plant(LEMON.with_parameters({"whip.k": 0.5}), CONTROLLER)
     with pytest.raises(InputError, match=r"whip\.k: got 0\.5"):
         fit(one, stiff, ["b"], options=FitOptions(drive="joints", check=False))
+
+
+def test_a_fit_that_lasts_shows_that_it_goes_on(monkeypatch, capsys):
+    monkeypatch.setattr(problem, "_SOON", 0.0)
+    one = film(LEMON, STRIKES[0], np.random.default_rng(3), sigma=2e-3)
+    for progress in (False, True):
+        fit(one, PLANT, ["k"], options=FitOptions(drive="joints", check=False, progress=progress, max_iterations=3))
+        assert ("rollouts" in capsys.readouterr().err) == progress
+
+
+@pytest.mark.parametrize(("drive", "share", "name"), [("free", 0.1, "first tenth"), ("passive", 0.5, "first half")])
+def test_the_part_that_is_said_is_the_part_that_is_known(drive, share, name):
+    """Text, report and page said three different parts."""
+    assert known_part(drive) == (share, name)
+    if drive == "free":
+        one = swing(PENDULUM, np.array([[0.5, 0.3], [0.0, 0.0]]))
+        of_fit = Problem(
+            [one], PENDULUM, ["gravity"], variables_of({"gravity": 9.81}, ["gravity"], {}, {}), FitOptions(drive)
+        )
+        assert np.mean(of_fit.beginnings()[0]) == pytest.approx(share, abs=0.01)
 
 
 def test_a_wrong_marker_does_not_pull_the_fit():
