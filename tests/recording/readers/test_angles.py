@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import tomli_w
+from pendulum_data import DATA
 from pendulum_swing import pendulum
 from scipy.special import ellipj
 
@@ -55,6 +56,14 @@ def test_links_that_hang_at_half_a_turn_are_recognised(tmp_path, amplitude, side
     (tmp_path / "a.toml").write_text(tomli_w.dumps({**side, "zero": 0.0}))
     (found,) = read_swings(tmp_path / "a.npz")  # what is stated holds
     assert np.median(found.points[:, 0, 0]) > 1
+
+
+@pytest.mark.parametrize("name", ["single.npz", "double.npz"])
+@pytest.mark.skipif(not DATA.is_dir(), reason="no recorded pendulums next to this checkout")
+def test_every_swing_of_a_real_pendulum_that_hangs_at_pi_is_recognised(name):
+    for found in read_swings(DATA / name):
+        assert any("half a turn" in note for note in found.notes)
+        assert abs(np.median(found.points[-200:])) < 1.0
 
 
 def test_npz_and_csv_tell_the_same_swing(tmp_path):
