@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from whiptool.errors import InputError
+from whiptool.rig.robots.robot import IN_LOCKSTEP
+from whiptool.rig.ur_emulator.dashboard import answer
 from whiptool.rig.ur_emulator.ur_controller import HOME, PAUSED, PLAYING, STOPPED, UrController, UrFault, UrOptions
 from whiptool.rig.ur_emulator.ur_joints import PERIOD
 
@@ -28,6 +30,13 @@ def robot():
     robot.play(PROGRAM)
     robot.cycle()
     return robot
+
+
+def test_only_a_controller_whose_time_waits_says_so():
+    """By its serial number, which the client has to read as a number; the driver is patient with it."""
+    serials = [answer("get serial number", UrController(UrOptions(lockstep=x))) for x in (True, False)]
+    assert [serial.strip().decode() == IN_LOCKSTEP for serial in serials] == [True, False]
+    assert all(serial.strip().isdigit() for serial in serials)
 
 
 def test_a_program_that_is_not_the_clients_is_refused():

@@ -18,6 +18,7 @@ from whiptool.models.spatial_arm import JointLimits
 from whiptool.rig.stops import SafetyError
 
 RECOVER = "python -m whiptool.robot recover --robot"  # ADDRESS
+IN_LOCKSTEP = "00000000000"  # serial number of an emulated controller whose time waits for commands; no robot has it
 START = 0.01  # [rad] by which the first sample of a trajectory may differ from the measured posture
 
 

@@ -32,7 +32,7 @@ from whiptool.identification.servo_lag import ServoLag
 from whiptool.models.joint_trajectory import JointTrajectory
 from whiptool.models.smooth_path import path_to_rest
 from whiptool.models.spatial_arm import JointLimits
-from whiptool.rig.robots.robot import RECOVER, Payload, Record, Sample, Stop
+from whiptool.rig.robots.robot import IN_LOCKSTEP, RECOVER, Payload, Record, Sample, Stop
 from whiptool.rig.stops import SafetyError
 
 RATE = 500.0  # [1/s] of an e-Series controller
@@ -48,6 +48,7 @@ _RUNNING, _PLAYING = 7, 2  # values of robot_mode and runtime_state
 _STOPS = {2: "protective", 4: "safeguard", 5: "emergency", 6: "emergency", 7: "emergency", 8: "violation", 9: "fault"}
 _TOO_EARLY = "5s"  # in the dashboard's answer
 _HANGING, _STUCK = 15.0, 1.0  # [s] after which a call of the client that does not return ends the process; in a cycle
+_WAITED = 10.0  # [s] without a state of a controller whose time waits meanwhile
 _REACH = 2.0  # [s] to connect, and for the controller to do what was asked
 
 
@@ -100,7 +101,7 @@ class UrClient:
     """
 
     def __init__(self, servoing: Servoing) -> None:
-        self.o, self.lost = servoing, False
+        self.o, self.lost, self._patience = servoing, False, servoing.patience
         self._payload: Payload | None = None
         self._control: Any = None
         self._receive: Any = None
@@ -114,6 +115,9 @@ class UrClient:
         try:
             self._dashboard.connect(int(1e3 * _REACH))
             self._check_ready()
+            with suppress(RuntimeError, ValueError):  # of controllers that do not tell it
+                waits = self._dashboard.getSerialNumber() == IN_LOCKSTEP
+                self._patience = max(self._patience, _WAITED) if waits else self._patience
             self._receive = receive.RTDEReceiveInterface(self.o.host, RATE, list(_STATE))
             kind = control.RTDEControlInterface
             # the client itself uploads nothing: after a lost connection it would start the program again, and repeat
@@ -214,7 +218,7 @@ class UrClient:
         """
         if self._receive is None:
             raise SafetyError("lost", "the robot is not connected")
-        r, until = self._receive, time.monotonic() + self.o.patience
+        r, until = self._receive, time.monotonic() + self._patience
         try:
             last = r.getTimestamp() if last is None else last
             while True:
@@ -236,7 +240,7 @@ class UrClient:
         self.lost = True
         raise SafetyError(
             "lost",
-            f"no state came for {self.o.patience:g} s; the arm goes to the last command, and after {1 / WATCHDOG:g} s "
+            f"no state came for {self._patience:g} s; the arm goes to the last command, and after {1 / WATCHDOG:g} s "
             "the controller's watchdog ends the program",
         )
 
@@ -283,7 +287,7 @@ class UrClient:
         state, reason = self._next(), None
         began, last = state.t, None
         while True:
-            _end_after(_STUCK + self.o.patience)
+            _end_after(_STUCK + self._patience)
             t = state.t - began
             u = motion.command(t)
             record(Sample(t, state.q, state.v, u, None, state.target, state.current))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from whiptool.rig.robots.robot import IN_LOCKSTEP
 from whiptool.rig.ur_emulator.ur_controller import UrController
 
 GREETING = b"Connected: Universal Robots Dashboard Server\n"
 _MODES = {"normal": "NORMAL", "protective": "PROTECTIVE_STOP", "emergency": "ROBOT_EMERGENCY_STOP"}
 _FIXED = {
     "polyscopeversion": "URSoftware 5.16.0.1 (Jan 01 2024)",
-    "get serial number": "20200000000",
     "get robot model": "UR5",
     "close safety popup": "closing safety popup",
     "close popup": "closing popup",
@@ -23,6 +23,8 @@ def answer(line: str, robot: UrController) -> bytes:
 def _answer(line: str, robot: UrController) -> str:
     if line in _FIXED:
         return _FIXED[line]
+    if line == "get serial number":
+        return IN_LOCKSTEP if robot.options.lockstep else "20200000000"
     if line == "is in remote control":
         return str(robot.options.remote_control).lower()
     if line == "robotmode":
