@@ -111,7 +111,7 @@ def is_row(value: object) -> bool:
 
 
 def tuple_of(name: str, value: object, rule: str) -> tuple[Any, ...]:
-    """Return what can be iterated over, but for a text, as a tuple, or refuse it; `rule` says what is allowed."""
+    """Return what can be iterated over, except for a text, as a tuple, or refuse it; `rule` says what is allowed."""
     if isinstance(value, Iterable) and not isinstance(value, str):
         with suppress(Exception):  # a class may raise anything, such as an array of no dimension
             return tuple(value)
