@@ -38,11 +38,16 @@ def faults(inputs: Sequence[Input], *, silent: float = SILENT) -> list[str]:
 
     One process tries them one after the other; where it is stopped, another goes on with the next input.
     """
+    with tempfile.TemporaryDirectory(prefix="hostile-", ignore_cleanup_errors=True) as folder:
+        return _faults(inputs, Path(folder), silent)
+
+
+def _faults(inputs: Sequence[Input], place: Path, silent: float) -> list[str]:
     context = multiprocessing.get_context("fork")
     found, done = [], 0
     while done < len(inputs):
         mine, its = context.Pipe(duplex=False)
-        process = context.Process(target=_try_all, args=(inputs[done:], its))
+        process = context.Process(target=_try_all, args=(inputs[done:], place, its))
         process.start()
         its.close()
         while done < len(inputs):
@@ -89,7 +94,7 @@ def _resident(pid: int) -> int:
         return 0
 
 
-def _try_all(inputs: Sequence[Input], pipe: Connection) -> None:
+def _try_all(inputs: Sequence[Input], place: Path, pipe: Connection) -> None:
     """Answer for one input after the other."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     before = Path.cwd()
@@ -97,7 +102,7 @@ def _try_all(inputs: Sequence[Input], pipe: Connection) -> None:
     for stream in (0, 1, 2):  # what is printed past Python, such as by a parser in C
         os.dup2(nowhere, stream)
     for one in inputs:
-        folder = Path(tempfile.mkdtemp(prefix="hostile-"))
+        folder = Path(tempfile.mkdtemp(dir=place))
         os.chdir(folder)
         try:
             wrong = one.answer(folder)

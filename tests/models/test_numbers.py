@@ -198,6 +198,10 @@ def test_values_of_foreign_classes_are_refused_by_the_arguments_name():
             whiptool.citations(wrong)
         with pytest.raises(InputError, match="models"):
             rollout.approach([-1, 0.5, 1, 0.5, 0.7], (1.0, 0.1), models=wrong)
+        with pytest.raises(InputError, match="links"):
+            whiptool.ArmParameters(links=wrong)
+        with pytest.raises(InputError, match="torque_limit"):
+            whiptool.Controller(torque_limit=wrong)
         with pytest.raises(InputError, match="m: got"):
             whiptool.WhipParameters(N=2, l=0.1, m=wrong, k=0.1, b=0.1)
 

@@ -17,7 +17,7 @@ from whiptool.errors import InputError, expect
 from whiptool.given_files import read_toml
 from whiptool.impedance.laws import LAWS, ConstantImpedance, Law, PositionControl, constant_preset, oiac_preset
 from whiptool.models.hand_space import HandPath, HandSpace
-from whiptool.models.numbers import NoArray, number, numbers
+from whiptool.models.numbers import NoArray, is_row, number, numbers
 from whiptool.models.parameters import AnyArm, ArmParameters, Model
 from whiptool.models.spatial_arm import SpatialArm
 from whiptool.models.strike import JointSpace, StrikePath, is_person
@@ -165,7 +165,7 @@ class Controller(NoArray, instead="its parameters()"):
                 self, "control_period", number("control_period", self.control_period, low=0, strict=True)
             )
         limit = self.torque_limit
-        if isinstance(limit, (list, tuple, np.ndarray)):
+        if is_row(limit):
             each = (number(f"torque_limit[{i}]", x, low=0, strict=True) for i, x in enumerate(limit))
             object.__setattr__(self, "torque_limit", tuple(each))
         elif limit is not None:

@@ -31,7 +31,8 @@ class OpenPage(Protocol):
 
 
 class PageServer:
-    """A running server, whose pages one function opens.
+    """A running server, whose pages one function opens. From its start on, viser's warnings about connections that have
+    just closed are not shown in this process.
 
     Args:
         opened: Function that opens the page of a browser that has connected.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
 from functools import wraps
 from numbers import Real
 from typing import Any, ClassVar, TypeVar
@@ -121,6 +122,19 @@ def ends_and_duration(vector: object, rule: str) -> tuple[tuple[float, ...], tup
     return tuple(values[:n]), tuple(values[n : 2 * n]), values[-1]
 
 
+def is_row(value: object) -> bool:
+    """Whether a value is a list, a tuple, or an array that has rows."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
+
+
+def tuple_of(name: str, value: object, rule: str) -> tuple[Any, ...]:
+    """Return what can be iterated over, except for a text, as a tuple, or refuse it; `rule` says what is allowed."""
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        with suppress(Exception):  # a class may raise anything, such as an array of no dimension
+            return tuple(value)
+    raise InputError(name, value, rule)
+
+
 def one_of(name: str, value: object, known: Collection[str]) -> str:
     """Return `value`, which has to be one of the texts `known`, or refuse it."""
     if not isinstance(value, str) or value not in known:
@@ -131,12 +145,7 @@ def one_of(name: str, value: object, known: Collection[str]) -> str:
 def texts(name: str, value: object, *, least: int = 0) -> tuple[str, ...]:
     """Return `value` as a tuple of at least so many strings, or refuse it."""
     rule = "a list of texts" + (f", at least {least}" if least else "")
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        raise InputError(name, value, rule)
-    try:
-        found = tuple(value)
-    except Exception:  # a class whose values cannot be looked at, such as an array of no dimension
-        raise InputError(name, value, rule) from None
+    found = tuple_of(name, value, rule)
     if len(found) < least or not all(isinstance(x, str) for x in found):
         raise InputError(name, value, rule)
     return found

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from whiptool.errors import InputError, expect, no_attribute
-from whiptool.models.numbers import NoArray, metres, number, numbers, one_of, texts
+from whiptool.models.numbers import NoArray, metres, number, numbers, one_of, texts, tuple_of
 from whiptool.models.profile import of_other_profile, resized
 from whiptool.models.spatial_arm import JointedArm, JointLimits, SpatialArm, SpatialLink, checked_joints
 from whiptool.models.whip import KINDS, PLANAR_AXIS, WhipParameters
@@ -65,7 +65,7 @@ class ArmParameters(JointedArm):
     notes: ClassVar[tuple[str, ...]] = ()  # of what was assumed: nothing
 
     def __post_init__(self) -> None:
-        links = tuple(self.links) if isinstance(self.links, Iterable) else ()
+        links = tuple_of("links", self.links, "one or more ArmLink")
         if not links or not all(isinstance(link, ArmLink) for link in links):
             raise InputError("links", self.links, "one or more ArmLink")
         object.__setattr__(self, "links", links)

@@ -13,7 +13,7 @@ import numpy as np
 
 from whiptool.errors import InputError
 from whiptool.models.capsules import Capsule, checked_capsules
-from whiptool.models.numbers import NoArray, metres, number, numbers, texts
+from whiptool.models.numbers import NoArray, is_row, metres, number, numbers, texts
 
 _USUAL = {1: ("shoulder",), 2: ("shoulder", "elbow")}
 _ALLOWED = re.compile(r"(?!whip|target|tip|grip|world|com|end)[A-Za-z]\w*")
@@ -107,7 +107,7 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         ends = self.position
-        if not isinstance(ends, (list, tuple, np.ndarray)) or len(ends) != 2:
+        if not is_row(ends) or len(ends) != 2:
             raise InputError("position", ends, "a lowest and a highest position")
         low, high = (_or_infinite("position", x) for x in ends)
         if not low < high:
@@ -329,7 +329,7 @@ def checked_rotation(name: str, given: object) -> Matrix:
             is returned.
     """
     rule = "a rotation: three rows of three numbers, orthogonal, of determinant 1"
-    if not isinstance(given, (list, tuple, np.ndarray)) or len(given) != 3:
+    if not is_row(given) or len(given) != 3:
         raise InputError(name, given, rule)
     R = np.array([numbers(f"{name}[{i}]", row, 3) for i, row in enumerate(given)])
     error = np.abs(R @ R.T - np.eye(3)).max()

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal, TypeAlias
 import numpy as np
 
 from whiptool.errors import InputError
-from whiptool.models.numbers import NoArray, metres, number, one_of, whole
+from whiptool.models.numbers import NoArray, is_row, metres, number, one_of, whole
 
 LONGEST_CHAIN = 200  # nodes
 STEEPEST = math.pi / 2  # [rad] of a rest angle
@@ -124,7 +124,7 @@ class WhipParameters(NoArray, instead="its per_node(name)"):
         object.__setattr__(self, "N", whole("N", self.N, high=LONGEST_CHAIN))
         for name, (low, strict) in self._LOW.items():
             value = getattr(self, name)
-            if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
+            if is_row(value):
                 if any(isinstance(x, (list, tuple, np.ndarray)) for x in value) or len(value) != self.N:
                     raise InputError(name, value, f"one number, or {self.N} numbers (one per node)")
                 checked = tuple(number(f"{name}[{i}]", v, low=low, strict=strict) for i, v in enumerate(value))
