@@ -124,6 +124,7 @@ def test_a_body_whose_mesh_is_not_there_and_that_has_no_inertial_is_weightless(r
     assert arm.notes[0].startswith(
         "no mass of what rail moves is given (no <inertial>, or a mass of 0): the arm has to be under position control"
     )
+    assert read(without.replace('<body name="cart"', "<body")).weightless == ("rail",)
     Controller(PositionControl()).check_fits(arm)
     with pytest.raises(InputError, match=r"arm: got 'unknown inertia of the links of rail'.*--controller position"):
         Controller(ConstantImpedance()).check_fits(arm)

@@ -13,6 +13,7 @@ from spatial_arms import ARMS, random_arm
 from whiptool.commands.options.model_options import ModelOptions
 from whiptool.errors import InputError
 from whiptool.models import JointLimits, Model, SpatialArm, WhipParameters, in_space, preset
+from whiptool.models.capsules import Capsule
 from whiptool.models.kinematics import arm_frames
 from whiptool.models.mount import default_floor, level_links, mount_rotation, mounted, with_stick
 from whiptool.models.presets import PANDA_ARM, UR5E_ARM, rope
@@ -216,6 +217,8 @@ def test_a_pedestal_is_a_column_below_the_base():
     arm = mounted(UR5E_ARM, "pedestal", 0.8)
     assert arm.base[:-1] == UR5E_ARM.base
     assert arm.links == UR5E_ARM.links
+    table = Capsule((1.0, 0.0, 0.0), (1.0, 0.0, 0.1), 0.5, name="table")  # which makes it no thicker
+    assert mounted(replace(UR5E_ARM, base=(*UR5E_ARM.base, table)), "pedestal", 0.8).base[-1] == arm.base[-1]
     model = Model(rope(3), arm)
     scene = Scene(model, None, "whip")
     column = [k for k, (i, _) in enumerate(scene.pairs) if scene.bodies[i].capsule == arm.base[-1]]

@@ -63,11 +63,11 @@ def shapes(model: Model) -> list[tuple[Capsule, ...]]:
     """Return the shapes of the base and of each link in its frame, (a + 1,); of an arm without them thin capsules from
     joint to joint."""
     arm = model.arm.in_space()
-    if arm.base or any(link.capsules for link in arm.links):
+    if any(not x.name for x in arm.base) or any(link.capsules for link in arm.links):
         return [arm.base, *(link.capsules for link in arm.links)]
     ends = [*(link.position for link in arm.links[1:]), arm.hand_position]
     thin = _THIN * arm.length
-    found: list[tuple[Capsule, ...]] = [(Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.6 * thin),)]
+    found: list[tuple[Capsule, ...]] = [(Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.6 * thin), *arm.base)]
     for end in ends:
         found.append((Capsule((0.0, 0.0, 0.0), end, thin),) if any(end) else ())
     return found

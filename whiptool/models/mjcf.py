@@ -135,7 +135,8 @@ def _without_meshes(path: Path, kept: str) -> tuple[Any, set[str], list[str]]:
         if collides:
             left[body.name or "a body"] = None
         spec.delete(shape)
-    for body in weightless:  # a stand-in: MuJoCo compiles no moving body without
+    for i, body in enumerate(weightless):  # a stand-in: MuJoCo compiles no moving body without
+        body.name = body.name or f"without a name {i}"
         body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
     unused = [mesh for mesh in spec.meshes if mesh.name not in meshes]
     for thing in (*spec.skins, *unused, *spec.hfields, *spec.keys, *spec.sensors):
@@ -209,7 +210,7 @@ class _Robot:
                     name = self.model.equality(i).name or str(i)
                     moved = ", ".join(self.names[j] for j in self.movers if j in one ^ other)
                     rule = "a chain without loops"
-                    fix = f"lock {moved}, or choose another tip, in a model file"
+                    fix = f"take it out of the file, or lock {moved}, or choose another tip, in a model file"
                     raise InputError(f"equality {name}", "a connection of two bodies", rule, fix)
 
     def _body_of(self, equality: int, end: str) -> int:

@@ -72,7 +72,7 @@ def mounted(arm: SpatialArm, given: str | Sequence[float], height: float | None 
     )
     base = tuple(capsule.turned(R) for capsule in arm.base)
     if given == "pedestal" and height:
-        radius = max((capsule.radius for capsule in arm.base), default=COLUMN)
+        radius = max((x.radius for x in arm.base if not x.name), default=COLUMN)
         base += (Capsule((0.0, 0.0, -height), (0.0, 0.0, 0.0), radius, flat=True),)
     surface, notes = None, arm.notes
     if given in SURFACES:
